@@ -1,10 +1,14 @@
-"""Public names of a wing, imported when they are first asked for."""
+"""Names that are imported when they are first asked for: a wing's public names, and what it needs from a higher one."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from typing import Any
+
+PROVIDERS = {"link tree": "allegro_twin.sim.model.link_tree:read_link_tree"}
+"""What a wing needs from a higher one, which it does not import: for each role `package.module:name`."""
 
 
 def exports(
@@ -23,3 +27,9 @@ def exports(
         return getattr(import_module(f"{package}.{module_of[name]}"), name)
 
     return getattribute, lambda: sorted({*module_of, *vars(sys.modules[package])})
+
+
+def provided(role: str) -> Any:
+    """What `PROVIDERS` names for a role."""
+    module, _, name = PROVIDERS[role].partition(":")
+    return getattr(import_module(module), name)

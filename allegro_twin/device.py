@@ -39,9 +39,9 @@ class Device(Protocol):
 
 
 def innermost(backend: object) -> Any:
-    """The backend behind guards and other backends in front of it, which have it as `inner`."""
-    while (inner := getattr(backend, "inner", None)) is not None:
-        backend = inner
+    """The backend behind guards and others that pass everything on, which have what is behind them as `in_front_of`."""
+    while (behind := getattr(backend, "in_front_of", None)) is not None:
+        backend = behind
     return backend
 
 

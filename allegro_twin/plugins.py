@@ -9,9 +9,9 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.controller import Controller
@@ -158,8 +158,15 @@ class Registry:
 
     def _unknown(self, name: object) -> str:
         installed = [each for each in self.names() if each not in self.builtin]
-        more = f"by installed packages: {', '.join(installed)}" if installed else "none by installed packages"
-        return f"{unknown(f'{self.block} kind', str(name), self.names())} ({more}, which add them as {self.group})"
+        text = unknown(f"{self.block} kind", str(name), self.names()).partition("; there are: ")[0].rstrip("?")
+        return (
+            f"{text}; there are {', '.join(self.builtin)}; installed packages add {', '.join(installed) or 'none'} "
+            f"(entry points {self.group})"
+        )
+
+    def models(self) -> list[type[Settings]]:
+        """The settings of the kinds that installed packages add."""
+        return [settings for _, settings in self.installed()]
 
     def installed(self) -> Iterator[tuple[str, type[Settings]]]:
         """The settings of every kind that an installed package adds and that can be imported."""
@@ -192,7 +199,24 @@ class Registry:
             settings = self.kind(str(name)).settings
         except ConfigError as error:
             raise PydanticCustomError("unknown_kind", "{reason}", {"reason": str(error)}) from error
-        return settings.model_validate(value)
+        try:
+            return settings.model_validate(value)
+        except ValidationError as error:  # With the kind in the place of an error, as in a union of settings.
+            details = [
+                InitErrorDetails(
+                    type=PydanticCustomError("in_kind", "{msg}", {"msg": each["msg"]})
+                    if each["type"] not in _TYPES
+                    else each["type"],
+                    loc=(str(name), *each["loc"]),
+                    input=each["input"],
+                )
+                for each in error.errors()
+            ]
+            raise ValidationError.from_exception_data(error.title, details) from error
+
+
+_TYPES = ("extra_forbidden", "missing")
+"""Errors that `files.schema` words itself."""
 
 
 @cache

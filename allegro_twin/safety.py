@@ -110,7 +110,7 @@ class Guard:
         return self._inner.period
 
     @property
-    def inner(self) -> HandBackend:
+    def in_front_of(self) -> HandBackend:
         """The backend behind this guard."""
         return self._inner
 

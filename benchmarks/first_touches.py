@@ -2,8 +2,8 @@
 
 The grasps with two to four fingertips close softly on objects of the catalogue, placed as `table_pick` draws them, on
 hands like those of `benchmarks.mirror` (drives of their own; thresholds learned on free motions). A finger has met the
-object when it presses it with LEAST; the grasp says so by torque and stillness (`control/contact.py`), the mirror by
-what pushes the finger's joints, from when it says that nothing does. What is said before that, while the fingers
+object when it presses it with LEAST; the grasp says so by torque and stillness (`control/force_grasp.py`), the mirror
+by what pushes the finger's joints, from when it says that nothing does. What is said before that, while the fingers
 close, is false where the finger has touched nothing, and of something else where it touched that: the table.
 """
 
@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.contact import touching
-from allegro_twin.control.force_grasp import CentroidGrasp, Gripping
+from allegro_twin.control.force_grasp import CentroidGrasp, CentroidMemory, fingers_in_contact
 from allegro_twin.grasping.batch.trials import Bench, Case
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
@@ -55,11 +54,11 @@ class Watched:
     def __init__(self, inner: CentroidGrasp) -> None:
         self.inner = inner
 
-    def start(self, state: HandState) -> Gripping:
+    def start(self, state: HandState) -> CentroidMemory:
         self.memory = self.inner.start(state)
         return self.memory
 
-    def __call__(self, state: HandState, memory: Gripping) -> tuple[TorqueCommand, Gripping]:
+    def __call__(self, state: HandState, memory: CentroidMemory) -> tuple[TorqueCommand, CentroidMemory]:
         command, self.memory = self.inner(state, memory)
         return command, self.memory
 
@@ -93,7 +92,7 @@ def closed(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror
         met = set(model.body_weldid[model.geom_bodyid[data.contact.geom]].reshape(-1).tolist())
         anything = [not met.isdisjoint(own) for own in links]
         force = trial.latest()["contact_force"][fingers]
-        now = np.stack([force > LEAST, anything, touching(watched.memory.stall), mirror & ~old])
+        now = np.stack([force > LEAST, anything, fingers_in_contact(watched.memory.stall), mirror & ~old])
         said = np.where(now, np.minimum(said, t), said)
         if not np.isnan(watched.memory.contact):
             break

@@ -17,12 +17,12 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
 from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.twin.identify.excitation import laid, play, task_of
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
 from allegro_twin.twin.identify.motions.motion import Motion, read_motion
+from allegro_twin.twin.identify.pipeline import Identified, gaps, identify
+from allegro_twin.twin.identify.record_excitation import laid, play, task_of
 from allegro_twin.twin.identify.results.gap import SMALLEST, Gap, side_of
 from allegro_twin.twin.identify.results.hand_file import store
-from allegro_twin.twin.identify.results.pipeline import Identified, gaps, identify
 from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"

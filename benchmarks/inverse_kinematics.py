@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import (
     euler_from_matrix,
     matrix_from_quaternion,
@@ -123,12 +123,12 @@ class LeastSquares:
         return q
 
 
-def _postures(name: str, n: int) -> tuple[FingerKinematics, Array]:
-    finger = FingerKinematics(load_spec(), name)
+def _postures(name: str, n: int) -> tuple[ClosedFormFinger, Array]:
+    finger = ClosedFormFinger(load_spec(), name)
     return finger, np.random.default_rng(0).uniform(finger.lower, finger.upper, (n, 4))
 
 
-def _batched(finger: FingerKinematics, points: Array, values: Array) -> float:
+def _batched(finger: ClosedFormFinger, points: Array, values: Array) -> float:
     start = time.perf_counter()
     solutions = finger.ik(points, q0=values) if finger.name == "thumb" else finger.ik(points, pitch=values)
     elapsed = time.perf_counter() - start
@@ -136,7 +136,7 @@ def _batched(finger: FingerKinematics, points: Array, values: Array) -> float:
     return elapsed / len(points)
 
 
-def _scalar(finger: FingerKinematics, points: Array, values: Array) -> float:
+def _scalar(finger: ClosedFormFinger, points: Array, values: Array) -> float:
     solve = finger.scalar.at_q0 if finger.name == "thumb" else finger.scalar.at_pitch
     rows = [(*map(float, point), float(value)) for point, value in zip(points[:SCALAR], values, strict=False)]
     return _each(solve, rows)
@@ -169,6 +169,6 @@ def _median(calls: Sequence[Callable[[], object]]) -> float:
 
 
 if __name__ == "__main__":
-    from benchmarks.__main__ import show
+    from benchmarks.figures import show
 
     show(figures())

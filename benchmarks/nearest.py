@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import SIDES
 from allegro_twin.types import Array
 
@@ -23,7 +23,7 @@ _STARTS = 24
 _INSIDE = 1e-3  # Of a range: the search must not start on a limit.
 
 
-def searched(finger: FingerKinematics, target: Array, random: np.random.Generator) -> float:
+def searched(finger: ClosedFormFinger, target: Array, random: np.random.Generator) -> float:
     """The least distance that any run ends at, m."""
     low, high, fk = finger.lower, finger.upper, finger.scalar.fk
     shares = np.array([*product((_INSIDE, 1.0 - _INSIDE), repeat=4), (0.5,) * 4])
@@ -48,7 +48,7 @@ def main() -> None:
     print("hand, finger: targets, of these out of reach; further than the search at most, m; nearer at most, m")
     for side in SIDES:
         for finger in asked.fingers.split(","):
-            solver, random = FingerKinematics(load_spec(side=side), finger), np.random.default_rng(asked.seed)
+            solver, random = ClosedFormFinger(load_spec(side=side), finger), np.random.default_rng(asked.seed)
             half = asked.targets // 2
             postures = random.uniform(solver.lower, solver.upper, (half, 4))
             beside = solver.fk(postures).position + random.normal(0.0, 0.03, (half, 3))

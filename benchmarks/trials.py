@@ -106,6 +106,6 @@ def _stepped(trials: list[Trial], bench: Bench) -> None:
 
 
 if __name__ == "__main__":
-    from benchmarks.__main__ import show
+    from benchmarks.figures import show
 
     show(figures())

@@ -19,8 +19,8 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.twin.branch import Wanted, branch
+from allegro_twin.twin.identify.pipeline import identify
 from allegro_twin.twin.identify.results.hand_file import store
-from allegro_twin.twin.identify.results.pipeline import identify
 from allegro_twin.types import Array
 from benchmarks.hidden_hands import POSES, TIMESTEP, drawn, excited
 

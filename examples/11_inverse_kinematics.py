@@ -3,9 +3,9 @@
 import numpy as np
 
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics import hand_kinematics
 
-thumb = FingerKinematics(load_spec(side="right"), "thumb")
+thumb = hand_kinematics(load_spec(side="right")).finger("thumb")
 posture = np.array([1.0, 0.4, 0.5, 0.6])
 tip = thumb.fk(posture)
 solutions = thumb.ik(tip.position, q0=posture[0])

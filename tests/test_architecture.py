@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from allegro_twin import _lazy
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
@@ -23,7 +25,7 @@ LAYERS = [
     {"sweep"},
     {"control", "kinematics"},
     {"hands"},
-    {"plugins"},
+    {"plugins", "testing"},
     {"recording", "sim"},
     {"viewing", "drivers"},
     {"grasping"},
@@ -83,11 +85,12 @@ FLOORS: dict[str, list[str | set[str]]] = {
     "hands": ["description", "generate", "library", "settings", "limits"],
     "learning": ["policy", {"tasks", "environments"}, "training"],
     "sim": [
-        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop", "observer",
+        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop",
+        "observer",
     ],
     "surfaces": ["worker_process", "hand", "ros", "panel", "teleop", "cli"],
     "twin": ["identify", "mirror", "branch"],
-    "twin/identify": ["motions", "fitting", "results", "page", "excitation"],
+    "twin/identify": ["motions", "fitting", "results", "pipeline", "report", "record_excitation"],
 }  # fmt: skip
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -230,6 +233,11 @@ def test_every_name_of_the_package_is_there_and_is_shown() -> None:
     assert raised - {"unknown"} <= set(allegro_twin.__all__)
     with pytest.raises(AttributeError, match="no attribute 'Hnad'"):
         allegro_twin.Hnad  # noqa: B018  # Asking is what fails.
+
+
+@pytest.mark.parametrize("role", _lazy.PROVIDERS)
+def test_what_a_wing_needs_from_a_higher_one_is_there(role: str) -> None:
+    assert callable(_lazy.provided(role))
 
 
 def wings() -> list[str]:

@@ -86,6 +86,11 @@ def test_sources_are_followed_into_functions_and_lazy_packages_and_not_into_type
     assert source_fingerprint("nowhere.at_all") == ""
 
 
+def test_what_a_higher_wing_provides_is_among_the_sources_of_who_asks_for_it() -> None:
+    assert "allegro_twin.sim.model.link_tree" in reached_sources("allegro_twin.kinematics.tree")
+    assert "allegro_twin.sim.model.link_tree" not in reached_sources("allegro_twin.kinematics.pose")
+
+
 def test_states_of_fingertips_are_of_one_hand_and_pieces_of_one_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     cube = named("rubiks_cube")
     before, stiffer = start_states.file_name(cube), load_spec()

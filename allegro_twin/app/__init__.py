@@ -8,7 +8,7 @@ from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig, load_config
-    from allegro_twin.app.rig import Rig, assemble, make_backend
+    from allegro_twin.app.rig import Rig, assemble, make_backend, open_backend
     from allegro_twin.app.session import Outcome, Outputs, perform
     from allegro_twin.app.simulated import scenario_config
 
@@ -20,6 +20,7 @@ __all__ = [
     "assemble",
     "load_config",
     "make_backend",
+    "open_backend",
     "perform",
     "scenario_config",
 ]
@@ -27,7 +28,7 @@ __getattr__, __dir__ = exports(
     __name__,
     {
         "config": ("RunConfig", "load_config"),
-        "rig": ("Rig", "assemble", "make_backend"),
+        "rig": ("Rig", "assemble", "make_backend", "open_backend"),
         "session": ("Outcome", "Outputs", "perform"),
         "simulated": ("scenario_config",),
     },

@@ -30,7 +30,7 @@ def open_recording(settings: ReplaySettings, context: BackendContext) -> ReplayB
 
 def _recording(settings: ReplaySettings, context: BackendContext) -> Recording:
     """Of a .arrow file, or of a bag."""
-    from allegro_twin.recording.exchange.from_rosbag import from_bag, is_bag
+    from allegro_twin.recording.exchange.rosbag import from_bag, is_bag
     from allegro_twin.recording.reader import load
 
     if is_bag(settings.file):

@@ -49,6 +49,11 @@ class Rig:
         return device_of(self.backend)
 
     @property
+    def live(self) -> bool:
+        """Whether the hand's time passes by itself."""
+        return self.device.live
+
+    @property
     def driver(self) -> HandBackend:
         """The backend behind the guard."""
         found: HandBackend = innermost(self.backend)

@@ -35,7 +35,7 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.reachability import far_path, plan_grasp
 from allegro_twin.cell.states import MachineState, Observation, Outcome
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import turn
@@ -54,7 +54,7 @@ class CellActions:
 
     def __init__(self, cell: Cell) -> None:
         self.cell, self.guide = cell, ArmGuide(cell.posture, cell.robot.model)
-        self.fingers = Steering(cell.open)
+        self.fingers = SmoothSetpoint(cell.open)
         self.way: GraspCandidate | None = None
         self._through: tuple[Vector, ...] = ()
         self._left: list[Vector] = []  # Of these postures, those still to come.

@@ -18,12 +18,11 @@ from allegro_twin.cell.settings import LabSettings, SecuritySettings, ThingSetti
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import Apart
 from allegro_twin.sim.model.arm_with_hand import Mounted
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.sim.objects.catalogue import Placement, named, orientation
 from allegro_twin.types import Array, Vector
 
@@ -42,7 +41,7 @@ class Cell:
     hand: HandBackend
     camera: DepthCamera
     pipeline: PerceptionPipeline
-    model: HandModel
+    model: HandKinematics
     """Of the hand."""
     library: Library
     security: Pose
@@ -87,7 +86,7 @@ def make_cell(settings: LabSettings) -> Cell:
         settings, robot, DisturbedBackend(robot.arm, noise, seed=settings.seed), robot.hand,
         DepthCamera(robot.world.model, settings.camera, settings.seed),
         PerceptionPipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
+        hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         Apart(robot.spec, Mounted(spec, robot.mount), robot.base.position),
         SelfFilter(robot, settings.camera),
     )  # fmt: skip

@@ -14,7 +14,7 @@ from allegro_twin.cell.motion.finger_paths import OPENING
 from allegro_twin.cell.motion.grasp_selection import GraspCandidate, TableObject, grasp_candidates, table_object
 from allegro_twin.cell.perception.errors import position_text
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import OTHERS, Met
@@ -125,7 +125,7 @@ def obstacle_on(one: GraspPlan, cell: Cell) -> Met | None:
     objects also while the hand goes there, closes, and lifts."""
     grasp = cell.library.grasp(one.way.card.grasp, cell.hand.spec)
     open_hand, shaped = cell.open, grasp.preshape
-    shaping = Steering(open_hand)
+    shaping = SmoothSetpoint(open_hand)
     shaping.head_for(0.0, shaped, OPENING)
     begin, t = cell.posture, 0.0
     for end in one.through:
@@ -149,7 +149,7 @@ def obstacle_on(one: GraspPlan, cell: Cell) -> Met | None:
 
 def far_path(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
     """Postures of a far way from rest to rest, (k, n), rad, and when they are, (k,), s."""
-    path = Steering(begin)
+    path = SmoothSetpoint(begin)
     times = np.linspace(0.0, path.head_for(0.0, end, speed), int(np.abs(end - begin).max() / _STEP) + 2)
     return np.stack([path(t).position for t in times]), times
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
+from allegro_twin._lazy import PROVIDERS
 from allegro_twin.errors import ConfigError
 
 DIGITS = 16
@@ -154,7 +155,8 @@ def _tree(path: Path) -> ast.Module:
 
 def _imports(target: _Target, path: Path) -> Iterator[_Target]:
     """What a module imports. A package whose names are fetched when they are first asked for says them under
-    TYPE_CHECKING, and one that imports by name may import whatever stands beside it."""
+    TYPE_CHECKING; what it asks of a higher wing is in PROVIDERS; one that imports by name may import whatever stands
+    beside it."""
     package = target.module if path.name == "__init__.py" else target.module.rpartition(".")[0]
     lazy = path.name == "__init__.py" and target.whole
     for node in _nodes(_tree(path), types=lazy):
@@ -167,6 +169,8 @@ def _imports(target: _Target, path: Path) -> Iterator[_Target]:
                     inner = f"{base}.{each.name}"
                     inside = _file_of(inner) is not None
                     yield _Target(inner if inside else base, whole=True)
+            case ast.Call(func=ast.Name(id="provided"), args=[ast.Constant(value=str() as role)]):
+                yield _Target(PROVIDERS[role].partition(":")[0], whole=True)
             case ast.Call(func=ast.Name(id="import_module") | ast.Attribute(attr="import_module")) if target.whole:
                 beside = path.parent.glob("*.py") if package != _OWN else ()
                 yield from (_Target(f"{package}.{each.stem}", whole=True) for each in beside if each != path)

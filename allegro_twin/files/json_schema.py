@@ -17,12 +17,20 @@ def json_schema(model: type[Settings], title: str) -> dict[str, Any]:
     when the file is read."""
     schema = model.model_json_schema()
     known = {each.__name__: each for each in _family(Settings)}
-    for name, part in [(model.__name__, schema), *schema.get("$defs", {}).items()]:
+    for name, part in [(model.__name__, schema), *schema.get("$defs", {}).items(), *_inlined(schema)]:
         if name in known:
             _describe(part, known[name])
     if model.another_kind:
         schema = _unless(model.another_kind, schema)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema | {"title": title}
+
+
+def _inlined(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Models that stand in a union itself: those of installed packages."""
+    for content in schema.get("properties", {}).values():
+        for each in content.get("oneOf", ()):
+            if "title" in each:
+                yield each["title"], each
 
 
 def _unless(key: str, schema: dict[str, Any]) -> dict[str, Any]:

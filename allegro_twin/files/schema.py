@@ -73,6 +73,8 @@ def _mistake(detail: Any, model: type[BaseModel]) -> str:
     message = str(detail["msg"][0].lower() + detail["msg"][1:])
     if not place:  # About the whole, and it names what it is about.
         return message.removeprefix("value error, ")
+    if detail["type"] == "unknown_kind":  # It names the kind.
+        return f"{location}: {message}"
     value = repr(detail["input"])
     shown = value if len(value) <= 60 else value[:57] + "..."
     return f"{location}: {message.removeprefix('value error, ')}, not {shown}"
@@ -82,9 +84,10 @@ def _keys(model: Any, location: tuple[int | str, ...]) -> list[str]:
     """Every key known at a place in nested settings; a place inside a union knows the keys of all that fit."""
     models = models_in(model)
     for part in location:
-        inner = [m.model_fields[part].annotation for m in models if isinstance(part, str) and part in m.model_fields]
+        inner = [m.model_fields[part] for m in models if isinstance(part, str) and part in m.model_fields]
         if inner:  # Anything else is an index, or the tag of a union that pydantic puts into the path.
-            models = [found for annotation in inner for found in models_in(annotation)]
+            models = [found for field in inner for found in models_in(field.annotation)]
+            models += [found for field in inner for each in field.metadata for found in getattr(each, "models", list)()]
         elif isinstance(part, str):
             tagged = [m for m in models if part in get_args(getattr(m.model_fields.get("kind"), "annotation", None))]
             models = tagged or models

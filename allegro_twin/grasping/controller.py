@@ -9,14 +9,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.control.controllers import PD, Gains, Gravity
+from allegro_twin.control.controllers import PD, Gains, GravityFeedforward
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -47,8 +47,8 @@ def performer(
     timed: Timed,
     spec: HandSpec,
     gains: Gains,
-    gravity: Gravity,
-    model: HandModel,
+    gravity: GravityFeedforward,
+    model: HandKinematics,
     *,
     force: float | None = None,
     touched: Touched | None = None,
@@ -77,7 +77,7 @@ def performer(
     return reach
 
 
-def strongest(grasp: Grasp, spec: HandSpec, model: HandModel) -> float:
+def strongest(grasp: Grasp, spec: HandSpec, model: HandKinematics) -> float:
     """The most that the motors can give of a grasp's force: on the thumb, toward the other fingertips, in that posture
     of the grasp in which it is largest, N; or the scale at which the last joint of an envelop grasp is at its limit."""
     limit = spec.actuation.torque_limit
@@ -107,8 +107,8 @@ def _centroid(
     reach: PD,
     timed: Timed,
     spec: HandSpec,
-    gravity: Gravity,
-    model: HandModel,
+    gravity: GravityFeedforward,
+    model: HandKinematics,
     force: float | None,
     felt: Callable[[], NDArray[np.bool_]] | None,
 ) -> CentroidGrasp:
@@ -138,7 +138,7 @@ def _asking(touched: Touched, fingers: tuple[str, ...]) -> Callable[[], NDArray[
 
 
 def _envelop(
-    grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: Gravity, force: float | None
+    grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: GravityFeedforward, force: float | None
 ) -> EnvelopGrasp:
     scale = grip.scale if force is None else force
     return EnvelopGrasp(

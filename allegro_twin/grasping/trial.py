@@ -19,13 +19,13 @@ from allegro_twin.grasping.verdict import FULL, Observations, Report, Rule, Wind
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.contact_surfaces import SURFACES, Borne, Stance, Surfaces, edges
 from allegro_twin.sim.contact.probe import Probe
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.appearance import scene_look
 from allegro_twin.sim.model.scene import compile_scene
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.sim.objects.catalogue import Placement
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
@@ -217,7 +217,7 @@ class Trial:
 def too_heavy(weight: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
     """A warning for an object whose weight, N, friction cannot carry: every finger presses it against the palm or
     another finger, so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
-    forces = hand_model(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
+    forces = hand_kinematics(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
     bound = 2.0 * friction * sum(forces.values())
     if weight <= bound:
         return None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 _SHORT = Repr()
 _SHORT.maxother = _SHORT.maxstring = 60
@@ -43,6 +43,13 @@ def finite(what: str, value: ArrayLike | None, *shape: int) -> Array:
         where = f"number {', '.join(map(str, place))} of it" if shape else "it"
         raise ConfigError(f"{what} must be finite; {where} is {array[place]}")
     return array
+
+
+def check_margin(finger: str, margin: float, lower: Vector, upper: Vector) -> None:
+    """Raise ConfigError for a margin to joint limits, (k,) each, rad, that leaves some joint no range."""
+    half = float((upper - lower).min()) / 2
+    if not 0.0 <= margin < half:
+        raise ConfigError(f"{finger}: margin {margin} rad does not fit; half the least range is {half:.3f} rad")
 
 
 def shown(value: Any) -> str:

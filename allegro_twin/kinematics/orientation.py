@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.array_api import library, own
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import numbers, rows
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS, Maths, T
+from allegro_twin.kinematics.maths import ARRAYS, Maths, T
 from allegro_twin.types import Array
 
 Entries = tuple[T, T, T, T, T, T, T, T, T]
@@ -209,7 +209,7 @@ def is_rotation(m: Maths[T], turn: Entries[T]) -> bool:
     off = (abs(a * a + d * d + g * g - 1.0) > 1.1e-5) | (abs(b * b + e * e + h * h - 1.0) > 1.1e-5)
     off |= (abs(c * c + f * f + i * i - 1.0) > 1.1e-5) | (abs(a * b + d * e + g * h) > 1e-6)
     off |= (abs(a * c + d * f + g * i) > 1e-6) | (abs(b * c + e * f + h * i) > 1e-6)
-    return not m.anywhere(off | (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0))
+    return not m.any(off | (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0))
 
 
 def angle_left(m: Maths[T], first: tuple[T, ...], second: tuple[T, ...]) -> T:

@@ -1,16 +1,19 @@
-"""A hand's links and joints as plain data, whatever file they came from."""
+"""A hand's links and joints as plain data, whatever file they come from, and as a Pinocchio model."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from allegro_twin._lazy import provided
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
-class Placed(NamedTuple):
+class Placement(NamedTuple):
     """Where a frame is in another."""
 
     position: Array
@@ -19,8 +22,8 @@ class Placed(NamedTuple):
     """(3, 3), its columns are the frame's axes."""
 
 
-class Hinge(NamedTuple):
-    """A joint that a link hangs on."""
+class TreeJoint(NamedTuple):
+    """A hinge or a slide that carries a link."""
 
     name: str
     axis: Array
@@ -32,15 +35,15 @@ class Hinge(NamedTuple):
     slides: bool
 
 
-class Link(NamedTuple):
-    """One body, and how it hangs on its parent."""
+class TreeLink(NamedTuple):
+    """A rigid body, and how it hangs on its parent."""
 
     name: str
     parent: int
     """Index of the parent; the palm is the first link and its own parent."""
-    placed: Placed
-    """In the parent's frame."""
-    hinges: tuple[Hinge, ...]
+    placement: Placement
+    """In the parent's frame, with the joints at `zero`."""
+    joints: tuple[TreeJoint, ...]
     mass: float
     """kg."""
     centre: Array
@@ -50,22 +53,28 @@ class Link(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """A hand: parents before children."""
+    """The links of a hand, parents before children."""
 
-    links: tuple[Link, ...]
-    tips: dict[str, tuple[int, Placed]]
-    """For each frame of interest, the link that it is on and where."""
+    links: tuple[TreeLink, ...]
+    tips: dict[str, tuple[int, Placement]]
+    """For each fingertip's frame the index of the link that it is on, and where."""
 
 
-def built(tree: Tree) -> pin.Model:
-    """The same in Pinocchio, a frame for every link and tip. The palm stands still."""
+def link_tree(spec: HandSpec) -> Tree:
+    """The links of the model file that simulates a hand, read by the wing that knows MuJoCo. Raises ConfigError."""
+    read: Callable[[HandSpec], Tree] = provided("link tree")
+    return read(spec)
+
+
+def pinocchio_model(tree: Tree) -> pin.Model:
+    """The tree as a Pinocchio model, with a frame for every link and tip. The palm stands still."""
     model = pin.Model()
     # For each link: the joint that carries it, and where it is in that joint's frame.
     carried: list[tuple[int, pin.SE3]] = []
     for link in tree.links:
         joint, place = carried[link.parent] if carried else (0, pin.SE3.Identity())
-        place = place * pin.SE3(link.placed.rotation, link.placed.position) if carried else place
-        for hinge in link.hinges:
+        place = place * pin.SE3(link.placement.rotation, link.placement.position) if carried else place
+        for hinge in link.joints:
             kind = pin.JointModelPrismaticUnaligned if hinge.slides else pin.JointModelRevoluteUnaligned
             anchor = pin.SE3(np.eye(3), hinge.anchor)
             joint = model.addJoint(joint, kind(hinge.axis), place * anchor, hinge.name)
@@ -73,14 +82,14 @@ def built(tree: Tree) -> pin.Model:
         model.appendBodyToJoint(joint, pin.Inertia(link.mass, link.centre, link.inertia), place)
         model.addFrame(pin.Frame(link.name, joint, 0, place, pin.FrameType.BODY), False)
         carried.append((joint, place))
-    for name, (index, placed) in tree.tips.items():
+    for name, (index, placement) in tree.tips.items():
         joint, place = carried[index]
-        at = place * pin.SE3(placed.rotation, placed.position)
+        at = place * pin.SE3(placement.rotation, placement.position)
         model.addFrame(pin.Frame(name, joint, 0, at, pin.FrameType.OP_FRAME), False)
     return model
 
 
-def _back(hinge: Hinge) -> pin.SE3:
+def _back(hinge: TreeJoint) -> pin.SE3:
     """From a joint's position zero to the position that its link's placement is about."""
     if hinge.slides:
         return pin.SE3(np.eye(3), -hinge.zero * hinge.axis)

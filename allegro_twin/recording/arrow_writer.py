@@ -14,16 +14,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.recording.format import FORMAT, SHARED
 
 END = bytes.fromhex("ffffffff00000000")
 """Of a stream: Arrow's columnar format, "IPC Streaming Format"."""
 TRACKS = pa.schema([("track", pa.string()), ("number", pa.int64()), ("data", pa.large_binary())])
 """A row a message: `data` is what would stand in the track's own file."""
 _log = logging.getLogger(__name__)
+
+
+def arrow_column(values: NDArray[Any]) -> pa.Array:
+    """Rows (k,) as numbers, or (k, width) as lists of fixed size."""
+    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+    return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
 
 class Sink(Protocol):
@@ -157,3 +164,10 @@ class _Track:
 
     def close(self) -> None:
         """The file goes on."""
+
+
+FORMAT = "allegro_twin.recording"
+VERSION = 1
+"""Of one device."""
+SHARED = 2
+"""Of several tracks, each of which has what a file of one device has."""

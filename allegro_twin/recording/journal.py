@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.recording.arrow_writer import END, Sink
-from allegro_twin.recording.format import FORMAT, VERSION
+from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, Sink
 
 Kind: TypeAlias = Literal["number", "count", "word", "numbers", "array"]
 """Of a field: a float, an int, a text, a list of floats, or an array of any type and shape, which is packed."""

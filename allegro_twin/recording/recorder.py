@@ -12,8 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.recording.arrow_writer import END, FileSink, Sink
-from allegro_twin.recording.format import FORMAT, VERSION
+from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, FileSink, Sink, arrow_column
 from allegro_twin.recording.spec_json import spec_to_json
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, PositionCommand, Sample, TorqueCommand
@@ -112,11 +111,7 @@ class Recorder:
         count = self._rows - self._done.rows
         if not count:
             return
-        columns = []
-        for buffer in self._buffers.values():
-            rows = buffer[:count]
-            flat = pa.array(rows.reshape(-1))
-            columns.append(flat if rows.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, rows.shape[1]))
+        columns = [arrow_column(buffer[:count]) for buffer in self._buffers.values()]
         self._put(pa.record_batch(columns, schema=self._schema).serialize())
         self._done = _Done(self._rows, self._done.messages + 1)
 

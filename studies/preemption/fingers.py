@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.control import laws
-from allegro_twin.control.controllers import Gains, Gravity
+from allegro_twin.control.controllers import Gains, GravityFeedforward
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.safety import Limits, clamp
 from allegro_twin.sim.batch.simulations import Rows, Simulations
@@ -31,7 +31,9 @@ class Fingers:
     jerk, held at 0 and 1 outside its time, and t₀ when the hand begins.
     """
 
-    def __init__(self, grasps: Sequence[Grasp], motion: Motion, gains: Gains, gravity: Gravity, limits: Limits) -> None:
+    def __init__(
+        self, grasps: Sequence[Grasp], motion: Motion, gains: Gains, gravity: GravityFeedforward, limits: Limits
+    ) -> None:
         self.open = np.array([grasp.preshape for grasp in grasps])
         closed = np.array([grasp.close for grasp in grasps])
         self._close = closed - self.open

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.controllers import Gravity
+from allegro_twin.control.controllers import GravityFeedforward
 from allegro_twin.grasping import scenario as rules
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Draw
@@ -18,9 +18,9 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.types import Array
 from studies.preemption.draws import Case
 from studies.preemption.protocol import Arm, Control, Policy, Study
@@ -64,7 +64,7 @@ class Bench:
         self.spec = load_spec(hand)
         self.limits = hand_limits(LimitSettings(), self.spec)
         self.gains = load_gains("default", self.spec)
-        self.gravity = Gravity(hand_model(self.spec).gravity_torque)
+        self.gravity = GravityFeedforward(hand_kinematics(self.spec).gravity_torque)
         self._made: dict[tuple[object, ...], tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]] = {}
 
     def setup(self, job: Job) -> Setup:

@@ -1,10 +1,9 @@
-"""What every backend does, whatever is behind it. A new backend adds a line to `BACKENDS` and inherits all of this."""
+"""Every backend of the package keeps the contract, whatever is behind it. A new one adds a line to the fixture."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,10 @@ import pytest
 
 from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.cell.arm.arm_with_hand import make_arm_with_hand
-from allegro_twin.control.controllers import Follow, Torque
+from allegro_twin.control.controllers import ConstantTorque, PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.controller import Controller
+from allegro_twin.device import device_of, innermost
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.polled.backend import PolledBackend
@@ -29,7 +29,8 @@ from allegro_twin.recording.recorder import recorded
 from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand
+from allegro_twin.testing import BackendContract
+from allegro_twin.types import PositionCommand, TorqueCommand
 from tests.conftest import MakeSim, on_a_bus
 from tests.drivers.serial.polled_rigs import on_a_polled_line
 from tests.drivers.serial.rigs import MODEL_O, on_a_line
@@ -79,7 +80,9 @@ def replayed(make_sim: MakeSim, tmp_path_factory: pytest.TempPathFactory) -> Cal
         if not path.exists():
             torques = "torque" in spec.commands
             law: Controller[Any] = (
-                Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+                ConstantTorque(np.zeros(spec.n_joints))
+                if torques
+                else PositionControl(Hold((spec.lower + spec.upper) / 2))
             )
             for _ in recorded(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
                 pass
@@ -132,6 +135,18 @@ def make(
     return makers[request.param]
 
 
+class TestEveryBackend(BackendContract):
+    """The published contract over every backend of the package."""
+
+    @pytest.fixture(autouse=True)
+    def _of(self, make: Make) -> None:
+        self.make = make  # type: ignore[method-assign]  # Chosen by parameter.
+
+    def does_not_apply(self, reason: str) -> None:
+        """Which rules those are is known: recordings, and hands that take torques."""
+        assert reason in ("it takes torques", "what was recorded has happened")
+
+
 @pytest.fixture
 def backend(make: Make) -> Iterator[HandBackend]:
     made = make()
@@ -139,129 +154,13 @@ def backend(make: Make) -> Iterator[HandBackend]:
     made.close()
 
 
-def some(spec: HandSpec, k: int) -> Command:
-    """A command that moves a hand a little."""
-    wave = np.sin(0.1 * k + np.arange(spec.n_actuators))
-    if "torque" in spec.commands:
-        return TorqueCommand(0.05 * wave)
-    return PositionCommand((spec.lower + spec.upper) / 2 + 0.1 * (spec.upper - spec.lower) * wave)
+def test_it_says_whether_it_is_live(backend: HandBackend) -> None:
+    """A stranger's backend need not; ours are simulated, replayed or in lockstep here."""
+    assert isinstance(innermost(backend).live, bool)
+    assert not device_of(backend).live
 
 
-def drive(backend: HandBackend, periods: int) -> list[HandState]:
-    states = [backend.reset()]
-    for k in range(periods):
-        backend.write(some(backend.spec, k))
-        states.append(backend.read())
-    return states
-
-
-def test_reset_begins_at_time_and_tick_zero(backend: HandBackend) -> None:
-    drive(backend, 3)
-    state = backend.reset()
-    assert (state.t, state.tick) == (0.0, 0)
-
-
-def test_time_and_tick_only_go_forward_and_agree(backend: HandBackend) -> None:
-    states = drive(backend, 20)
-    for before, after in pairwise(states):
-        assert after.t > before.t
-        assert after.tick > before.tick
-    for state in states:
-        assert state.t == pytest.approx(state.tick * backend.period, abs=backend.period / 2)
-
-
-def test_a_state_is_whole_and_has_the_specs_shapes(backend: HandBackend) -> None:
-    for state in drive(backend, 2):
-        for name in ("position", "velocity", "torque", "temperature"):
-            assert getattr(state, name).shape == (backend.spec.n_joints,)
-            assert getattr(state, name).dtype == np.float64
-        assert state.gravity.shape == (3,)
-        assert np.isfinite(state.position).all()
-        assert np.isfinite(state.velocity).all()
-
-
-def test_the_arrays_of_a_state_are_read_only(backend: HandBackend) -> None:
-    state = drive(backend, 1)[-1]
-    for name in ("position", "velocity", "torque", "temperature", "gravity"):
-        with pytest.raises(ValueError, match="read-only"):
-            getattr(state, name)[0] = 1.0
-
-
-def test_a_state_does_not_change_when_time_goes_on(backend: HandBackend) -> None:
-    states = drive(backend, 5)
-    copies = [(s.position.copy(), s.velocity.copy(), s.torque.copy(), s.gravity.copy()) for s in states]
-    for _ in range(5):
-        backend.read()
-    for state, copy in zip(states, copies, strict=True):
-        for array, kept in zip((state.position, state.velocity, state.torque, state.gravity), copy, strict=True):
-            np.testing.assert_array_equal(array, kept)
-
-
-def test_reading_without_writing_holds_the_last_command(backend: HandBackend) -> None:
-    backend.reset()
-    backend.write(limp_of(backend.spec))
-    ticks = [backend.read().tick for _ in range(4)]
-    assert ticks == sorted(set(ticks))
-
-
-def test_a_second_session_repeats_the_first_bit_for_bit(backend: HandBackend) -> None:
-    first, second = drive(backend, 30), drive(backend, 30)
-    for before, after in zip(first, second, strict=True):
-        np.testing.assert_array_equal(before.position, after.position)
-        np.testing.assert_array_equal(before.velocity, after.velocity)
-        np.testing.assert_array_equal(before.torque, after.torque)
-
-
-@pytest.mark.slow
-def test_a_second_instance_repeats_the_first_bit_for_bit(make: Make) -> None:
-    first, second = drive(make(), 30), drive(make(), 30)
-    for before, after in zip(first, second, strict=True):
-        np.testing.assert_array_equal(before.position, after.position)
-
-
-def test_a_command_of_the_wrong_kind_or_length_is_refused(backend: HandBackend) -> None:
-    spec = backend.spec
-    kinds = [TorqueCommand, PositionCommand] if "torque" in spec.commands else [PositionCommand, TorqueCommand]
-    n, wanted = spec.n_actuators, f"takes a {kinds[0].__name__}"
-    for kind, count, words in ((0, n - 1, "actuators"), (0, n + 1, "actuators"), (1, n, wanted)):
-        backend.reset()
-        with pytest.raises(CommandError, match=words):
-            backend.write(kinds[kind](np.zeros(count)))
-
-
-def test_a_part_of_a_command_that_the_hand_does_not_take_is_refused(backend: HandBackend) -> None:
-    spec = backend.spec
-    if "torque" in spec.commands:
-        return
-    parts = {"timed_position": PositionCommand(spec.lower, duration=0.5),
-             "limited_position": PositionCommand(spec.lower, np.full(spec.n_actuators, 0.1))}  # fmt: skip
-    for kind, command in parts.items():
-        backend.reset()
-        if kind in spec.commands:
-            backend.write(command)
-            continue
-        with pytest.raises(CommandError, match=f"takes position.*, and this command is a {kind}"):
-            backend.write(command)
-
-
-def test_every_hand_takes_the_limp_command_and_gives_nothing_then(backend: HandBackend) -> None:
-    if isinstance(backend, ReplayBackend):
-        return
-    drive(backend, 20)
-    backend.write(limp_of(backend.spec))
-    for _ in range(5):
-        state = backend.read()
-    np.testing.assert_array_equal(state.torque, 0.0)
-
-
-def test_close_may_be_called_twice(backend: HandBackend) -> None:
-    backend.reset()
-    backend.close()
-    backend.close()
-    assert backend.spec.n_joints in (1, 4, 5, 7, 16)  # It still says which hand it was.
-
-
-def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(backend: HandBackend) -> None:
+def test_a_hand_behind_a_wire_takes_nothing_once_it_is_closed(backend: HandBackend) -> None:
     backend.reset()
     backend.close()
     if isinstance(backend, CanBackend | DynamixelBackend | PolledBackend):
@@ -269,15 +168,23 @@ def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(bac
             backend.write(limp_of(backend.spec))
         with pytest.raises(HandFault, match="closed"):
             backend.read()
-    assert backend.reset().tick == 0  # Reset leads out.
 
 
-def test_only_a_recording_ends(backend: HandBackend) -> None:
-    backend.reset()
+def test_a_recording_says_where_it_ends(backend: HandBackend) -> None:
     if isinstance(backend, ReplayBackend):
+        backend.reset()
         with pytest.raises(EndOfRecording, match="ends at 0.750 s, after 251 rows"):
             for _ in range(1000):
                 backend.read()
-    else:
-        for _ in range(300):
-            backend.read()
+
+
+def test_a_refusal_names_what_the_hand_takes(backend: HandBackend) -> None:
+    spec = backend.spec
+    other = PositionCommand if "torque" in spec.commands else TorqueCommand
+    wanted = TorqueCommand if "torque" in spec.commands else PositionCommand
+    backend.reset()
+    with pytest.raises(CommandError, match=f"takes a {wanted.__name__}"):
+        backend.write(other(np.zeros(spec.n_actuators)))
+    backend.reset()
+    with pytest.raises(CommandError, match="actuators"):
+        backend.write(wanted(np.zeros(spec.n_actuators + 1)))

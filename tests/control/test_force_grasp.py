@@ -13,7 +13,7 @@ from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.types import HandState, Vector, frozen
 from tests.control.test_controllers import gravity_of
 from tests.test_safety import state
@@ -74,7 +74,7 @@ def test_joints_without_a_torque_follow_the_pre_shape() -> None:
 
 def test_a_centroid_grasp_that_asks_a_mirror_presses_once_every_finger_is_touched_though_they_move() -> None:
     touched, fingers = np.array([True, False]), ("index", "thumb")
-    model, joints = HandModel(SPEC), np.array([SPEC.finger(name).joints for name in fingers])
+    model, joints = hand_kinematics(SPEC), np.array([SPEC.finger(name).joints for name in fingers])
     reach, gravity = PD(Hold(REST), load_gains("default", SPEC)), gravity_of(SPEC, np.zeros(3))
     least = np.full(16, 1e-6)
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app import Rig, assemble, scenario_config
-from allegro_twin.control.centroid import pressing
-from allegro_twin.control.force_grasp import CentroidGrasp
+from allegro_twin.control.force_grasp import CentroidGrasp, pressing_forces
 from allegro_twin.grasping.scenario import ObjectSettings, load_scenario
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.verdict import Report
@@ -62,7 +61,7 @@ def thumb_force(rig: Rig, position: Vector) -> float:
     assert isinstance(controller, CentroidGrasp)
     assert trial is not None
     tips, _ = controller.fingertips(position)
-    asked = pressing(tips, controller.force, controller.spread)[-1]
+    asked = pressing_forces(tips, controller.force, controller.spread)[-1]
     data = trial.backend.data
     # The sensor tells what presses the fingertip, in world axes.
     felt: Array = -data.sensor("thumb_touch").data[1:] @ data.body("palm_link").xmat.reshape(3, 3)
@@ -125,7 +124,7 @@ def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_fr
             touch = (trial.backend.data.sensor(f"{finger}_touch").data for finger in ("index", "middle", "thumb"))
             felt.append([float(np.linalg.norm(force[1:])) for force in touch])
             tips, _ = controller.fingertips(sample.state.position)
-    share = np.linalg.norm(pressing(tips, wanted, controller.spread), axis=1)
+    share = np.linalg.norm(pressing_forces(tips, wanted, controller.spread), axis=1)
     hidden = float(rig.spec.actuation.frictionloss.max()) / 0.06  # N, at a fingertip's distance from its joints.
     np.testing.assert_allclose(np.mean(felt, axis=0), share, rtol=0.05, atol=hidden)
 

@@ -99,7 +99,7 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
         ),
         (
             "backend: {kind: simm}\ncontroller: {kind: pd}\n",
-            "any of the expected tags: 'sim', 'can', 'dynamixel', 'qb', 'schunk', 'replay'",
+            "no backend kind named 'simm'; did you mean 'sim'; there are sim, can, dynamixel, qb, schunk, replay;",
         ),
         ("controller: {kind: pd}\n", "backend: missing"),
         (base + "period: -1\n", "period: input should be greater than 0, not -1"),

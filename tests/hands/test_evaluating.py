@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.portraits import staged
-from allegro_twin.control.controllers import Follow, Send
+from allegro_twin.control.controllers import ConstantCommand, PositionControl
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
@@ -87,9 +87,9 @@ ORDERS = {
 @pytest.mark.parametrize("name", ORDERS)
 def test_efforts_and_durations_side_by_side_are_those_of_a_hand_alone(name: str) -> None:
     bench = Bench(load_spec(name), period=0.004)
-    case, controller = brief(bench, OTHERS[name]), Send(ORDERS[name])
+    case, controller = brief(bench, OTHERS[name]), ConstantCommand(ORDERS[name])
     others = [bench.trial(case) for _ in range(2)]
-    slower = Send(PositionCommand(0.5 * ORDERS[name].position, duration=ORDERS[name].duration))
+    slower = ConstantCommand(PositionCommand(0.5 * ORDERS[name].position, duration=ORDERS[name].duration))
     found = together(others, [controller, slower], bench.limits)
     assert told(found[0].report) == told(alone(bench.trial(case), controller))
     assert found[1].report is not None
@@ -102,7 +102,7 @@ def test_a_controllers_effort_and_the_guards_ceiling_hold_side_by_side_too() -> 
     case, limits = brief(bench, OTHERS["model_o"]), replace(bench.limits, torque=0.1 * bench.limits.torque)
     efforts = [None, 0.05 * bench.limits.torque, bench.limits.torque]
     trials = [bench.trial(case) for _ in efforts]
-    found = together(trials, [Follow(t.reference, e) for t, e in zip(trials, efforts, strict=True)], limits)
+    found = together(trials, [PositionControl(t.reference, e) for t, e in zip(trials, efforts, strict=True)], limits)
     peaks = [verdict.report.peak_torque for verdict in found if verdict.report is not None]
     assert peaks[0] == peaks[2] == pytest.approx(0.1)
     assert peaks[1] == pytest.approx(0.05)

@@ -13,12 +13,13 @@ import pytest
 from allegro_twin import Hand
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig, load_config
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.named import load_posture
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import Recorder
@@ -27,7 +28,6 @@ from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.model.parts import part_names, parts_of
 from allegro_twin.sim.model.scene import hand_spec
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.surfaces.cli.performers import on_hand
 from allegro_twin.types import PositionCommand, Sample
@@ -50,7 +50,7 @@ def gripper(tmp_path: Path) -> HandSpec:
 def test_the_leap_hands_fingertips_are_where_its_public_description_has_them() -> None:
     """mujoco_menagerie leap_hand at zero, brought into our palm frame: tips 48 mm beyond a finger's last axis, 60 mm
     beyond the thumb's; ours end a sphere of 12 mm there."""
-    tips = hand_model(load_spec("leap")).fingertips(np.zeros(16))
+    tips = hand_kinematics(load_spec("leap")).fingertips(np.zeros(16))
     ends = {"index": (0.0008, 0.0454, 0.1372), "middle": (0.0008, 0.0, 0.1372), "ring": (0.0008, -0.0454, 0.1372)}
     for finger, end in ends.items():
         np.testing.assert_allclose(tips[finger].position + np.array([0.0, 0.0, 0.012]), end, atol=1e-4)
@@ -61,7 +61,7 @@ def test_the_leap_hands_fingertips_are_where_its_public_description_has_them() -
 
 def test_a_left_leap_hand_is_the_mirror_image_of_a_right_one() -> None:
     posture = np.linspace(0.1, 0.8, 16)
-    right, left = (hand_model(load_spec("leap", side)).fingertips(posture) for side in ("right", "left"))
+    right, left = (hand_kinematics(load_spec("leap", side)).fingertips(posture) for side in ("right", "left"))
     for finger, pose in right.items():
         np.testing.assert_allclose(left[finger].position, pose.position * (1, -1, 1), atol=1e-12)
 
@@ -117,7 +117,7 @@ def test_a_tendon_closes_what_nothing_holds_and_the_rest_adapts(soft: HandSpec, 
 
 def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, make_sim: MakeSim) -> None:
     sim = make_sim(soft)
-    samples = list(until(4.0, run(sim, Follow(Hold(np.array([0.5]))))))
+    samples = list(until(4.0, run(sim, PositionControl(Hold(np.array([0.5]))))))
     true = [float(sim.data.joint(each.name).qpos[0]) for each in soft.followers]
     np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
 
@@ -153,7 +153,7 @@ def test_another_model_of_hand_brings_the_controller_that_it_takes() -> None:
 
 
 def test_a_linkage_moves_both_jaws_and_both_are_fingers(gripper: HandSpec, make_sim: MakeSim) -> None:
-    tips = [hand_model(gripper).fingertips(np.array([at])) for at in (0.0, 0.02)]
+    tips = [hand_kinematics(gripper).fingertips(np.array([at])) for at in (0.0, 0.02)]
     for finger, way in (("left_finger", 0.02), ("right_finger", -0.02)):
         moved = tips[1][finger].position - tips[0][finger].position
         np.testing.assert_allclose(np.abs(moved).max(), abs(way), atol=1e-6)
@@ -167,13 +167,13 @@ def test_gravity_is_what_the_driven_joints_feel_of_all_that_moves_with_them(
     gripper: HandSpec, make_sim: MakeSim
 ) -> None:
     """Both jaws of 50 g slide: hung along their way, the one motor feels one up and one down."""
-    torque = hand_model(gripper).gravity_torque(np.array([0.0]), np.array([0.0, 0.0, -9.81]))
+    torque = hand_kinematics(gripper).gravity_torque(np.array([0.0]), np.array([0.0, 0.0, -9.81]))
     np.testing.assert_allclose(torque, [0.0], atol=1e-9)
 
 
 def test_the_palm_of_a_card_looks_where_the_card_says(soft: HandSpec) -> None:
     """Fingers along x and closing downwards, in its file: along z and towards x, in ours. Masses go with it."""
-    open_, closed = (hand_model(soft).fingertips(np.array([at]))["first"].position for at in (0.0, 1.0))
+    open_, closed = (hand_kinematics(soft).fingertips(np.array([at]))["first"].position for at in (0.0, 1.0))
     assert open_[2] > 0.05
     assert closed[0] > open_[0] + 0.02
     model = hand_spec(soft).compile()

@@ -24,9 +24,9 @@ from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 from tests.conftest import MakeSim
@@ -136,7 +136,7 @@ def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its
     search, bench, random = search_of(spec, "lemon"), bench_of(spec, "lemon"), np.random.default_rng(0)
     proposer = Proposer(bench, search.templates, 0.8, (0.0, np.pi / 2, np.pi), random)
     proposed = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(4), strict=False)]
-    performer = Performer(load_gains("default", spec), hand_model(spec).gravity_torque)
+    performer = Performer(load_gains("default", spec), hand_kinematics(spec).gravity_torque)
     passed = [each.candidate for each in tried(bench, proposed, performer, 0.8, random) if each.passed]
     assert passed
     prover = Prover(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)

@@ -10,8 +10,8 @@ from allegro_twin import Hand
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import CommandError, ConfigError, SelfCollision
 from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.types import PositionCommand, TorqueCommand
 from tests.conftest import MakeSim
 from tests.hands.test_tendon_hands import closed, hold
@@ -132,7 +132,7 @@ def test_only_motors_are_sensed_and_where_the_joints_are_is_an_estimate(sim: Sim
 
 def test_its_thumb_turns_before_index_and_middle_finger_and_its_tip_can_meet_theirs() -> None:
     """The choice that is ours: which way round its base is. Beside the index finger, and it opposes two."""
-    model = hand_model(SPEC)
+    model = hand_kinematics(SPEC)
     aside, before = (model.fingertips(goal_of("thumb_rotation", turn))["thumb"].position for turn in (0.0, 1.571))
     assert aside[1] > 0.10  # To the side of the index finger.
     assert before[0] > 0.10  # Out of the palm.

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.closed_form.solution import Solutions
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
+from allegro_twin.kinematics.solutions import Solutions
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
 
 Key = tuple[Side, str]
 """A side and a finger."""
 SPECS = {side: load_spec(side=side) for side in SIDES}
-FINGERS = {(side, f.name): FingerKinematics(SPECS[side], f.name) for side in SIDES for f in SPECS[side].fingers}
+FINGERS = {(side, f.name): ClosedFormFinger(SPECS[side], f.name) for side in SIDES for f in SPECS[side].fingers}
 EVERY = list(FINGERS)
 LONG = [key for key in EVERY if key[1] != "thumb"]
 THUMBS = [key for key in EVERY if key[1] == "thumb"]
@@ -29,12 +29,12 @@ def shortly(keys: list[Key]) -> list[Any]:
     return [pytest.param(key, marks=[] if key in SHORT else [pytest.mark.long]) for key in keys]
 
 
-def postures(finger: FingerKinematics, n: int, seed: int = 0) -> Array:
+def postures(finger: ClosedFormFinger, n: int, seed: int = 0) -> Array:
     """Random postures inside the limits, shape (n, 4)."""
     return np.random.default_rng(seed).uniform(finger.lower, finger.upper, (n, 4))
 
 
-def held(finger: FingerKinematics, q: Array) -> list[dict[str, Array]]:
+def held(finger: ClosedFormFinger, q: Array) -> list[dict[str, Array]]:
     """Everything that can be asked for with a position so that the posture (..., 4) is one of the answers."""
     modes: list[dict[str, Array]] = [{"rotation": finger.fk(q).rotation}]
     if finger.name == "thumb":
@@ -42,7 +42,7 @@ def held(finger: FingerKinematics, q: Array) -> list[dict[str, Array]]:
     return [*modes, {"pitch": q[..., 1:].sum(axis=-1)}]
 
 
-def solve(finger: FingerKinematics, position: Array, given: dict[str, Array], margin: float = 0.0) -> Solutions:
+def solve(finger: ClosedFormFinger, position: Array, given: dict[str, Array], margin: float = 0.0) -> Solutions:
     """`ik` with what is to be held given by name."""
     get = given.get
     return finger.ik(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
@@ -17,7 +17,7 @@ Key = tuple[Side, str]
 DISTANCES = [0.0, 1e-16, 1e-14, *10.0 ** np.arange(-13, -3)]
 
 
-def beside(finger: FingerKinematics, distance: float, n: int = 400) -> Array:
+def beside(finger: ClosedFormFinger, distance: float, n: int = 400) -> Array:
     """Postures with the tip so far from joint 1's axis, m, q₁ away from its limits, shape (about n, 4)."""
     link, tip = load_geometry("allegro", "thumb").links
     q = postures(finger, 2 * n, seed=1)

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, held, postures, shortly, solve
 
 N = 100_000
-HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
+HANDS = {side: hand_kinematics(SPECS[side]) for side in SIDES}
 Key = tuple[Side, str]
 
 
@@ -273,7 +273,7 @@ def test_positions_of_the_wrong_shape_are_refused() -> None:
 
 def test_an_unknown_finger_is_answered_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match="did you mean 'index'"):
-        FingerKinematics(SPECS["right"], "indx")
+        ClosedFormFinger(SPECS["right"], "indx")
 
 
 def test_lengths_come_from_the_table_of_facts() -> None:

@@ -11,9 +11,9 @@ from allegro_twin import Hand
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.numeric import NumericFinger
-from allegro_twin.sim.model.statics import hand_model
 
 LEAP = {"hand": {"model": "leap"}, "backend": {"kind": "sim"}, "controller": {"kind": "position"}}
 PARTS = st.lists(st.floats(0.1, 0.9), min_size=4, max_size=4)
@@ -26,7 +26,7 @@ def test_a_point_that_a_posture_reaches_is_reached_from_another_near_it(
     finger: str, parts: list[float], other: list[float], model: str
 ) -> None:
     spec = load_spec(model)
-    solver = NumericFinger(spec, hand_model(spec), finger, (spec.lower + spec.upper) / 2)
+    solver = NumericFinger(hand_kinematics(spec), finger)
     span = solver.upper - solver.lower
     there = solver.lower + span * np.array(parts)
     near = np.clip(there + 0.15 * (np.array(other) - 0.5) * span, solver.lower, solver.upper)
@@ -40,15 +40,15 @@ def test_a_point_that_a_posture_reaches_is_reached_from_another_near_it(
 @given(FINGERS, PARTS)
 def test_it_has_the_tip_where_the_closed_form_has_it(finger: str, parts: list[float]) -> None:
     spec = load_spec()
-    closed = FingerKinematics(spec, finger)
-    numeric = NumericFinger(spec, hand_model(spec), finger, (spec.lower + spec.upper) / 2)
+    closed = ClosedFormFinger(spec, finger)
+    numeric = NumericFinger(hand_kinematics(spec), finger)
     posture = closed.lower + (closed.upper - closed.lower) * np.array(parts)
     np.testing.assert_allclose(numeric.fk(posture).position, closed.fk(posture).position, atol=1e-9)
 
 
 def test_a_point_out_of_reach_is_not_reached_and_the_nearest_found_is_told() -> None:
     spec = load_spec("leap")
-    solver = NumericFinger(spec, hand_model(spec), "index", (spec.lower + spec.upper) / 2)
+    solver = NumericFinger(hand_kinematics(spec), "index")
     near = (solver.lower + solver.upper) / 2
     best = solver.ik([0.0, 0.0454, 0.5], near=near).best(near)
     assert not best.reached
@@ -58,7 +58,7 @@ def test_a_point_out_of_reach_is_not_reached_and_the_nearest_found_is_told() -> 
 def test_a_finger_whose_motor_moves_others_is_not_moved_alone() -> None:
     spec = load_spec("qb_softhand")
     with pytest.raises(ConfigError, match="index cannot be moved alone, its motor moves middle, ring, little, thumb"):
-        NumericFinger(spec, hand_model(spec), "index", spec.lower)
+        NumericFinger(hand_kinematics(spec), "index")
 
 
 def test_a_leap_hand_moves_its_fingertips_straight() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures, shortly
@@ -13,7 +13,7 @@ from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures, shortly
 Key = tuple[Side, str]
 
 
-def family(finger: FingerKinematics, point: Array) -> Array:
+def family(finger: ClosedFormFinger, point: Array) -> Array:
     """Every posture inside the limits that reaches a point, in steps of 1 mrad, shape (N, 4)."""
     thumb = finger.name == "thumb"
     along = np.arange(finger.lower[0], finger.upper[0], 1e-3) if thumb else np.arange(-0.6, 5.05, 1e-3)
@@ -22,7 +22,7 @@ def family(finger: FingerKinematics, point: Array) -> Array:
     return solutions.position[solutions.within]
 
 
-def room(finger: FingerKinematics, q: Array) -> Array:
+def room(finger: ClosedFormFinger, q: Array) -> Array:
     least: Array = np.minimum(q - finger.lower, finger.upper - q).min(axis=-1)
     return least
 
@@ -92,7 +92,7 @@ def test_best_takes_the_branch_nearest_to_the_posture_given(key: Key) -> None:
     several = solutions.within.sum(axis=1) > 1
     assert several.any()
     np.testing.assert_allclose(solutions.best(near=q).posture, q, rtol=0, atol=1e-6)
-    roomiest = solutions.best().posture
+    furthest_from_limits = solutions.best().posture
     most = np.where(solutions.within, room(finger, solutions.position), -np.inf).max(axis=1)
-    np.testing.assert_array_equal(room(finger, roomiest), most)
-    assert (np.abs(roomiest - q).max(axis=1)[several] > 1e-3).any()
+    np.testing.assert_array_equal(room(finger, furthest_from_limits), most)
+    assert (np.abs(furthest_from_limits - q).max(axis=1)[several] > 1e-3).any()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
@@ -22,7 +22,7 @@ def off(rotation: Array, angle: float, seed: int) -> Array:
     return np.asarray(rotation @ matrix_from_quaternion(quaternion_from_vector(turn)))
 
 
-def least_angle(finger: FingerKinematics, points: Array, wanted: Array, count: int = 1500, finer: int = 5) -> Array:
+def least_angle(finger: ClosedFormFinger, points: Array, wanted: Array, count: int = 1500, finer: int = 5) -> Array:
     """The least angle of any posture that reaches a point (n, 3), inside the limits, (n,): sampled, and sampled again.
 
     Along q₀ on the thumb and the pitch on a finger, evenly over all there is, then ever closer around the best.

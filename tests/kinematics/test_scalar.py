@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.closed_form.forms.scalar_bend import Solve
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
-from allegro_twin.kinematics.closed_form.scalar import ScalarKinematics
+from allegro_twin.kinematics.closed_form.scalar import ScalarKinematics, Solve
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, SPECS, postures, solve
@@ -120,7 +119,7 @@ def test_an_elbow_with_other_limits_is_held_to_them(name: str, limits: tuple[flo
     joint = spec.finger(name).joints[3 if name == "thumb" else 2]
     lower, upper = spec.lower.copy(), spec.upper.copy()
     lower[joint], upper[joint] = limits
-    finger = FingerKinematics(replace(spec, lower=lower, upper=upper), name)
+    finger = ClosedFormFinger(replace(spec, lower=lower, upper=upper), name)
     q = np.concatenate([postures(finger, 300, seed=6), postures(FINGERS["right", name], 300, seed=7)])
     held = "q0" if name == "thumb" else "pitch"
     values = q[:, 0] if name == "thumb" else q[:, 1:].sum(axis=1)

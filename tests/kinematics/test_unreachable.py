@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
@@ -17,7 +17,7 @@ Key = tuple[Side, str]
 FAR = np.random.default_rng(0).uniform(-0.25, 0.25, (25, 3))
 
 
-def dense(finger: FingerKinematics, given: dict[str, float], steps: int = 41) -> Array:
+def dense(finger: ClosedFormFinger, given: dict[str, float], steps: int = 41) -> Array:
     """Fingertips of a grid of all postures inside the limits that have the angle given, shape (N, 3)."""
     axes = [np.linspace(low, high, steps) for low, high in zip(finger.lower, finger.upper, strict=True)]
     for name, value in given.items():

@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_posture, posture_names
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.self_clearance import SIGHT, Clearance, touching_geoms
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
@@ -27,7 +27,7 @@ def nearest(
 def test_two_fingertips_that_pinch_are_as_far_apart_as_their_spheres(spec: HandSpec) -> None:
     """The posture `ok` has index and thumb tip to tip: spheres of 12 mm, each at the end of a capsule."""
     ok = load_posture("ok", spec)
-    tips = HandModel(spec).fingertips(ok)
+    tips = hand_kinematics(spec).fingertips(ok)
     expected = float(np.linalg.norm(tips["index"].position - tips["thumb"].position)) - 0.024
     seen = nearest(Clearance(spec), ok)
     assert list(seen) == [("index", "thumb")]
@@ -36,7 +36,7 @@ def test_two_fingertips_that_pinch_are_as_far_apart_as_their_spheres(spec: HandS
 
 def test_parts_that_do_not_touch_are_told_apart_up_to_the_sight(spec: HandSpec) -> None:
     """Two fingertips that leave each other: their spheres stay the nearest of their links."""
-    clearance, model = Clearance(spec), HandModel(spec)
+    clearance, model = Clearance(spec), hand_kinematics(spec)
     ok, column = load_posture("ok", spec), Clearance(spec).pairs.index(("index", "thumb"))
     rows = ok + np.linspace(0.0, 0.35, 60)[:, None] * np.where(np.arange(16) == 1, -1.0, 0.0)
     tips = [model.fingertips(row) for row in rows]

@@ -13,17 +13,16 @@ import yaml
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.cli.run.runs import Options, configs_of
 from allegro_twin.surfaces.hand import Hand
@@ -126,7 +125,9 @@ def test_it_goes_home_and_ends_where_our_own_hand_does(tmp_path: Path, side: Sid
     home = load_posture("home", ours)
     ends = []
     for spec in (theirs, ours):
-        controller = PD(Hold(home), load_gains("default", spec), Gravity(hand_model(spec).gravity_torque))
+        controller = PD(
+            Hold(home), load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque)
+        )
         backend = make_sim(spec)
         for sample in until(1.0, run(backend, controller)):
             last = sample.state.position
@@ -140,7 +141,7 @@ def test_gravity_jacobians_and_fingertips_are_those_of_the_model_in_use(tmp_path
     spec = load_spec(side=side, serial=str(menagerie_like(tmp_path, side)))
     turn = np.array([0.6, 0.48, 0.0, 0.64])
     model = compile_scene(spec, Stage(np.array([0.1, 0.2, 0.3]), turn))
-    data, ours = mujoco.MjData(model), hand_model(spec)
+    data, ours = mujoco.MjData(model), hand_kinematics(spec)
     places = [int(model.joint(name).qposadr[0]) for name in spec.joints]
     palm = model.body("palm_link").id
     for posture in np.random.default_rng(3).uniform(spec.lower, spec.upper, (20, 16)):
@@ -153,15 +154,18 @@ def test_gravity_jacobians_and_fingertips_are_those_of_the_model_in_use(tmp_path
             seen = data.site(spec.finger(finger).tip).xpos - data.xpos[palm]
             np.testing.assert_allclose(pose.position, data.xmat[palm].reshape(3, 3).T @ seen, atol=1e-12)
     heavy, light = (
-        hand_model(s).gravity_torque(spec.lower, np.array([0.0, 9.81, 0.0])) for s in (spec, load_spec(side=side))
+        hand_kinematics(s).gravity_torque(spec.lower, np.array([0.0, 9.81, 0.0])) for s in (spec, load_spec(side=side))
     )
     assert (heavy / light > MASS).all()
 
 
 def test_nobody_takes_our_weights_for_another_hands(tmp_path: Path) -> None:
     spec = load_spec(serial=str(menagerie_like(tmp_path, "right")))
-    with pytest.raises(ConfigError, match=r"is simulated from .*hand\.xml: sim\.statics\.hand_model has its model"):
-        HandModel(spec)
+    for model in (hand_kinematics(spec), HandKinematics(spec)):
+        theirs, ours = (
+            each.gravity_torque(spec.lower, [0.0, 9.81, 0.0]) for each in (model, hand_kinematics(load_spec()))
+        )
+        assert (theirs / ours > MASS).all()
 
 
 def test_a_hand_that_carries_its_own_weight_stays_where_it_is(tmp_path: Path, side: Side) -> None:

@@ -9,28 +9,28 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.sim.contact.fingertip_ik import FingertipSolver
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
 CLEARANCE = 0.003
-Hand = tuple[HandSpec, FingertipSolver, HandModel]
+Hand = tuple[HandSpec, FingertipSolver, HandKinematics]
 Hands = dict[str, Hand]
 
 
 @pytest.fixture(scope="module")
 def hands() -> Hands:
     specs = [load_spec(side=side) for side in ("right", "left")]
-    return {spec.side: (spec, FingertipSolver(spec), HandModel(spec)) for spec in specs}
+    return {spec.side: (spec, FingertipSolver(spec), hand_kinematics(spec)) for spec in specs}
 
 
-def points(model: HandModel, position: Vector) -> dict[str, Array]:
+def points(model: HandKinematics, position: Vector) -> dict[str, Array]:
     return {name: pose.position for name, pose in model.fingertips(position).items()}
 
 
-def apart(solver: FingertipSolver, model: HandModel, position: Vector) -> float:
+def apart(solver: FingertipSolver, model: HandKinematics, position: Vector) -> float:
     """Least distance between links at a posture: a solve that starts at its goal stays there."""
     return solver.solve(points(model, position), position, clearance=None, steps=1).closest
 
@@ -128,7 +128,7 @@ def test_one_finger_alone_agrees_with_the_closed_form(hands: Hands, side: Side) 
     rng = np.random.default_rng(8)
     begin = (spec.lower + spec.upper) / 2
     for finger in spec.fingers:
-        exact, joints = FingerKinematics(spec, finger.name), list(finger.joints)
+        exact, joints = ClosedFormFinger(spec, finger.name), list(finger.joints)
         for _ in range(5):
             point = exact.fk(rng.uniform(spec.lower[joints], spec.upper[joints])).position
             solved = solver.solve({finger.name: point}, begin, clearance=None)
@@ -143,7 +143,7 @@ def test_a_target_out_of_reach_is_a_result_with_the_distance_of_the_nearest_poin
     spec, solver, _ = hands["right"]
     far = np.array([0.15, 0.05, 0.25])
     solved = solver.solve({"index": far}, (spec.lower + spec.upper) / 2, clearance=None)
-    exact = FingerKinematics(spec, "index").ik(far).nearest()
+    exact = ClosedFormFinger(spec, "index").ik(far).nearest()
     assert not solved.reached
     assert solved.distance["index"] == pytest.approx(float(exact.distance), abs=1e-5)
     assert np.isfinite(solved.position).all()

@@ -15,7 +15,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.spec import HandSpec
@@ -136,7 +136,7 @@ def test_torque_limits_are_lines_from_the_first_moment_to_the_last(written: Rows
 
 def test_links_palm_object_and_what_was_seen_beside_are_where_they_were(written: Rows, spec: HandSpec) -> None:
     t, row = moving(written, "world/palm/link_3.0")[-1]
-    expected = HandModel(spec).links(np.linspace(0.0, 0.5, 16) + round(t / 0.003) / 1000)["link_3.0"]
+    expected = hand_kinematics(spec).links(np.linspace(0.0, 0.5, 16) + round(t / 0.003) / 1000)["link_3.0"]
     np.testing.assert_allclose(row["translation"][0], expected.position, atol=1e-7)
     np.testing.assert_allclose(np.reshape(row["mat3x3"][0], (3, 3)).T, expected.rotation, atol=1e-6)  # By columns.
     for name, place in (("world/palm", [0.1, 0.2, 0.3]), ("world/objects/brick", [0.4, 0.5, 0.6])):
@@ -149,7 +149,7 @@ def test_links_palm_object_and_what_was_seen_beside_are_where_they_were(written:
 
 
 def test_the_target_is_a_hand_that_one_can_see_through(written: Rows, spec: HandSpec) -> None:
-    expected = HandModel(spec).links(np.full(16, 0.4))["link_15.0"]
+    expected = hand_kinematics(spec).links(np.full(16, 0.4))["link_15.0"]
     np.testing.assert_allclose(
         moving(written, "world/palm/target/link_15.0")[0][1]["translation"][0], expected.position, atol=1e-7
     )
@@ -188,7 +188,7 @@ def test_the_object_has_its_size_and_stands_on_a_table_and_a_hand_alone_has_neit
     write_rrd([sample(0)], Viewer(spec), tmp_path / "alone.rrd")
     alone = rows_of(tmp_path / "alone.rrd")
     assert not [name for name in alone if "object" in name or "fixed" in name or "palm/target" in name]
-    links = {f"world/palm/{link}" for link in HandModel(spec).links(np.zeros(16)) if not link.endswith("_tip")}
+    links = {f"world/palm/{link}" for link in hand_kinematics(spec).links(np.zeros(16)) if not link.endswith("_tip")}
     assert links <= set(alone)
 
 

@@ -19,7 +19,7 @@ class PassThroughBackend:
         self._inner = inner
 
     @property
-    def inner(self) -> HandBackend:
+    def in_front_of(self) -> HandBackend:
         """The backend behind this one."""
         return self._inner
 

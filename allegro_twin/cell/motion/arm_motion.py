@@ -10,7 +10,7 @@ import numpy as np
 from allegro_twin.cell.arm.impedance import ImpedanceState, hung, smoothed_wrench
 from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.time_scaling import minimum_jerk
 from allegro_twin.kinematics.arm import ArmModel, turn, turned
 from allegro_twin.kinematics.pose import Pose
@@ -44,14 +44,14 @@ class ArmGuide:
         self._model = model
         self.target = CartesianTarget(model.pose(posture))
         """The pose, in the base's frame; of the path's end while there is one."""
-        self.path: Steering | None = Steering(posture)
+        self.path: SmoothSetpoint | None = SmoothSetpoint(posture)
         self.line: Straight | None = None
         """How the set-point goes to the target; None: smoothed."""
 
     def through_joints(self, t: float, position: Vector, posture: Vector, speed: float) -> float:
         """From rest at `position` (n,), rad, to a posture, the fastest joint at `speed`, rad/s. When it is there, s."""
         self.target.move(self._model.pose(posture))
-        self.path, self.line = Steering(position), None
+        self.path, self.line = SmoothSetpoint(position), None
         return self.path.head_for(t, posture, speed)
 
     def straight(self, t: float, flange: Pose, seconds: float) -> float:

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.settings import CellHandSettings
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_gravity
 from allegro_twin.loop import run
 from allegro_twin.sim.contact.self_clearance import Clearance
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector, frozen
 
@@ -91,10 +91,10 @@ def _closed(model: str, side: Side, gains: str, name: str, gravity: tuple[float,
     grasp = Library().grasp(name, spec)
     stage = Stage(np.array([0.0, 0.0, 1.0]), quaternion_from_gravity(gravity))
     backend = SimBackend(spec, compile_scene(spec, stage), period=PERIOD, posture=grasp.preshape)
-    path = Steering(grasp.preshape)
+    path = SmoothSetpoint(grasp.preshape)
     closed = path.head_for(0.0, grasp.close, grasp.speed)
     end = None
-    for sample in run(backend, finger_controller(SteeredReference(path), gains, spec, hand_model(spec))):
+    for sample in run(backend, finger_controller(SteeredReference(path), gains, spec, hand_kinematics(spec))):
         t, position = sample.state.t, sample.state.position
         if end is None and t >= closed:
             end = path.head_for(t, grasp.squeeze, squeeze_speed(grasp)) + _REST

@@ -28,8 +28,8 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.sim.objects.catalogue import catalogue
 from allegro_twin.types import Vector
 
@@ -93,7 +93,7 @@ class Episodes:
             if name not in catalogue():
                 raise ConfigError(unknown("object", name, catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
-        self._model, self._library = hand_model(self.spec), Library()
+        self._model, self._library = hand_kinematics(self.spec), Library()
         self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
         self._scenes: dict[str, PickScene] = {}
         self._cameras: dict[str, DepthCamera] = {}

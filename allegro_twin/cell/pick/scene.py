@@ -10,10 +10,10 @@ from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.pick.settings import PickSettings
-from allegro_twin.control.controllers import Following
+from allegro_twin.control.controllers import ReferenceMemory
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import turn, turned
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.contacts import touching
 from allegro_twin.sim.objects.catalogue import Placement, named, orientation
@@ -47,7 +47,7 @@ class LinearPath:
 class PickScene:
     """For one kind of thing; an episode begins with `begin`."""
 
-    def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandModel, name: str) -> None:
+    def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandKinematics, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model
         self.thing = named(name)
         placed = Placement(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
@@ -78,7 +78,7 @@ class PickScene:
         )  # fmt: skip
         self._grip = finger_controller(SteeredReference(self.path), settings.gains, self.spec, self._hand_model)
         self._hanging: ImpedanceState = self._law.start(self.arm)
-        self._following: Following = self._grip.start(self.hand)
+        self._following: ReferenceMemory = self._grip.start(self.hand)
 
     @property
     def palm(self) -> Pose:

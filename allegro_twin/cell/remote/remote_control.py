@@ -15,10 +15,9 @@ from allegro_twin.cell.journal.observers import Observers
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.remote.workspace_limits import WorkspaceLimits
 from allegro_twin.cell.run import arm_controller
-from allegro_twin.control.controllers import PD, Gravity
-from allegro_twin.control.steered_path import Steering
-from allegro_twin.control.timed_path import Timed
-from allegro_twin.control.trajectory import Path, SetPoint
+from allegro_twin.control.controllers import PD, GravityFeedforward
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
+from allegro_twin.control.trajectory import Path, SetPoint, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.pose import Pose
@@ -58,7 +57,7 @@ class RemoteControl:
         self.cell, self.guide = cell, ArmGuide(cell.posture, cell.robot.model)
         self.guide.let_go()
         self._limits = WorkspaceLimits(cell)
-        self._path: Path = Steering(cell.open)
+        self._path: Path = SmoothSetpoint(cell.open)
         self._since, self._commands = 0.0, queue.SimpleQueue[RemoteCommand]()
         self._goal, self._at, self._t = cell.security, cell.security, 0.0
         arm = cell.settings.arm
@@ -111,9 +110,9 @@ class RemoteControl:
                 self._path, self._since = path, arm.t
             case StayCommand():
                 self._goal = self._at = self.cell.robot.palm(arm)
-                self._path, self._since = Steering(self.fingers(arm.t).position), arm.t
+                self._path, self._since = SmoothSetpoint(self.fingers(arm.t).position), arm.t
 
-    def _timed(self, times: Vector, postures: Array, velocities: Array | None, t: float) -> Timed:
+    def _timed(self, times: Vector, postures: Array, velocities: Array | None, t: float) -> TimedPath:
         times = np.asarray(times, dtype=np.float64)
         if not len(times) or not np.isfinite(times).all() or times[0] <= 0.0 or (np.diff(times) <= 0.0).any():
             raise CommandError(f"fingers: times must ascend from above 0 s; they are {times[:6].tolist()}")
@@ -123,7 +122,7 @@ class RemoteControl:
         except ConfigError as error:
             raise CommandError(str(error)) from error
         rates = None if velocities is None else np.vstack([np.zeros_like(here), velocities])
-        return Timed(np.concatenate([[0.0], times]), np.vstack([here, postures]), rates)
+        return TimedPath(np.concatenate([[0.0], times]), np.vstack([here, postures]), rates)
 
 
 def run_remote_control(
@@ -139,7 +138,7 @@ def run_remote_control(
     cell, spec = remote.cell, remote.cell.hand.spec
     observers.on_remote_control(remote.guide, remote.fingers)
     law = arm_controller(cell, remote.guide)
-    grip = PD(remote, load_gains(cell.settings.hand.gains, spec), Gravity(cell.model.gravity_torque))
+    grip = PD(remote, load_gains(cell.settings.hand.gains, spec), GravityFeedforward(cell.model.gravity_torque))
     arms: Iterator[Sample] = run(cell.arm, law)
     if speed is not None:
         arms = paced(arms, speed)

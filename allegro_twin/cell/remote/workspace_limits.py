@@ -8,8 +8,7 @@ import numpy as np
 
 from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.control.timed_path import Timed
-from allegro_twin.control.trajectory import FASTEST
+from allegro_twin.control.trajectory import FASTEST, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.pose import Pose, placed
@@ -56,7 +55,7 @@ class WorkspaceLimits:
             self._joints(at, palm)
         return palm
 
-    def check_fingers(self, path: Timed, palm: Pose) -> None:
+    def check_fingers(self, path: TimedPath, palm: Pose) -> None:
         """Look at a path of the fingers, with the palm at a pose of the world."""
         spec = self._cell.hand.spec
         legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()

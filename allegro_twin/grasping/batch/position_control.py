@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.backend import position_of
-from allegro_twin.control.batched_trajectory import Trajectories
-from allegro_twin.control.controllers import Follow
-from allegro_twin.control.trajectory import Trajectory
+from allegro_twin.control.controllers import PositionControl
+from allegro_twin.control.trajectory import BatchedTrajectories, Trajectory
 from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, bounded
 from allegro_twin.sim.batch.simulations import Rows, Simulations
@@ -30,11 +29,11 @@ class Goals:
         self._effort = np.tile(spec.actuation.torque_limit, (len(controllers), 1))
         paths = list[Trajectory]()
         for row, (each, memory) in enumerate(zip(controllers, self._memory, strict=True)):
-            if isinstance(each, Follow) and isinstance(memory.path, Trajectory):
+            if isinstance(each, PositionControl) and isinstance(memory.path, Trajectory):
                 self._place[row] = len(paths)
                 paths.append(memory.path)
                 self._effort[row] = self._bounded(row, states[row])[1]
-        self._paths = Trajectories(paths) if paths else None
+        self._paths = BatchedTrajectories(paths) if paths else None
 
     def __call__(self, rows: Rows, t: float, sims: Simulations, state_of: Callable[[int], HandState]) -> Array:
         """What the motors of some rows are told at a time, s: (rows, joints)."""

@@ -10,9 +10,8 @@ import numpy as np
 
 from allegro_twin.backend import torque_of
 from allegro_twin.control import laws
-from allegro_twin.control.batched_trajectory import Trajectories
-from allegro_twin.control.controllers import PD, Gravity
-from allegro_twin.control.trajectory import Trajectory
+from allegro_twin.control.controllers import PD, GravityFeedforward
+from allegro_twin.control.trajectory import BatchedTrajectories, Trajectory
 from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, clamp
 from allegro_twin.sim.batch.simulations import Rows, Simulations
@@ -25,7 +24,9 @@ class Torques:
     def __init__(self, controllers: Sequence[Controller[Any]], states: Sequence[HandState], limits: Limits) -> None:
         self._controllers, self._limits = controllers, limits
         self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
-        self._gravity: Gravity | None = next((each.gravity for each in controllers if isinstance(each, PD)), None)
+        self._gravity: GravityFeedforward | None = next(
+            (each.gravity for each in controllers if isinstance(each, PD)), None
+        )
         self._place = np.full(len(controllers), -1)
         alike, paths = list[PD](), list[Trajectory]()
         for row, (each, memory) in enumerate(zip(controllers, self._memory, strict=True)):
@@ -34,7 +35,7 @@ class Torques:
                 alike.append(each)
                 paths.append(memory.path)
         if paths:
-            self._paths = Trajectories(paths)
+            self._paths = BatchedTrajectories(paths)
             self._kp, self._kd = np.array([(each.gains.kp, each.gains.kd) for each in alike]).swapaxes(0, 1)
 
     def __call__(self, rows: Rows, t: float, sims: Simulations, state_of: Callable[[int], HandState]) -> Array:

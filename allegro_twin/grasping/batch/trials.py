@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.control.controllers import PD, Follow, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, together
@@ -27,8 +27,8 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
-from allegro_twin.sim.model.statics import hand_model
 
 if TYPE_CHECKING:
     from allegro_twin.spec import HandSpec, Side
@@ -73,9 +73,9 @@ class Bench:
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
         check_period(period, spec)
         self.spec, self.period, self._threads = spec, period, threads
-        self._model = hand_model(spec)
+        self._model = hand_kinematics(spec)
         self.gains = load_gains(gains, spec)
-        self._gravity = Gravity(self._model.gravity_torque)
+        self._gravity = GravityFeedforward(self._model.gravity_torque)
         self.limits = hand_limits(LimitSettings(), spec)
 
     def verdicts(
@@ -100,7 +100,7 @@ class Bench:
         if "torque" not in self.spec.commands:
             if trial.grasp.grip is not None:
                 raise ConfigError(f"grasp {trial.grasp.name} controls force by torques; {self.spec.name} takes none")
-            return Follow(trial.reference)
+            return PositionControl(trial.reference)
         if trial.grasp.grip is None:
             return PD(trial.reference, self.gains, self._gravity)
         timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))

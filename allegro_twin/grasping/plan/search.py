@@ -25,8 +25,8 @@ from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import Workbench
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -150,7 +150,9 @@ class Search:
         return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
 
     def _performer(self, protocol: Protocol) -> Performer:
-        return Performer(load_gains(ruled(protocol.gains, self.spec), self.spec), hand_model(self.spec).gravity_torque)
+        return Performer(
+            load_gains(ruled(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
+        )
 
     def _apart(self, passed: list[Candidate], prover: Prover) -> list[Candidate]:
         """The best of each place, none of which is where something good was found."""

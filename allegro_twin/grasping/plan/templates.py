@@ -10,8 +10,7 @@ from allegro_twin.grasping.plan.reduce_squeeze import check_loop
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.taxonomy import claim
-from allegro_twin.kinematics.model import HandModel
-from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -52,7 +51,7 @@ def gathering(spec: HandSpec) -> Grasp:
     ConfigError for a hand without two fingertips, or of which none does."""
     if len(spec.fingers) < 2:
         raise ConfigError(f"{spec.name} has fewer than two fingertips: name them in its card")
-    lower, upper, model = spec.lower, spec.upper, hand_model(spec)
+    lower, upper, model = spec.lower, spec.upper, hand_kinematics(spec)
     middle, spans = (lower + upper) / 2.0, upper - lower
     closing = np.zeros(spec.n_joints)
     for motor in range(spec.n_joints):
@@ -67,7 +66,7 @@ def gathering(spec: HandSpec) -> Grasp:
     return Grasp("gathering", claim(None), float(spans.max()), "minimum_jerk", preshape, close, squeeze)
 
 
-def _apart(model: HandModel, posture: Vector) -> float:
+def _apart(model: HandKinematics, posture: Vector) -> float:
     """How far fingertips are from their middle, m: root mean square."""
     tips = np.array([pose.position for pose in model.fingertips(posture).values()])
     return float(np.sqrt(np.square(tips - tips.mean(axis=0)).sum(axis=1).mean()))

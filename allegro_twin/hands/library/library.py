@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files import yaml_edit
 from allegro_twin.files.assets import data_root, parse_yaml, refuse_shipped
@@ -49,7 +49,7 @@ class Library:
         self._sources = [Path(source) for source in sources] or [Path("library")]
         self._added: dict[str, _Added] = {}
 
-    def get(self, name: str, spec: HandSpec) -> Vector | Grasp | Motion:
+    def get(self, name: str, spec: HandSpec) -> Vector | Grasp | TaughtMotion:
         """What a name stands for, on the spec's hand. Raises ConfigError: the nearest names, or the joint outside."""
         return _built(self._found(name, spec), spec)
 
@@ -64,7 +64,7 @@ class Library:
         assert isinstance(listed.entry, GraspFile)
         return build_grasp(listed.name, listed.entry, spec, listed.where)
 
-    def trajectory(self, name: str | Path, spec: HandSpec) -> Motion:
+    def trajectory(self, name: str | Path, spec: HandSpec) -> TaughtMotion:
         """A motion by name or path; its `reference()` plays it."""
         listed = self._found(name, spec, "trajectory")
         assert isinstance(listed.entry, TrajectoryFile)
@@ -177,7 +177,7 @@ def _ours(name: str) -> None:
         raise ConfigError(f"{name!r} ships with the package and stays as it is; choose another name")
 
 
-def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | Motion:
+def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | TaughtMotion:
     match listed.entry:
         case PostureFile() as posture:
             return frozen(joint_values(posture, spec, listed.where)["angles"])
@@ -187,9 +187,9 @@ def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | Motion:
             return _motion(listed, trajectory, spec)
 
 
-def _motion(listed: Listed, entry: TrajectoryFile, spec: HandSpec) -> Motion:
+def _motion(listed: Listed, entry: TrajectoryFile, spec: HandSpec) -> TaughtMotion:
     positions = joint_values(entry, spec, listed.where)["positions"]
-    return Motion(frozen(entry.times), frozen(positions), listed.name)
+    return TaughtMotion(frozen(entry.times), frozen(positions), listed.name)
 
 
 def _with(file: Path, name: str, added: _Added) -> str:

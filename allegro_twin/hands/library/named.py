@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.hands.library.entries import HAND, Kind
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
@@ -28,7 +28,7 @@ def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
     return Library().grasp(name, spec)
 
 
-def load_trajectory(name: str | Path, spec: HandSpec) -> Motion:
+def load_trajectory(name: str | Path, spec: HandSpec) -> TaughtMotion:
     """A motion by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
     return Library().trajectory(name, spec)
 

@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import fetched, library
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.learning.environments.external_torque import Touch
-from allegro_twin.learning.environments.observation_model import Sensing
-from allegro_twin.learning.environments.privileged_state import State
+from allegro_twin.learning.environments.observation_model import Sensing, State, Touch
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import Physics, drawn
 from allegro_twin.learning.environments.settings import EnvSettings, Options, read_options
-from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
-from allegro_twin.learning.policy.memory import Memory
+from allegro_twin.learning.policy.interface import BOUND, Floats, Memory, Observation
 from allegro_twin.learning.tasks import make_task
 from allegro_twin.learning.tasks.base import Flags, Outcome
 from allegro_twin.sim.batch.worlds import Rows

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.array_api import library
+from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
+from allegro_twin.learning.tasks.vectors import turned
+from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
 from allegro_twin.types import Array
 
 
@@ -94,3 +100,129 @@ class Sensing:
         past[tick % len(past), own] = now
         found: Array = past[(tick - late) % len(past), own]
         return found
+
+
+class Touch:
+    """Of `n` hands; with the dry friction of their joints, which nobody can tell from a contact in one moment."""
+
+    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+        self._worlds = worlds
+        self._xp, self._limit = worlds.xp, worlds.xp.asarray(worlds.spec.actuation.torque_limit)
+        self._range = settings.touch_noise
+        self._noise = None if settings.touch_noise is None else worlds.xp.zeros((worlds.n, 1))
+        self._key = worlds.xp.zeros(worlds.n, np.uint64)
+
+    def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
+        """A new episode of some hands; what is drawn joins `values`, (m,)."""
+        if self._noise is not None and self._range is not None:
+            self._key[rows] = draws.key()
+            self._noise[rows] = draws.within(*self._range)
+            values["touch_noise"] = self._noise[rows, 0]
+
+    def felt(self, tick: NDArray[np.int64]) -> Array:
+        """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
+        has been felt."""
+        torque = self._xp.where(tick[:, None] > 0, self._worlds.external(), 0.0)
+        if self._noise is not None:
+            torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
+        share: Array = torque / self._limit
+        return share
+
+
+FACTORS = ("mass", "size", "friction")
+"""What an episode has drawn of these; 1, 1 and 0.8 where nothing was."""
+_USUAL = {"mass": 1.0, "size": 1.0, "friction": 0.8}
+_PLACE, _FAST, _SPINS = 0.1, 0.5, 5.0
+"""m, m/s and rad/s by which an object's numbers are divided, to be of order 1."""
+
+
+class State:
+    """Of `n` hands. In order: the joints' positions (±1 at their limits), speeds (by 5 rad/s), the torques of their
+    motors and those from outside (by the limit), as they are; and where there is an object, in the world's axes, where
+    it is (by 0.1 m), its quaternion, velocity (by 0.5 m/s) and spin (by 5 rad/s), and `FACTORS`."""
+
+    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+        self._worlds, self._thing = worlds, thing
+        spec, self._xp = worlds.spec, worlds.xp
+        place = worlds.xp.asarray
+        self._middle, self._half = place((spec.lower + spec.upper) / 2), place((spec.upper - spec.lower) / 2)
+        self._limit = place(spec.actuation.torque_limit)
+        self._factors = place(np.tile([_USUAL[name] for name in FACTORS], (worlds.n, 1)))
+        self.size = 4 * spec.n_joints + (0 if thing is None else 13 + len(FACTORS))
+        """Numbers of one hand."""
+
+    def begin(self, rows: Rows, values: dict[str, Array]) -> None:
+        """A new episode of some hands, with what was drawn for it, (m, …) each."""
+        for column, name in enumerate(FACTORS):
+            self._factors[rows, column] = values.get(name, _USUAL[name])
+
+    def __call__(self, tick: NDArray[np.int64]) -> Floats:
+        """Now, (n, size), `tick` (n,) periods after the beginning; zeros for a simulation that has diverged."""
+        worlds, begun, xp = self._worlds, tick[:, None] > 0, self._xp
+        parts = [
+            (worlds.position - self._middle) / self._half,
+            worlds.velocity / SPEED,
+            xp.where(begun, worlds.given(), 0.0) / self._limit,
+            xp.where(begun, worlds.external(), 0.0) / self._limit,
+        ]
+        if (thing := self._thing) is not None:
+            pose, spin = thing.pose, turned(thing.pose[:, 3:], thing.spin)
+            parts += [pose[:, :3] / _PLACE, pose[:, 3:], thing.velocity / _FAST, spin / _SPINS, self._factors]
+        whole = xp.clip(xp.nan_to_num(xp.concatenate(parts, axis=-1)), -BOUND, BOUND)
+        return xp.asarray(whole, np.float32)  # type: ignore[no-any-return]
+
+
+class Seen(NamedTuple):
+    """Of an object, all in the world's axes."""
+
+    position: Array
+    """(n, 3), m."""
+    quaternion: Array
+    """(n, 4)."""
+    velocity: Array
+    """(n, 3), m/s."""
+    spin: Array
+    """(n, 3), rad/s."""
+
+
+class Camera:
+    """Looks at a body of `n` simulations once a decision. Noise is drawn anew in each picture; a picture is late by
+    whole decisions. Speeds come from elsewhere and are late only."""
+
+    def __init__(self, settings: Randomise, body: Body, decimation: int) -> None:
+        n, xp = len(body.pose), library(body.pose)
+        self._body, self._decimation, self._xp = body, decimation, xp
+        self._key, self._own = xp.zeros(n, np.uint64), xp.arange(n)
+        self._noise = {
+            name: xp.zeros((n, 1)) for name in ("camera_shift", "camera_turn") if getattr(settings, name) is not None
+        }
+        self._late = None if settings.camera_delay is None else xp.zeros(n, np.int64)
+        self._past = xp.zeros((LONGEST_DELAY + 1, n, 13))
+
+    def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
+        """A new episode of some simulations: `values` as they were drawn, (m,) each."""
+        if self._noise:
+            self._key[rows] = draws.key()
+        for name, own in self._noise.items():
+            own[rows, 0] = values[name]
+        if self._late is not None:
+            self._late[rows] = self._xp.asarray(values["camera_delay"], np.int64)
+            self._past[:, rows] = self._now()[rows]
+
+    def look(self, tick: NDArray[np.int64]) -> Seen:
+        """The picture at the decision `tick` (n,) periods after the beginning."""
+        shown, picture = self._now(), tick // self._decimation
+        if self._late is not None:
+            self._past[picture % len(self._past), self._own] = shown
+            shown = self._past[(picture - self._late) % len(self._past), self._own]
+        position, quaternion, velocity, spin = shown[:, :3], shown[:, 3:7], shown[:, 7:10], shown[:, 10:]
+        if (width := self._noise.get("camera_shift")) is not None:
+            position = position + width * jitter(self._key, picture, 8, 3)
+        if (width := self._noise.get("camera_turn")) is not None:
+            quaternion = turned_by(quaternion, width * jitter(self._key, picture, 9, 3))
+        return Seen(position, quaternion, velocity, spin)
+
+    def _now(self) -> Array:
+        body = self._body
+        now: Array = self._xp.concatenate([body.pose, body.velocity, turned(body.pose[:, 3:], body.spin)], axis=-1)
+        return now

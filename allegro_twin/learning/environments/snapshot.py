@@ -10,7 +10,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import Engine
 
-_OURS = ("allegro_twin.gym.", "allegro_twin.sim.batch.")
+_OURS = ("allegro_twin.learning.environments.", "allegro_twin.learning.tasks.", "allegro_twin.sim.batch.")
 _PHYSICS = "physics"
 _FIELD = "engine/worlds/_rows/"
 

@@ -15,7 +15,6 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
-from allegro_twin.learning.policy.onnx_file import session
 from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
 from allegro_twin.spec import HandSpec, Side
 
@@ -159,3 +158,22 @@ def _of_zip(path: Path) -> str | None:
 def _of_onnx(path: Path) -> str | None:
     found: dict[str, str] = session(path).get_modelmeta().custom_metadata_map
     return found.get(KEY)
+
+
+def session(path: Path) -> Any:
+    """An open ONNX file, computing on one thread. Raises ConfigError where onnxruntime is missing."""
+    try:
+        import onnxruntime
+        from onnxruntime.capi import onnxruntime_pybind11_state as state
+    except ImportError as error:
+        raise ConfigError("an ONNX policy needs onnxruntime: pip install 'allegro-twin[policy]'") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # So small a network gains nothing by more.
+    refusals = (  # They share no base of their own.
+        state.Fail, state.InvalidArgument, state.InvalidGraph, state.InvalidProtobuf, state.NoModel, state.NoSuchFile,
+        state.NotImplemented, state.RuntimeException,
+    )  # fmt: skip
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except refusals as error:
+        raise ConfigError(f"{path}: not a readable ONNX file: {str(error).splitlines()[0]}") from error

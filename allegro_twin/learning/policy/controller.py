@@ -10,8 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.learning.policy.interface import Floats, Interface, Observation
-from allegro_twin.learning.policy.memory import Course, Memory
+from allegro_twin.learning.policy.interface import Course, Floats, Interface, Memory, Observation
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 

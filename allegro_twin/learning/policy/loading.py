@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.learning.policy.card import Card, read_card
+from allegro_twin.learning.policy.card import Card, read_card, session
 from allegro_twin.learning.policy.controller import Policy, PolicyController
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.policy.onnx_file import session
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from allegro_twin.array_api import host
+from allegro_twin.control import laws
+from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import Given, name_of
@@ -14,15 +17,20 @@ from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.settings import EnvSettings, Level, Options
 from allegro_twin.learning.policy.card import Closed
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.policy.script import closing, holding, sampled, table
+from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
 from allegro_twin.learning.tasks.base import Outcome, Ticks
 from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, Grasp
-from allegro_twin.learning.tasks.levels import Variation
-from allegro_twin.learning.tasks.played_starts import played
 from allegro_twin.learning.tasks.scenes import THING, Scene, known, some
+from allegro_twin.learning.tasks.scripted_closing import Variation
 from allegro_twin.learning.tasks.vectors import effort_of, length
 from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
+
+if TYPE_CHECKING:
+    import mujoco
+
 
 EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.
 STRONGEST = 2.5  # Weights of the object. Along each axis a push is drawn from [-this, this].
@@ -152,3 +160,23 @@ class HoldDisturbed(Grasp):
         caught = sampled(closing(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
         self.worlds.keep_start(number, played(self.spec, scene.model, self.gains, caught, self.settings, around))
         return bool(np.linalg.norm(seen[-1] - seen[0]) < HELD)
+
+
+def played(
+    spec: HandSpec,
+    model: mujoco.MjModel,
+    gains: Gains,
+    script: Script,
+    settings: EnvSettings,
+    around: Callable[[Worlds, int], None],
+) -> Array:
+    """The state after the hand has followed a script; `around` acts on the one simulation before every period."""
+    worlds = Worlds(spec, model, 1, 1)
+    worlds.choose(np.zeros(1, np.int64), np.zeros(1, np.int64))
+    worlds.place(np.zeros(1, np.int64), script.position[:1])
+    for k, (position, velocity) in enumerate(zip(script.position, script.velocity, strict=True)):
+        around(worlds, k)
+        error, rate = position - worlds.position[0], velocity - worlds.velocity[0]
+        worlds.tell(position[None] if worlds.leads else laws.pd(error, rate, gains.kp, gains.kd)[None])
+        worlds.step(None, substeps(settings.period, settings.timestep))
+    return worlds.state(0)

@@ -10,8 +10,8 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import Given, name_of
 from allegro_twin.learning.environments.settings import Level
 from allegro_twin.learning.tasks.grasp import Grasp
-from allegro_twin.learning.tasks.levels import EASY, HARD, Variation
 from allegro_twin.learning.tasks.scenes import Scene, presented
+from allegro_twin.learning.tasks.scripted_closing import EASY, HARD, Variation
 
 # A scenario of the taxonomy for each: where the palm goes, and the grasp.
 _SCENARIOS = {"ball_30": "inferior_pincer", "golf_ball": "golf_ball"}

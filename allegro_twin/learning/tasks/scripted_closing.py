@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -19,11 +20,43 @@ from allegro_twin.learning.environments.settings import EnvSettings, Level, Opti
 from allegro_twin.learning.policy.card import Closed
 from allegro_twin.learning.policy.script import Script, closed_after, closing, sampled, table
 from allegro_twin.learning.tasks.base import Task
-from allegro_twin.learning.tasks.levels import EASY, HARD, Variation
 from allegro_twin.learning.tasks.scenes import THING, Scene, worlds
 from allegro_twin.sim.batch.worlds import Rows
 from allegro_twin.sim.contact.overlap import overlap
 from allegro_twin.types import Array, Vector
+
+_Range = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """What is drawn of an object at every reset, unless `randomise` or an option of the reset says it."""
+
+    noise: float
+    """It is off by up to so much along each axis, m."""
+    yaw: float = 0.0
+    """It is turned about the vertical by up to so much, rad."""
+    friction: _Range | None = None
+    """Sliding friction of every contact."""
+    mass: _Range | None = None
+    """Factor on its mass."""
+    size: _Range | None = None
+    """Factor on its size."""
+    push: float = 1.0
+    """Factor on the pushes."""
+
+    def draw(self, draws: Draws, values: dict[str, Array]) -> None:
+        """Put what nobody has drawn into `values`; the same numbers are used up whatever is missing."""
+        for name in ("friction", "mass", "size"):
+            share = draws.within(0.0, 1.0)[:, 0]
+            found: _Range | None = getattr(self, name)
+            if found is not None and name not in values:
+                values[name] = found[0] + (found[1] - found[0]) * share
+
+
+EASY = Variation(noise=0.010)
+HARD = Variation(noise=0.020, yaw=float(np.radians(20.0)), friction=(0.4, 1.0), mass=(0.5, 2.5), size=(0.9, 1.1))
+
 
 MARGIN = 0.1  # s, for the last action.
 DEEPEST = 0.012  # m. How far an object may begin inside the pre-shaped hand: more would be thrown out, not grasped.

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.learning.training.settings import Recipe, load_recipe
 
 if TYPE_CHECKING:
-    from allegro_twin.learning.training.learned import Trained
+    from allegro_twin.learning.training.progress import Trained
 
 _STABLE = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
 _RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime", "tensorboard")
@@ -32,6 +32,6 @@ def train(
             import_module(name)
         except ImportError as error:
             raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
-    module = {"rsl-rl": "tensors.ppo", "dagger": "tensors.dagger"}.get(recipe.learner, "stable.ppo")
+    module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     trained: Trained = import_module(f"allegro_twin.learning.training.{module}").learn(recipe, folder, advance)
     return trained

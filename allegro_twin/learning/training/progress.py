@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import csv
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
 from allegro_twin.files.schema import parse
 from allegro_twin.hands.description.hands import load_spec
@@ -53,6 +55,28 @@ def made_of(recipe: Recipe) -> dict[str, str]:
     }
 
 
+def checkpoint_content(recipe: Recipe, progress: Progress) -> dict[str, Any]:
+    """What every checkpoint says of its training; `checked_progress` reads it."""
+    return {
+        "version": VERSION,
+        "recipe": recipe.model_dump(mode="json"),
+        "made_of": made_of(recipe),
+        "progress": asdict(progress),
+    }
+
+
+def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> Progress:
+    """How far a checkpoint is. Raises ConfigError for one of another version, another recipe or other inputs."""
+    if content["version"] != VERSION:
+        raise ConfigError(
+            f"{path} is a checkpoint of version {content['version']}; this package continues {VERSION}: "
+            "train anew in another folder"
+        )
+    same_training(path, content["recipe"], recipe)
+    same_inputs(path, content.get("made_of", {}), recipe)
+    return Progress(**content["progress"])
+
+
 def same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
     """Raise ConfigError for a checkpoint that was made of something else: to go on from it would mix two trainings."""
     now = made_of(recipe)
@@ -76,3 +100,76 @@ def same_training(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
         raise ConfigError(
             f"{path.parent.parent} is a training with {key} {then.get(key)}, not {now.get(key)}: choose another folder"
         )
+
+
+GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.
+STATE = "state"
+Advance = Callable[[int, float, float], None]
+"""Told after every update: the actions taken in all, and the mean return and success rate of the episodes that ended
+since, NaN where none did."""
+FINAL_RATE = 0.1  # Of the learning rate, at the end.
+EVALUATION = 1_000_000_000  # Seeds of the evaluations: never those of training.
+ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """What a training has left behind."""
+
+    policy: Path
+    """The .onnx file."""
+    progress: Progress
+    rate: float
+    """Success rate of the last evaluation, on what was trained on."""
+
+
+def note(recipe: Recipe, progress: Progress) -> str:
+    """How a policy was trained, for its card."""
+    how = "PPO" if recipe.teacher is None else f"DAgger of {recipe.teacher}"
+    how += "" if recipe.start is None else f" from {recipe.start} on"
+    return f"{how}, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
+
+
+def rate_of(recipe: Recipe, progress: Progress) -> float:
+    """Of learning, in the next round: it falls in a straight line to a tenth."""
+    return recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * progress.rounds / recipe.rounds)
+
+
+def round_seed(seed: int, rounds: int) -> int:
+    """Of the first simulation in the round after so many, with Stable-Baselines3; the others' follow it."""
+    return (seed + rounds * ROUND_SEEDS) % 2**31
+
+
+def farthest_of(recipe: Recipe, progress: Progress) -> float | None:
+    """How far goals are in the next round, rad, where the recipe says so."""
+    if recipe.farthest is None:
+        return None
+    near, far = recipe.farthest
+    return near + (far - near) * progress.rounds / max(recipe.rounds - 1, 1)
+
+
+COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
+"""Actions in all; s of training; episodes that ended since the last row; their mean return and length and the share
+that went well; and the success rate without noise on the actions, once a round. Empty: nothing to tell."""
+
+
+class Curve:
+    """Goes on after the rows up to `steps`; what a killed training wrote behind them is done again."""
+
+    def __init__(self, path: Path, steps: int) -> None:
+        kept: list[dict[str, str]] = []
+        if steps and path.is_file():
+            with path.open(newline="") as file:
+                rows = [row for row in csv.DictReader(file) if None not in row.values()]  # The last may be cut.
+                kept = [row for row in rows if int(row["steps"]) <= steps]
+        self._path = path
+        with whole_file(path) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(kept)
+
+    def add(self, **values: float | int | None) -> None:
+        row = {name: value if isinstance(value, int) else f"{value:.6g}" for name, value in values.items()
+               if value is not None}  # fmt: skip
+        with self._path.open("a", newline="") as file:
+            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)

@@ -18,7 +18,7 @@ from allegro_twin.learning.policy.controller import Policy, Still
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.tasks import make_task
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate, fitting, keywords
-from allegro_twin.learning.training.learned import EVALUATION, round_seed
+from allegro_twin.learning.training.progress import EVALUATION, round_seed
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.viewing.camera import Picture
 from allegro_twin.viewing.films import film

@@ -5,18 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_folder
-from allegro_twin.recording.exchange.lerobot import Told, write_set
-from allegro_twin.recording.exchange.lerobot_meta import Origin
-from allegro_twin.recording.exchange.minari import DATA, METADATA, VERSION, hdf5, identifier
+from allegro_twin.recording.exchange import minari
+from allegro_twin.recording.exchange.episodes import new_folder
+from allegro_twin.recording.exchange.lerobot import Origin, Told, write_set
+from allegro_twin.recording.exchange.minari import box, hdf5, identifier
 
 OBSERVATION = "observation"
 
@@ -44,36 +43,25 @@ class Episode:
 def to_minari(episodes: Sequence[Episode], folder: Path, period: float) -> None:
     """Write a new data set, whole or not at all; its id is `identifier(folder)`. `period`: of a step, s. Raises
     ConfigError without h5py, or for a folder that has something in it or another name."""
-    h5py, name = hdf5(), identifier(folder)
-    _begin(folder)
-    made = BytesIO()
-    with h5py.File(made, "w", track_order=True) as file:
-        for number, episode in enumerate(episodes):
-            _add(file.create_group(f"episode_{number}"), number, episode)
-    first, steps = episodes[0], sum(len(episode.action) for episode in episodes)
+    hdf5()
+    identifier(folder)
+    new_folder(folder)
+    first = episodes[0]
     content = {
-        "dataset_id": name, "minari_version": VERSION, "data_format": "hdf5", "jpeg_encoding": False,
-        "total_episodes": len(episodes), "total_steps": steps, "dataset_size": round(len(made.getvalue()) / 1e6, 1),
         "description": f"{first.environment}: {first.task}; {period:g} s a step",
-        "observation_space": _space(first.observation), "action_space": json.dumps(_box(first.action)),
-    }  # fmt: skip
-    with whole_folder(folder) as temporary:
-        (temporary / DATA).parent.mkdir()
-        (temporary / DATA).write_bytes(made.getvalue())
-        (temporary / METADATA).write_text(json.dumps(content))
+        "observation_space": _space(first.observation),
+        "action_space": json.dumps(box(first.action)),
+    }
+    steps = [len(episode.action) for episode in episodes]
+    minari.write_set(folder, steps, lambda group, number: _add(group, episodes[number]), content)
 
 
 def to_lerobot(episodes: Sequence[Episode], folder: Path, period: float, robot: str) -> None:
     """Write a new data set, whole or not at all. Its frames are the steps, each with what was seen before it and what
     came of it (`next.…`). Raises ConfigError for a folder that has something in it."""
-    _begin(folder)
+    new_folder(folder)
     with whole_folder(folder) as temporary:
         write_set([Told(each.task, _features(each)) for each in episodes], Origin(robot, period, {}), temporary)
-
-
-def _begin(folder: Path) -> None:
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigError(f"{folder} is there already: a data set is written in one go, into a new folder")
 
 
 def _features(episode: Episode) -> dict[str, NDArray[Any]]:
@@ -90,11 +78,10 @@ def _features(episode: Episode) -> dict[str, NDArray[Any]]:
     }
 
 
-def _add(group: Any, number: int, episode: Episode) -> None:
+def _add(group: Any, episode: Episode) -> None:
     steps = len(episode.action)
     last = np.zeros(steps, bool)
     last[-1:] = True
-    group.attrs.update({"id": number, "total_steps": steps})
     if set(episode.observation) == {OBSERVATION}:
         group["observations"] = episode.observation[OBSERVATION]
     else:
@@ -108,13 +95,7 @@ def _add(group: Any, number: int, episode: Episode) -> None:
 
 
 def _space(observation: Mapping[str, NDArray[np.float32]]) -> str:
-    boxes = {name: _box(values) for name, values in observation.items()}
+    boxes = {name: box(values) for name, values in observation.items()}
     if set(boxes) == {OBSERVATION}:
         return json.dumps(boxes[OBSERVATION])
     return json.dumps({"type": "Dict", "subspaces": boxes})
-
-
-def _box(values: NDArray[np.float32]) -> dict[str, Any]:
-    width = values.shape[1]
-    bounds = {"low": [-np.inf] * width, "high": [np.inf] * width}
-    return {"type": "Box", "dtype": str(values.dtype), "shape": [width], **bounds}

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import Recording
 from allegro_twin.types import Array
 
@@ -19,13 +20,18 @@ KEPT = "recording"
 """Under which name a set keeps every column of a recording as it was, beside what its own format asks for."""
 
 
-def begin(recordings: Sequence[Recording], folder: Path) -> None:
-    """Raise ConfigError for a folder that has something in it, or for recordings of different hands, periods or
-    columns."""
+def new_folder(folder: Path) -> None:
+    """Raise ConfigError for a path that has something in it."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file: a data set is written in one go, into a new folder")
     if folder.exists() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: a data set is written in one go, into a new folder")
+
+
+def begin(recordings: Sequence[Recording], folder: Path) -> None:
+    """Raise ConfigError for a folder that has something in it, or for recordings of different hands, periods or
+    columns."""
+    new_folder(folder)
     first = recordings[0]
     for other in recordings[1:]:
         if (other.spec.name, other.period) != (first.spec.name, first.period):
@@ -72,12 +78,8 @@ def write(recording: Recording, path: Path) -> None:
     it."""
     from allegro_twin.recording.recorder import UNITS
 
-    fields, arrays = [], []
-    for name, values in recording.columns.items():
-        flat = pa.array(values.reshape(-1))
-        arrays.append(flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1]))
-        kind = flat.type if values.ndim == 1 else pa.list_(flat.type, values.shape[1])
-        fields.append(pa.field(name, kind).with_metadata({"unit": UNITS.get(name, "")}))
+    arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
+    fields = [pa.field(name, a.type).with_metadata({"unit": UNITS.get(name, "")}) for name, a in arrays.items()]
     schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(dict(recording.meta))})
     with whole_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
-        writer.write_table(pa.table(arrays, schema=schema))
+        writer.write_table(pa.table(list(arrays.values()), schema=schema))

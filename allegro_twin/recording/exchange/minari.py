@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -33,8 +33,15 @@ def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
     recordings of different kinds; RecordingError when the disk does not let it."""
     hdf5()
     begin(recordings, folder)
-    with whole_folder(folder) as temporary:
-        _write(recordings, temporary, identifier(folder))
+    first = recordings[0]
+    content = {
+        "description": f"{first.spec.name}: {'; '.join(sorted({task_of(each) for each in recordings}))}; observations "
+        f"are joint positions and speeds, actions are {action_of(first)[0]}",
+        "observation_space": json.dumps(box(observation_of(first))),
+        "action_space": json.dumps(box(action_of(first)[1])),
+    }
+    steps = [len(recording) - 1 for recording in recordings]
+    write_set(folder, steps, lambda group, number: _add(group, recordings[number]), content)
 
 
 def identifier(folder: Path) -> str:
@@ -45,29 +52,23 @@ def identifier(folder: Path) -> str:
     return f"{folder.resolve().parent.name}/{folder.name}"
 
 
-def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
-    (folder / DATA).parent.mkdir()
-    made = BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
+def write_set(folder: Path, steps: Sequence[int], add: Callable[[Any, int], None], content: Mapping[str, str]) -> None:
+    """Write a data set, whole or not at all. `steps`: of each episode; `add`: fills the HDF5 group of an episode;
+    `content`: what the metadata say besides."""
+    name, made = identifier(folder), BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
     with hdf5().File(made, "w", track_order=True) as file:
-        for number, recording in enumerate(recordings):
-            _add(file.create_group(f"episode_{number}"), number, recording)
-    (folder / DATA).write_bytes(made.getvalue())
-    steps = sum(len(recording) - 1 for recording in recordings)
-    first = recordings[0]
-    content = {
-        "dataset_id": name,
-        "minari_version": VERSION,
-        "data_format": "hdf5",
-        "jpeg_encoding": False,
-        "total_episodes": len(recordings),
-        "total_steps": steps,
-        "dataset_size": round((folder / DATA).stat().st_size / 1e6, 1),
-        "description": f"{first.spec.name}: {'; '.join(sorted({task_of(each) for each in recordings}))}; observations "
-        f"are joint positions and speeds, actions are {action_of(first)[0]}",
-        "observation_space": _box(observation_of(first)),
-        "action_space": _box(action_of(first)[1]),
-    }
-    (folder / METADATA).write_text(json.dumps(content))
+        for number, count in enumerate(steps):
+            group = file.create_group(f"episode_{number}")
+            group.attrs.update({"id": number, "total_steps": count})
+            add(group, number)
+    head = {
+        "dataset_id": name, "minari_version": VERSION, "data_format": "hdf5", "jpeg_encoding": False,
+        "total_episodes": len(steps), "total_steps": sum(steps), "dataset_size": round(len(made.getvalue()) / 1e6, 1),
+    }  # fmt: skip
+    with whole_folder(folder) as temporary:
+        (temporary / DATA).parent.mkdir()
+        (temporary / DATA).write_bytes(made.getvalue())
+        (temporary / METADATA).write_text(json.dumps(head | dict(content)))
 
 
 def from_minari(folder: Path, episode: int = 0) -> Recording:
@@ -90,11 +91,11 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
         raise RecordingError(f"{path}: not a readable HDF5 file: {error}") from error
 
 
-def _add(group: Any, number: int, recording: Recording) -> None:
+def _add(group: Any, recording: Recording) -> None:
     steps = len(recording) - 1
     ends = np.zeros(steps, bool)
     ends[-1:] = True  # Nobody ended it: the recording did.
-    group.attrs.update({"id": number, "total_steps": steps, META: json.dumps(dict(recording.meta))})
+    group.attrs[META] = json.dumps(dict(recording.meta))
     group["observations"] = observation_of(recording)
     group["actions"] = action_of(recording)[1][:-1]
     group["rewards"] = np.zeros(steps)
@@ -105,11 +106,11 @@ def _add(group: Any, number: int, recording: Recording) -> None:
         kept[name] = values
 
 
-def _box(values: NDArray[np.float64]) -> str:
+def box(values: NDArray[Any]) -> dict[str, Any]:
     """A space without bounds, as Minari writes it."""
     width = values.shape[1]
     bounds = {"low": [-np.inf] * width, "high": [np.inf] * width}
-    return json.dumps({"type": "Box", "dtype": str(values.dtype), "shape": [width], **bounds})
+    return {"type": "Box", "dtype": str(values.dtype), "shape": [width], **bounds}
 
 
 def hdf5() -> Any:

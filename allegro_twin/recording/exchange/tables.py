@@ -11,15 +11,13 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import Recording
 
 
 def to_parquet(recording: Recording, path: Path) -> None:
     """One column of lists per quantity, as in the recording; the metadata goes along as JSON."""
-    arrays = {}
-    for name, values in recording.columns.items():
-        flat = pa.array(values.reshape(-1))
-        arrays[name] = flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     table = pa.table(arrays).replace_schema_metadata({"allegro_twin": json.dumps(dict(recording.meta))})
     with whole_file(path) as temporary:
         pyarrow.parquet.write_table(table, temporary)

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from allegro_twin.files.assets import data_root
+from allegro_twin.recording.messages.build import transform
 from allegro_twin.recording.messages.vocabulary import TF, Message, Vocabulary
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -90,16 +91,7 @@ def _times(a: Array, b: Array) -> Array:
 
 
 def _message(words: Vocabulary, stamp: int, frames: list[Frame], turns: Array) -> Message:
-    transforms = []
-    for frame, turn in zip(frames, turns.tolist(), strict=True):
-        x, y, z = frame.xyz.tolist()
-        place = words.make(
-            "geometry_msgs/msg/Transform",
-            translation=words.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-            rotation=words.make("geometry_msgs/msg/Quaternion", x=turn[0], y=turn[1], z=turn[2], w=turn[3]),
-        )
-        header = words.header(stamp, frame.parent)
-        transforms.append(
-            words.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=frame.child, transform=place)
-        )
-    return words.make(TF, transforms=transforms)
+    """`turns`: quaternions x, y, z, w, (k, 4)."""
+    poses = [np.array([*frame.xyz, turn[3], *turn[:3]]) for frame, turn in zip(frames, turns, strict=True)]
+    each = zip(frames, poses, strict=True)
+    return words.make(TF, transforms=[transform(words, stamp, frame.parent, frame.child, pose) for frame, pose in each])

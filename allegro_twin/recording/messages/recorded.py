@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages.build import WORLD, transform
 from allegro_twin.recording.messages.frames import Frames, description
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -20,7 +21,6 @@ META = f"{NAMESPACE}/recording"
 COLUMN = f"{META}/"
 """Before the name of each column: a Float64MultiArray a row."""
 STATES = f"{NAMESPACE}/joint_states"
-WORLD = "world"
 ARRAY = "std_msgs/msg/Float64MultiArray"
 POSES = {"palm": "", "object": "object"}
 """Columns that are a pose in the world, and the frame that has it; empty: the hand's own root."""
@@ -67,7 +67,7 @@ def rows(words: v.Vocabulary, spec: HandSpec, meta: Mapping[str, Any], columns: 
         at = max(round((t - float(columns["t"][0])) * 1e9), 0)
         moving = frames.at(words, at, columns["position"][row])
         for name, frame in placed.items():
-            moving.transforms.append(_pose(words, at, frame, columns[name][row].tolist()))
+            moving.transforms.append(transform(words, at, WORLD, frame, columns[name][row]))
         yield Row("/tf", at, moving)
         state = words.make(
             v.JOINT_STATE,
@@ -81,18 +81,3 @@ def rows(words: v.Vocabulary, spec: HandSpec, meta: Mapping[str, Any], columns: 
         for name, values in columns.items():
             numbers = np.atleast_1d(values[row]).astype(np.float64)
             yield Row(COLUMN + name, at, words.make(ARRAY, layout=layout, data=numbers))
-
-
-def _pose(words: v.Vocabulary, at: int, frame: str, pose: list[float]) -> v.Message:
-    """A transform from the world, of position (m) and quaternion w x y z."""
-    x, y, z, qw, qx, qy, qz = pose
-    return words.make(
-        "geometry_msgs/msg/TransformStamped",
-        header=words.header(at, WORLD),
-        child_frame_id=frame,
-        transform=words.make(
-            "geometry_msgs/msg/Transform",
-            translation=words.make(v.VECTOR, x=x, y=y, z=z),
-            rotation=words.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-        ),
-    )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS
+from allegro_twin.kinematics.maths import ARRAYS
 from allegro_twin.kinematics.orientation import angle_between, entries_of_matrix, is_rotation
 from allegro_twin.sim.contact.self_clearance import touching_geoms
 from allegro_twin.sim.model.scene import Stage, compile_scene

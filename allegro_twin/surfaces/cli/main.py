@@ -10,7 +10,7 @@ import typer
 
 from allegro_twin.surfaces.cli import ends
 from allegro_twin.surfaces.cli.grasps import evaluating, improving, planning
-from allegro_twin.surfaces.cli.hand import bus, hands, live
+from allegro_twin.surfaces.cli.hand import bus, check_backend, hands, live
 from allegro_twin.surfaces.cli.policies import collecting, training
 from allegro_twin.surfaces.cli.recorded import exchange
 from allegro_twin.surfaces.cli.run import looking, running
@@ -51,6 +51,7 @@ planning.register(app)
 improving.register(app)
 exchange.register(app)
 bus.register(app)
+check_backend.register(app)
 training.register(app)
 collecting.register(app)
 evaluating.register(app)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +11,8 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.control.trajectory import FASTEST, Moves, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.closed_form.geometry import has_closed_form
-from allegro_twin.kinematics.closed_form.solution import Best
-from allegro_twin.kinematics.model import HandModel
-from allegro_twin.kinematics.numeric import NumericFinger
+from allegro_twin.kinematics.finger import FingerKinematics
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.orientation import (
     angle_between,
     euler_from_matrix,
@@ -25,21 +22,20 @@ from allegro_twin.kinematics.orientation import (
     slerp,
 )
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.spec import HandSpec
+from allegro_twin.kinematics.solutions import Best
 from allegro_twin.types import Array, Vector
 
 _SLOWEST = 1e-5  # m/s. Hours for the length of a finger: who asks for less has mistaken the unit.
 _STEP = 0.002  # m between the points of a line that are solved; joints run straight in between.
 _LEVER = 0.05  # m. A turn of a tip counts as this arc a radian: about its distance from the joint before its last.
 _JUMP = 0.5  # rad. A joint that goes further between two points has changed over to another posture.
-_SAME = 0.001  # m. Models whose fingertips are so close together are of the same geometry.
 _TURNED = 0.01  # rad. An orientation that is nearer than this is met.
 
 
 class _Line(NamedTuple):
     """The way of one tip."""
 
-    solver: FingerKinematics | NumericFinger
+    solver: FingerKinematics
     joints: list[int]
     begin: Pose
     point: Vector
@@ -54,43 +50,26 @@ class _Line(NamedTuple):
         return max(float(np.linalg.norm(self.point - self.begin.position)), _LEVER * turn)
 
 
-def check_closed_form(spec: HandSpec, model: HandModel, posture: Vector, fingers: Iterable[str]) -> None:
-    """Whether the closed form speaks of the model in use, which may be somebody else's. Raises ConfigError with the
-    difference between their fingertips."""
-    if spec.foreign is None or spec.foreign.keeps:
-        return
-    tips = model.fingertips(posture)
-    for name in fingers:
-        closed = FingerKinematics(spec, name).fk(posture[list(spec.finger(name).joints)]).position
-        apart = float(np.linalg.norm(closed - tips[name].position))
-        if apart > _SAME:
-            raise ConfigError(
-                f"{name}: the closed form has the fingertip {apart * 1000:.1f} mm from where "
-                f"{spec.foreign.mjcf} has it; only hands of the nominal geometry move fingertips: use move_to"
-            )
-
-
 def straight_line_motion(
-    spec: HandSpec,
+    hand: HandKinematics,
     start: Vector,
     targets: Mapping[str, ArrayLike],
     speed: float,
     euler: Mapping[str, ArrayLike] | None = None,
-    model: HandModel | None = None,
 ) -> Moves:
     """The motion of some fingertips from a posture (n,), rad, straight to their targets (3,), m, palm frame.
 
     They leave and arrive together, from rest to rest; the one that travels furthest peaks at `speed`, m/s. `euler`
     says how some of them are then turned: roll, pitch, yaw, (3,), rad. Each point takes the posture nearest to the one
-    before. Other fingers stay. `model` solves for fingers without a closed form. Raises ConfigError for a speed that no
-    hand has; for a target out of reach, with the distance to the nearest point within it; for an orientation that the
-    tip cannot have there, with the nearest; and for a line that leaves the reach on its way.
+    before. Other fingers stay. Raises ConfigError for a speed that no hand has; for a target out of reach, with the
+    distance to the nearest point within it; for an orientation that the tip cannot have there, with the nearest; and
+    for a line that leaves the reach on its way.
     """
     if not speed >= _SLOWEST:
         raise ConfigError(f"speed must be positive, in m/s, and at least {_SLOWEST:g}; it is {speed}")
     if loose := [name for name in euler or {} if name not in targets]:
         raise ConfigError(f"euler is given for {loose[0]}, which has no target position")
-    lines = [_line(spec, start, name, value, (euler or {}).get(name), model) for name, value in targets.items()]
+    lines = [_line(hand, start, name, value, (euler or {}).get(name)) for name, value in targets.items()]
     furthest = max((line.length for line in lines), default=0.0)
     if furthest < 1e-6:
         return Moves([Waypoint(start, seconds=1e-3)])
@@ -110,25 +89,15 @@ def straight_line_motion(
     return Moves([Waypoint(row, seconds=seconds / count, profile="linear") for row in rows])
 
 
-def _line(
-    spec: HandSpec, start: Vector, name: str, value: ArrayLike, euler: ArrayLike | None, model: HandModel | None
-) -> _Line:
-    joints = list(spec.finger(name).joints)
-    solver = _solver(spec, start, name, model)
-    if euler is not None and isinstance(solver, NumericFinger):
-        raise ConfigError(f"{name} of {spec.name} has no closed form: leave out euler, its tip turns as it comes")
+def _line(hand: HandKinematics, start: Vector, name: str, value: ArrayLike, euler: ArrayLike | None) -> _Line:
+    joints, solver = list(hand.spec.finger(name).joints), hand.finger(name)
     point = _three(value, f"{name}: a fingertip position is three finite numbers, m, palm frame")
     rotation = None
     if euler is not None:
-        rotation = matrix_from_euler(_three(euler, f"{name}: euler is roll, pitch and yaw, rad"))
+        turn = _three(euler, f"{name}: euler is roll, pitch and yaw, rad")
+        solver.ik(point, euler=turn)  # Raises where this finger's orientation cannot be asked for.
+        rotation = matrix_from_euler(turn)
     return _Line(solver, joints, solver.fk(start[joints]), point, rotation)
-
-
-def _solver(spec: HandSpec, start: Vector, name: str, model: HandModel | None) -> FingerKinematics | NumericFinger:
-    """The closed form where there is one."""
-    if model is None or has_closed_form(spec.model, name):
-        return FingerKinematics(spec, name)
-    return NumericFinger(spec, model, name, start)
 
 
 def _solved(line: _Line, parts: Array, start: Vector) -> Array:
@@ -163,8 +132,8 @@ def _check_end(line: _Line, near: Vector) -> None:
         )
 
 
-def _best(solver: FingerKinematics | NumericFinger, point: Vector, rotation: Array | None, near: Vector) -> Best:
-    if rotation is None or isinstance(solver, NumericFinger):
+def _best(solver: FingerKinematics, point: Vector, rotation: Array | None, near: Vector) -> Best:
+    if rotation is None:
         return solver.ik(point, near=near).best(near)
     return solver.ik(point, rotation=rotation).best(near)
 

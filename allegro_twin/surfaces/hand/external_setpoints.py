@@ -7,11 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.control.setpoint_filter import Pursuit
-from allegro_twin.control.timed_path import Timed
-from allegro_twin.control.trajectory import FASTEST, Following
+from allegro_twin.control.setpoint_filter import RateLimitedSetpoint
+from allegro_twin.control.trajectory import FASTEST, KnownPath, TimedPath
 from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.hand.cartesian import check_closed_form
 from allegro_twin.surfaces.hand.facade import Hand
 from allegro_twin.types import Array, Vector
 
@@ -26,7 +24,7 @@ class ExternalSetpoints:
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:
         """`speed`, rad/s: of a set-point's joints at most."""
         self._hand, self._mover, self._speed = hand, hand._mover, speed
-        self._pursuit: Pursuit | None = None
+        self._pursuit: RateLimitedSetpoint | None = None
         self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
     def track(self, posture: ArrayLike, what: str = "joint_cmd") -> Vector:
@@ -38,14 +36,14 @@ class ExternalSetpoints:
         if pursuit is not None:
             pursuit.goal = goal
             return goal
-        self._pursuit = Pursuit(goal, self._speed)
+        self._pursuit = RateLimitedSetpoint(goal, self._speed)
         self._mover.follow(self._mover.position_kind, self._pursuit, what)
         return goal
 
     def nominal(self) -> None:
         """Raises ConfigError for a hand whose fingertips are not where the nominal one has them."""
-        spec = self._hand.spec
-        check_closed_form(spec, self._mover.model, self._mover.state.position, [finger.name for finger in spec.fingers])
+        fingers = [finger.name for finger in self._hand.spec.fingers]
+        self._mover.model.check_closed_form(fingers, self._mover.state.position)
 
     def rest(self) -> Vector:
         """Go no further than the set-point is now, (n,), rad, which is given back; what presses goes on pressing."""
@@ -56,7 +54,7 @@ class ExternalSetpoints:
         return pursuit.goal
 
     @property
-    def _driving(self) -> Pursuit | None:
+    def _driving(self) -> RateLimitedSetpoint | None:
         """The pursuit, where nothing else drives the hand."""
         goal = self._mover.goal
         return self._pursuit if goal is not None and goal.path is self._pursuit else None
@@ -80,10 +78,10 @@ class ExternalSetpoints:
             return 0.0
         path = _through(here, times + late, postures, velocities, late)
         self._check(path, what)
-        self._mover.follow(self._mover.position_kind, Following(path), what)
+        self._mover.follow(self._mover.position_kind, KnownPath(path), what)
         return path.seconds
 
-    def _check(self, path: Timed, what: str) -> None:
+    def _check(self, path: TimedPath, what: str) -> None:
         spans = np.abs(np.diff(path.postures, axis=0)).max(axis=1)
         count = int(min(max(math.ceil(float(spans.sum()) / _STEP), 2 * len(path.times), 20), _MOST))
         points = [path(t) for t in np.linspace(0.0, path.seconds, count)]
@@ -105,12 +103,12 @@ class ExternalSetpoints:
         self._mover.ways.check_line(rows, what)
 
 
-def _through(here: Vector, times: Vector, postures: Array, velocities: Array | None, late: float) -> Timed:
+def _through(here: Vector, times: Vector, postures: Array, velocities: Array | None, late: float) -> TimedPath:
     """From where the hand is, at rest."""
     lead = [0.0] if late <= 0.0 else [0.0, late]
     still = np.repeat(here[None], len(lead), axis=0)
     rates = None if velocities is None else np.vstack([np.zeros_like(still), velocities])
-    return Timed(np.concatenate([lead, times]), np.vstack([still, postures]), rates)
+    return TimedPath(np.concatenate([lead, times]), np.vstack([still, postures]), rates)
 
 
 def _few(times: Vector) -> str:

@@ -16,15 +16,15 @@ from allegro_twin.app import Rig, assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
-from allegro_twin.control.motion import Motion
-from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
+from allegro_twin.control.demonstration import TaughtMotion
+from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
 from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture, load_trajectory
-from allegro_twin.kinematics.model import Pose
+from allegro_twin.kinematics.pose import Pose
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.bounds import JointBounds
-from allegro_twin.surfaces.hand.cartesian import check_closed_form, straight_line_motion
+from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, felt
 from allegro_twin.surfaces.hand.live_control import LiveControl
@@ -47,7 +47,7 @@ class Hand:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
         self._rig, self._bounds = rig, JointBounds(rig.spec)
-        self._mover = MotionControl(rig, gains, background=background or rig.device.live)
+        self._mover = MotionControl(rig, gains, background=background or rig.live)
         self.direct = LiveControl(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
 
@@ -183,8 +183,7 @@ class Hand:
         `move_to` does."""
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
-        check_closed_form(self.spec, self._mover.model, start, targets)
-        moves = straight_line_motion(self.spec, start, targets, speed, euler, mover.model)
+        moves = straight_line_motion(mover.model, start, targets, speed, euler)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what)
@@ -232,7 +231,7 @@ class Hand:
             yield demonstration
         self.stop()
 
-    def play(self, motion: str | Motion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
+    def play(self, motion: str | TaughtMotion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
         """Go to where a motion begins (peak speed `approach`, rad/s), then repeat it `speed` times as fast as it was
         shown: one of the library's trajectories, or what a demonstration gave. Raises as `move_to` does."""
         if isinstance(motion, str):
@@ -241,7 +240,7 @@ class Hand:
         motion = replace(motion, positions=np.array([self._posture(row, what) for row in motion.positions]))
         path = motion.path(speed)
         self.move_to(motion.positions[0], approach)
-        self._mover.follow(self._mover.still_kind, Following(path), what)
+        self._mover.follow(self._mover.still_kind, KnownPath(path), what)
         if wait:
             self.wait()
 

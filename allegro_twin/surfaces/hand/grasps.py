@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.controller import Timed, Touched, performer
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.motion import Goal, MotionControl
 from allegro_twin.types import HandState, Vector
@@ -38,7 +38,7 @@ class GraspOutcome:
     """Between the thumb's pad and the other touching pads, m; NaN unless the thumb and another touch."""
 
 
-def chosen(name: str, width: float | None, model: HandModel, spec: HandSpec) -> Grasp:
+def chosen(name: str, width: float | None, model: HandKinematics, spec: HandSpec) -> Grasp:
     """A grasp of the library, for an object's width, m. Raises ConfigError."""
     stored = load_grasp(name, spec)
     return stored if width is None else for_width(stored, width, model, spec)
@@ -68,7 +68,7 @@ def begin(
             f"{what}: a force is for hands that take torques; {spec.name} takes {', '.join(spec.commands)}"
         )
     else:
-        controller = Follow(motion.moves)
+        controller = PositionControl(motion.moves)
     path = motion.moves.begin(state.position)
     mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
 
@@ -81,7 +81,7 @@ def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> Timed:
     return Timed(Moves([*approach, close, grasp.waypoint("squeeze", SQUEEZE)]), to_preshape, to_close)
 
 
-def for_width(grasp: Grasp, width: float, model: HandModel, spec: HandSpec) -> Grasp:
+def for_width(grasp: Grasp, width: float, model: HandKinematics, spec: HandSpec) -> Grasp:
     """The grasp with its fingers closed to an object's width (m), and its squeeze moved along.
 
     Between pre-shape and squeeze the posture is taken whose thumb pad is `width` away from the others. Raises
@@ -101,7 +101,7 @@ def for_width(grasp: Grasp, width: float, model: HandModel, spec: HandSpec) -> G
     return replace(grasp, close=spec.posture(close), squeeze=squeeze)
 
 
-def aperture(model: HandModel, position: Vector, spec: HandSpec, fingers: tuple[str, ...] = ()) -> float:
+def aperture(model: HandKinematics, position: Vector, spec: HandSpec, fingers: tuple[str, ...] = ()) -> float:
     """Between the thumb's pad and the middle of the other fingers' pads, m."""
     tips = model.fingertips(position)
     thumb = spec.fingers[-1].name
@@ -109,7 +109,7 @@ def aperture(model: HandModel, position: Vector, spec: HandSpec, fingers: tuple[
     return float(np.linalg.norm(tips[thumb].position - np.mean(others, axis=0)) - 2 * _TIP_RADIUS)
 
 
-def felt(grasp: Grasp, state: HandState, model: HandModel, spec: HandSpec, weight: Vector) -> GraspOutcome:
+def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector) -> GraspOutcome:
     """What is known at the end of a grasp. `weight`: torques that carry the hand itself, (n,), N·m."""
     short = np.abs(grasp.squeeze - state.position)
     touching = tuple(f.name for f in spec.fingers if short[list(f.joints)].max() > _TOUCH)

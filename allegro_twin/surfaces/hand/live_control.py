@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
-from allegro_twin.control.planning import on_line
+from allegro_twin.control.path_planning import postures_on_line
 from allegro_twin.control.trajectory import FASTEST, SLOWEST
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.gains import load_gains
@@ -67,7 +67,7 @@ class LiveControl:
         spec, mover = self._rig.spec, self._mover
         goal = self._bounds.admit(posture, what)
         start = np.clip(mover.state.position, spec.lower, spec.upper)
-        mover.ways.check_line(on_line(start, goal), what)
+        mover.ways.check_line(postures_on_line(start, goal), what)
         mover.steer(goal, speed, what)
 
     def use_gains(self, name: str) -> None:

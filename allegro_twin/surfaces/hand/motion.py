@@ -14,13 +14,22 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
 from allegro_twin.backend import limp_of
-from allegro_twin.control.bumpless_switch import Relay
-from allegro_twin.control.controllers import PD, PID, Follow, Gains, Gravity, GravityCompensation, Send, Torque
-from allegro_twin.control.steered_path import Steering
-from allegro_twin.control.trajectory import Following, Hold, Path, Reference
+from allegro_twin.control.bumpless_switch import BumplessSwitch
+from allegro_twin.control.controllers import (
+    PD,
+    PID,
+    ConstantCommand,
+    ConstantTorque,
+    Gains,
+    GravityCompensation,
+    GravityFeedforward,
+    PositionControl,
+)
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
+from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference
 from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import paced, run
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
@@ -108,7 +117,7 @@ class MotionControl:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_model(rig.spec), CollisionFreePaths(rig.spec)
+        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0]
@@ -117,9 +126,9 @@ class MotionControl:
         """What stopped the last motion, if anything did."""
         self._told, self._changing, self._cut = True, threading.Lock(), False
         self._watch: MotionMonitor | None = None
-        self._gravity = Gravity(self.model.gravity_torque)
-        self._limp = Send(limp_of(rig.spec))
-        self._relay = Relay(self._limp, rig.spec.actuation.torque_limit)
+        self._gravity = GravityFeedforward(self.model.gravity_torque)
+        self._limp = ConstantCommand(limp_of(rig.spec))
+        self._relay = BumplessSwitch(self._limp, rig.spec.actuation.torque_limit)
         self.driver = LoopThread(self._samples(background), background=background)
 
     @property
@@ -144,7 +153,7 @@ class MotionControl:
         return "position" if self.kinds is FIRMWARES else "pid"
 
     @property
-    def gravity(self) -> Gravity:
+    def gravity(self) -> GravityFeedforward:
         """The feed-forward. Raises ConfigError when nobody says where down is."""
         self._gravity.check(self.state)
         return self._gravity
@@ -155,7 +164,7 @@ class MotionControl:
             vector = frozen(vector)
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
-        self._gravity = Gravity(self.model.gravity_torque, vector)
+        self._gravity = GravityFeedforward(self.model.gravity_torque, vector)
         self._relay.amend(lambda c: replace(c, gravity=self._gravity) if getattr(c, "gravity", None) is not None else c)
 
     def given_gravity(self) -> Vector | None:
@@ -175,7 +184,7 @@ class MotionControl:
         if kind not in self.kinds:
             raise ConfigError(unknown("controller", kind, self.kinds))
         if kind == "torque":
-            self.drive("torque", Torque(torque))
+            self.drive("torque", ConstantTorque(torque))
         elif kind == "limp":
             self.drive("limp", self._limp)
         elif kind == "gravity":
@@ -199,14 +208,14 @@ class MotionControl:
     def steer(self, posture: Vector, speed: float, what: str) -> None:
         """Head for a posture, (n,), rad, at `speed`, rad/s, from whatever the last such wish is doing, or from rest."""
         watch = self._watch
-        if watch is None or not isinstance(watch.goal.path, Steering):
-            self.follow(self.position_kind, Following(Steering(self.state.position)), what)
+        if watch is None or not isinstance(watch.goal.path, SmoothSetpoint):
+            self.follow(self.position_kind, KnownPath(SmoothSetpoint(self.state.position)), what)
             watch = self._watch
         with self._changing:
             if self._cut or watch is None or watch is not self._watch:
                 return  # Somebody wanted something else in the meantime.
             path, began = watch.goal.path, watch.goal.began
-            assert isinstance(path, Steering)
+            assert isinstance(path, SmoothSetpoint)
             seconds = path.head_for(self.state.t - began, posture, speed)
             self._watch = self._watched(Goal(path, began, seconds, what))
 
@@ -248,9 +257,9 @@ class MotionControl:
             raise self.stalled
         return state
 
-    def _position(self, kind: Kind, reference: Reference) -> PD | PID | Follow:
+    def _position(self, kind: Kind, reference: Reference) -> PD | PID | PositionControl:
         if kind == "position":
-            return Follow(reference)
+            return PositionControl(reference)
         if kind == "pd":
             return PD(reference, self.gains, self.gravity)
         return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
@@ -276,7 +285,7 @@ class MotionControl:
 
     def _samples(self, background: bool) -> Iterator[Sample]:
         samples = run(self._rig.backend, self._relay)
-        for sample in paced(samples) if background and not self._rig.device.live else samples:
+        for sample in paced(samples) if background and not self._rig.live else samples:
             self._look(sample)
             for listener in tuple(self.listeners):
                 listener(sample)

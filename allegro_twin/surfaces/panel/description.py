@@ -15,9 +15,8 @@ from allegro_twin.hands.description.hands import is_model
 from allegro_twin.hands.library.gains import gains_names
 from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.named import load_grasp, load_posture, posture_names
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.cartesian import check_closed_form
 from allegro_twin.surfaces.panel.requests import OpenScene
 from allegro_twin.surfaces.panel.stream import LibraryContents, SessionInfo
 from allegro_twin.types import Vector
@@ -102,13 +101,12 @@ def _things() -> tuple[str, ...]:
 
 def _no_tips(spec: HandSpec) -> str:
     """Why fingertips cannot be dragged."""
-    from allegro_twin.sim.model.statics import hand_model
+    from allegro_twin.kinematics.hand import hand_kinematics
 
     try:
         for finger in spec.fingers:
-            FingerKinematics(spec, finger.name)
-        check_closed_form(spec, hand_model(spec), spec.posture(spec.lower.clip(0.0, None).clip(None, spec.upper)),
-               [finger.name for finger in spec.fingers])  # fmt: skip
+            ClosedFormFinger(spec, finger.name)
+        hand_kinematics(spec).check_closed_form([finger.name for finger in spec.fingers])
     except ConfigError as error:
         return str(error)
     return ""

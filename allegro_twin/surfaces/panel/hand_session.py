@@ -13,7 +13,7 @@ import numpy as np
 from allegro_twin.app import Rig, assemble
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controller_settings import PositionSettings
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, HandError, RecordingError
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.hands.library.gains import load_gains
@@ -193,7 +193,7 @@ class HandSession:
         self._teaching = True
         return "lead the fingers now"
 
-    def _motion(self) -> Motion:
+    def _motion(self) -> TaughtMotion:
         if self._teaching:
             self._teach(False)
         return self._demonstration.motion()

@@ -73,7 +73,7 @@ _ROWS = """
   .joint-torque::after { content: ""; position: absolute; left: 50%; top: -2px; bottom: -2px; width: 1px;
     background: #222; }
   .joint-torque i { position: absolute; top: 0; bottom: 0; border-radius: 4px; }
-  .library-row { display: flex; gap: 0.375em; padding: 4px var(--mantine-spacing-xs) 2px; }
+  .library-row { display: flex; gap: 0.375em; padding: 4px 10px 2px; }
   .library-row div { flex: 1 1 0; text-align: center; height: 76px; cursor: pointer; }
   div:has(> .library-row) + div > div > div:first-child { display: none; }
   .library-row img { height: 76px; }

@@ -15,7 +15,7 @@ from allegro_twin.cell.remote.remote_control import FingersCommand, PalmCommand,
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.recording.events import DeviceSample, SessionEvent
-from allegro_twin.recording.messages import cells
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames
 from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
@@ -71,7 +71,7 @@ class CellTopics(SessionTopics):
     def first(self, stamp: int) -> Iterator[Publication]:
         still = self._hand.still(self._words, stamp)
         base = np.array([*self._cell.robot.base.position, 1.0, 0.0, 0.0, 0.0])
-        still.transforms.append(cells.transform(self._words, stamp, cells.WORLD, self._arm.root, base))
+        still.transforms.append(build.transform(self._words, stamp, build.WORLD, self._arm.root, base))
         yield "/tf_static", still
 
     def messages(self, event: SessionEvent) -> Maker | None:
@@ -90,13 +90,13 @@ class CellTopics(SessionTopics):
     def _moment(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Publication]:
         words, extras, specs = self._words, arm.extras, (self._cell.robot.spec, self._cell.hand.spec)
         states = (arm.sample.state, hand.sample.state)
-        yield STATES, cells.joint_states(words, stamp, list(zip(specs, states, strict=True)))
-        yield POSE, cells.pose(words, stamp, cells.WORLD, extras["tool"])
-        yield WRENCH, cells.wrench(words, stamp, cells.WORLD, extras["force"])
+        yield STATES, build.joint_states(words, stamp, list(zip(specs, states, strict=True)))
+        yield POSE, build.pose(words, stamp, build.WORLD, extras["tool"])
+        yield WRENCH, build.wrench(words, stamp, build.WORLD, extras["force"])
         links = self._arm.at(words, stamp, states[0].position)
         links.transforms.extend(self._hand.at(words, stamp, states[1].position).transforms)
         for frame, name in ((self._hand.root, "tool"), (_GOAL, "goal")):
-            links.transforms.append(cells.transform(words, stamp, cells.WORLD, frame, extras[name]))
+            links.transforms.append(build.transform(words, stamp, build.WORLD, frame, extras[name]))
         yield "/tf", links
 
     def _picture(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Publication]:
@@ -104,8 +104,8 @@ class CellTopics(SessionTopics):
         fx, fy, cx, cy = row["lens"]
         metres = np.where(depth == 0, np.nan, depth / 1000.0).astype(np.float32)
         points = Intrinsics(depth.shape[1], depth.shape[0], fx, fy, cx, cy).cloud(metres)
-        yield POINTS, cells.cloud(words, stamp, CAMERA, points)
-        place = cells.transform(words, stamp, cells.WORLD, CAMERA, row["camera"])
+        yield POINTS, build.cloud(words, stamp, CAMERA, points)
+        place = build.transform(words, stamp, build.WORLD, CAMERA, row["camera"])
         yield "/tf", words.make(v.TF, transforms=[place])
 
     def _state(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Publication]:
@@ -128,9 +128,9 @@ class CellTopics(SessionTopics):
 
     def _pose(self, data: bytes) -> Pose:
         message = self._words.decode(data, v.POSE)
-        pose, frame, base = cells.pose_in(message, "target_frame"), message.header.frame_id, self._arm.root
+        pose, frame, base = build.pose_in(message, "target_frame"), message.header.frame_id, self._arm.root
         if frame == base:
             return placed(self._cell.robot.base, pose)
-        if frame not in ("", cells.WORLD):
-            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {cells.WORLD!r} and {base!r}")
+        if frame not in ("", build.WORLD):
+            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {build.WORLD!r} and {base!r}")
         return pose

@@ -12,12 +12,12 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, HandError, unknown
 from allegro_twin.hands.library.named import grasp_names, posture_names
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.events import DeviceSample, SessionEvent
-from allegro_twin.recording.messages import states
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages.build import in_order, row
 from allegro_twin.recording.messages.frames import Frames, description
-from allegro_twin.recording.messages.states import in_order, row
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
 from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
@@ -75,7 +75,7 @@ class HandTopics(SessionTopics):
         spec = hand.spec
         super().__init__(words, spec.name + (f" {spec.serial}" if spec.serial else ""), rate)
         self._hand, self._spec, self._clock, self._speed = hand, spec, clock, speed
-        self._frames, self._model, self._outside = Frames(spec), hand_model(spec), ExternalSetpoints(hand, speed)
+        self._frames, self._model, self._outside = Frames(spec), hand_kinematics(spec), ExternalSetpoints(hand, speed)
         self.published, self.subscribed = tuple(self._named()), SUBSCRIBED
         self._missed, self._tick, self._reported = 0, -1, 0
         self._latest: Sample | None = None
@@ -120,10 +120,11 @@ class HandTopics(SessionTopics):
 
     def _sample(self, stamp: int, sample: Sample) -> Iterator[Publication]:
         words, state = self._words, sample.state
-        yield "joint_states", states.joint_state(words, stamp, self._spec, state)
+        yield "joint_states", build.joint_states(words, stamp, [(self._spec, state)])
         yield "/tf", self._frames.at(words, stamp, state.position)
         for finger, force in self._fingertip_forces(sample).items():
-            yield WRENCH.format(finger=finger), states.wrench(words, stamp, self._spec.finger(finger).tip, force)
+            tip, wrench = self._spec.finger(finger).tip, np.append(force, np.zeros(3))
+            yield WRENCH.format(finger=finger), build.wrench(words, stamp, tip, wrench)
         if stamp - self._reported >= 10**9:
             self._reported = stamp
             yield self.health(stamp, sample)
@@ -132,7 +133,7 @@ class HandTopics(SessionTopics):
         """The once-a-second status; `error`: what ended the hand."""
         hand, temperature = self._hand, sample.state.temperature
         stalled = hand.stalled
-        level = states.ERROR if error else states.WARN if stalled is not None else states.OK
+        level = build.ERROR if error else build.WARN if stalled is not None else build.OK
         text = error or str(stalled or f"driven by {hand.controller}")
         values = {
             "controller": hand.controller,
@@ -141,7 +142,7 @@ class HandTopics(SessionTopics):
             "clipped set-points": str(hand.clipped),
             "hottest motor": "not reported" if np.isnan(temperature).all() else f"{np.nanmax(temperature):.0f} °C",
         }
-        return "/diagnostics", states.diagnostics(self._words, stamp, self._name, level, text, values)
+        return "/diagnostics", build.diagnostics(self._words, stamp, self._name, level, text, values)
 
     def _fingertip_forces(self, sample: Sample) -> dict[str, Vector]:
         """The force on each fingertip, (3,), N, in the tip's frame, by the joint torques of a hand at rest:

@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.states import in_order, row
+from allegro_twin.recording.messages.build import in_order, row
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

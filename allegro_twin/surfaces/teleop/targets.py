@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.closed_form.geometry import load_geometry
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
@@ -92,10 +91,9 @@ class FingertipTargets:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
         self.vectors, self.side = target_vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
-        mirrored = np.array([1.0, 1.0 if spec.side == "right" else -1.0, 1.0])
-        self._base: Vector = load_geometry(spec.model, LONGEST).origin * mirrored
-        straight = FingerKinematics(spec, LONGEST).tip(np.zeros(4))
-        self._length = float(np.linalg.norm(straight - self._base))
+        longest = ClosedFormFinger(spec, LONGEST)
+        self._base: Vector = longest.base
+        self._length = float(np.linalg.norm(longest.tip(np.zeros(4)) - self._base))
         self._lengths: deque[float] = deque(maxlen=_RECENT)
 
     @property

@@ -5,7 +5,7 @@ what a mirror knows of it at that instant (`estimated`).
 """
 
 from allegro_twin.twin.branch.branch import branch, by_model
-from allegro_twin.twin.branch.futures import Beside, Branched, Wanted
 from allegro_twin.twin.branch.overrides import changes_of
+from allegro_twin.twin.branch.result import Beside, Branched, Wanted
 
 __all__ = ["Beside", "Branched", "Wanted", "branch", "by_model", "changes_of"]

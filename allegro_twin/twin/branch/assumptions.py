@@ -9,8 +9,8 @@ import numpy as np
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.contact.self_clearance import Clearance
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.branch.futures import Wanted
 from allegro_twin.twin.branch.recover_controller import Driver
+from allegro_twin.twin.branch.result import Wanted
 from allegro_twin.twin.mirror.faults import words
 from allegro_twin.twin.mirror.for_hand import Mirrored
 from allegro_twin.types import Array, Vector

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import Recording, load
-from allegro_twin.twin.branch.futures import Branched, Through, Wanted
 from allegro_twin.twin.branch.overrides import Changes
+from allegro_twin.twin.branch.result import Branched, Through, Wanted
 
 
 def branch(

@@ -17,10 +17,10 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.friction_changes import Change
 from allegro_twin.twin.branch.assumptions import knowledge, meetings
-from allegro_twin.twin.branch.futures import Branched, Through, Wanted, rows_before
-from allegro_twin.twin.branch.model import model_at
+from allegro_twin.twin.branch.model_backend import model_at
 from allegro_twin.twin.branch.overrides import Changes, change_of
 from allegro_twin.twin.branch.recover_controller import Driver, changed_by, driver_of
+from allegro_twin.twin.branch.result import Branched, Through, Wanted, rows_before
 from allegro_twin.twin.mirror.contact_detection import SETTLED
 from allegro_twin.twin.mirror.for_hand import mirrored, played, spec_in
 from allegro_twin.types import Array, Sample

@@ -18,8 +18,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import Recording
 from allegro_twin.recording.recorder import columns_of
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.branch.overrides import Changes, changed, of_controller
-from allegro_twin.twin.branch.settings import config_of
+from allegro_twin.twin.branch.overrides import Changes, changed, config_of, of_controller
 from allegro_twin.twin.mirror.for_hand import played
 from allegro_twin.types import Array, Command, HandState, TorqueCommand, Vector
 

@@ -18,10 +18,9 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.engine.backend import ENGINE, SimBackend
-from allegro_twin.twin.branch.futures import Branched, Through
-from allegro_twin.twin.branch.overrides import Changes, change_of, changed
+from allegro_twin.twin.branch.overrides import Changes, change_of, changed, config_of
 from allegro_twin.twin.branch.recover_controller import successor
-from allegro_twin.twin.branch.settings import config_of
+from allegro_twin.twin.branch.result import Branched, Through
 from allegro_twin.types import Array, Sample
 
 

@@ -13,7 +13,7 @@ from allegro_twin.cell.arm.impedance import Impedance, Stiffness
 from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.cell.arm.tool import WrenchCompensation, identify_tool, tool_weight
 from allegro_twin.cell.arm.weighing import weigh_tool
-from allegro_twin.control.controllers import PD, Follow, Torque
+from allegro_twin.control.controllers import PD, ConstantTorque, PositionControl
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, HandFault
@@ -36,7 +36,11 @@ CAN = Placement(named("tomato_soup_can"), (0.1, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.
 
 
 def open_hand(spec: HandSpec) -> Controller[Any]:
-    return PD(Hold(spec.rest), load_gains("default", spec)) if "torque" in spec.commands else Follow(Hold(spec.rest))
+    return (
+        PD(Hold(spec.rest), load_gains("default", spec))
+        if "torque" in spec.commands
+        else PositionControl(Hold(spec.rest))
+    )
 
 
 def driven(robot: ArmWithHand, seconds: float, hand: Controller[Any] | None = None) -> list[list[Any]]:
@@ -117,7 +121,7 @@ def test_periods_that_pass_while_another_reads_count_as_missed() -> None:
 def test_a_hand_on_the_flange_moves_as_it_does_alone_while_the_arm_is_held() -> None:
     """The arm gives a little under the fingers' accelerations: what differs is below a milliradian."""
     robot = make_arm_with_hand("fer", load_spec("leap"))
-    hand = Follow(Moves([Waypoint(load_spec("leap").rest + 0.2, speed=1.0)]))
+    hand = PositionControl(Moves([Waypoint(load_spec("leap").rest + 0.2, speed=1.0)]))
     _, samples = driven(robot, 0.5, hand)
     np.testing.assert_allclose(samples[-1].state.position, load_spec("leap").rest + 0.2, atol=0.06)
 
@@ -131,7 +135,7 @@ def test_the_flange_feels_the_hands_weight_and_the_bridge_takes_it_away() -> Non
 
 def test_an_arm_that_knows_its_hand_stays_where_it_is_without_a_torque() -> None:
     robot = make_arm_with_hand("fer", load_spec("leap"))
-    runs = (run(robot.arm, Torque(np.zeros(7))), 0.001), (run(robot.hand, open_hand(load_spec("leap"))), 0.003)
+    runs = (run(robot.arm, ConstantTorque(np.zeros(7))), 0.001), (run(robot.hand, open_hand(load_spec("leap"))), 0.003)
     for turn, sample in together(*runs):
         if turn == 0 and sample.state.t >= 0.5:
             np.testing.assert_allclose(sample.state.position, robot.spec.ready, atol=0.02)
@@ -241,7 +245,7 @@ def test_a_left_hands_load_is_the_mirror_image() -> None:
 
 def test_an_arm_may_stand_beside_a_hand_that_does_nothing() -> None:
     robot = make_arm_with_hand("fer", load_spec())
-    _, hand = driven(robot, 0.1, Torque(np.zeros(16)))
+    _, hand = driven(robot, 0.1, ConstantTorque(np.zeros(16)))
     assert len(hand) == 34
 
 
@@ -253,7 +257,7 @@ def test_an_arm_picks_up_a_can_and_feels_what_it_weighs() -> None:
         "fer", spec, things=[can], posture=plan.model.reach(plan.flange_for(above), plan.spec.ready)
     )
     target = CartesianTarget(robot.model.pose(robot.arm_sim.posture))
-    closing = Follow(Moves([Waypoint(np.array([0.0, 2.6, 2.6, 2.6]), speed=3.0)]))
+    closing = PositionControl(Moves([Waypoint(np.array([0.0, 2.6, 2.6, 2.6]), speed=3.0)]))
     law = Impedance(robot.model, target, Stiffness(800.0, 50.0))
     for turn, sample in together((run(robot.arm, law), 0.001), (run(robot.hand, closing), 0.003)):
         if turn == 0 and sample.state.tick == 1500:

@@ -13,7 +13,7 @@ from allegro_twin.cell.arm.compliance import Compliance, Pull
 from allegro_twin.cell.arm.faults import DisturbedBackend, SilentBackend
 from allegro_twin.cell.arm.impedance import Impedance
 from allegro_twin.cell.arm.limits import arm_limits, at_limit
-from allegro_twin.control.controllers import Torque
+from allegro_twin.control.controllers import ConstantTorque
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
 from allegro_twin.hands.description.arms import load_arm
 from allegro_twin.kinematics.arm import ArmModel, Placed
@@ -31,14 +31,14 @@ from tests.cell.arm.rigs import rig
 
 def test_an_arm_carries_its_own_weight() -> None:
     arm = rig()
-    state = arm.after(1.0, Torque(np.zeros(7)))
+    state = arm.after(1.0, ConstantTorque(np.zeros(7)))
     np.testing.assert_allclose(state.position, arm.model.spec.ready, atol=1e-6)
 
 
 def test_an_arm_that_was_told_of_a_load_lifts_with_that_weight() -> None:
     spec = replace(load_arm("fer"), load=Load(1.0, frozen([0.0, 0.0, 0.1])))
     arm = rig(spec=spec)
-    state = arm.after(0.2, Torque(np.zeros(7)))
+    state = arm.after(0.2, ConstantTorque(np.zeros(7)))
     assert arm.moved(state)[2] > 0.01  # Nothing hangs there, so the arm rises.
 
 
@@ -75,7 +75,7 @@ def test_an_arm_falls_silent_after_twenty_milliseconds_without_a_command() -> No
 def test_torques_change_no_faster_than_the_arm_allows() -> None:
     arm = rig()
     wanted = np.array([50.0, 0, 0, 0, 0, 0, 0])
-    sent = [s.command for s in until(0.01, run(arm.guard, Torque(wanted)))]
+    sent = [s.command for s in until(0.01, run(arm.guard, ConstantTorque(wanted)))]
     assert arm.guard.applied.torque[0] == pytest.approx(11.0)  # type: ignore[union-attr]  # 1000 N·m/s for 11 ms.
     assert sent[0].torque[0] == 50.0  # type: ignore[union-attr]
 
@@ -83,7 +83,7 @@ def test_torques_change_no_faster_than_the_arm_allows() -> None:
 def test_a_joint_that_goes_too_fast_stops_the_arm_and_it_stands_still() -> None:
     arm = rig()
     with pytest.raises(HandFault, match=r"fer_joint1 moves at 2.* over its limit of 2.17 rad/s; reset to go on"):
-        arm.after(1.0, Torque(np.array([30.0, 0, 0, 0, 0, 0, 0])))
+        arm.after(1.0, ConstantTorque(np.array([30.0, 0, 0, 0, 0, 0, 0])))
     for _ in range(500):
         state = arm.sim.read()  # Time passes for others in its world.
     assert np.abs(state.velocity).max() < 1e-2
@@ -105,7 +105,7 @@ def test_a_silent_arm_is_named_and_holds_itself() -> None:
     arm = rig()
     silent = Guard(SilentBackend(arm.sim, 0.1), arm_limits(arm.model.spec))
     with pytest.raises(LinkTimeout, match=r"no state from fer since 0.099 s: it holds itself; see to its cable"):
-        list(until(1.0, run(silent, Torque(np.zeros(7)))))
+        list(until(1.0, run(silent, ConstantTorque(np.zeros(7)))))
     assert silent.reset().tick == 0
 
 
@@ -114,7 +114,7 @@ def test_a_disturbed_sensor_repeats_with_its_seed() -> None:
 
     def felt(seed: int) -> np.ndarray:
         backend = DisturbedBackend(rig().sim, noise, bias, at=0.5, seed=seed)
-        return np.array([s.state.wrench for s in until(1.0, run(backend, Torque(np.zeros(7))))])
+        return np.array([s.state.wrench for s in until(1.0, run(backend, ConstantTorque(np.zeros(7))))])
 
     first, again, other = felt(1), felt(1), felt(2)
     np.testing.assert_array_equal(first, again)

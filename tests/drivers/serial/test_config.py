@@ -32,7 +32,7 @@ def test_a_virtual_leap_hand_goes_home_through_its_servos() -> None:
     config = load_config("leap_virtual")
     rig = assemble(config)
     assert isinstance(rig.driver, DynamixelBackend)
-    assert not rig.device.live
+    assert not rig.live
     samples = list(until(2.0, run(rig.backend, rig.controller)))
     rig.backend.close()
     assert len(samples) == 101

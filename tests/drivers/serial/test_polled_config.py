@@ -28,7 +28,7 @@ HANDS = {"qb_softhand": "qb", "sih": "schunk"}
 def test_a_virtual_hand_goes_where_its_config_says_and_its_time_is_its_own(name: str) -> None:
     rig = assemble(load_config(name))
     assert isinstance(rig.driver, PolledBackend)
-    assert not rig.device.live
+    assert not rig.live
     with closing(rig.backend):
         last = list(until(3.0, run(rig.backend, rig.controller)))[-1].state
     middle = (rig.spec.lower + rig.spec.upper) / 2

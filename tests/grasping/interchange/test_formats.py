@@ -18,8 +18,8 @@ from allegro_twin.grasping.interchange.ours import write_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
 from allegro_twin.grasping.interchange.read import read_grasps
 from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 from tests.grasping.interchange.samples import STAGES, bench, bodex, net, postures, saved, stacked
@@ -32,7 +32,7 @@ def placed(pose: Array, points: Array) -> Array:
 
 def tips(spec: HandSpec, joints: Array) -> Array:
     """In the palm, (4, 3)."""
-    found = hand_model(spec).fingertips(joints)
+    found = hand_kinematics(spec).fingertips(joints)
     return np.array([found[finger.name].position for finger in spec.fingers])
 
 

@@ -21,7 +21,7 @@ from allegro_twin.hands.generate.__main__ import stale
 from allegro_twin.hands.generate.mesh import rounded_box
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -38,7 +38,7 @@ def mjcf(side: Side) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 MODELS = {side: mjcf(side) for side in SIDES}
-HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
+HANDS = {side: hand_kinematics(SPECS[side]) for side in SIDES}
 
 
 def random_posture(seed: int, spec: HandSpec) -> Array:

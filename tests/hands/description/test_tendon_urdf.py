@@ -12,8 +12,7 @@ import pytest
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.generate.tendon_mjcf import tables
-from allegro_twin.kinematics.model import HandModel
-from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 
 HANDS = [path.stem for path in tables()]
 
@@ -44,7 +43,7 @@ def test_every_link_is_where_the_mjcf_has_it_at_any_position_of_every_hinge(name
 @pytest.mark.parametrize("name", HANDS)
 def test_fingertips_jacobians_and_weight_are_those_of_the_mjcf(name: str) -> None:
     spec, random = load_spec(name), np.random.default_rng(1)
-    ours, theirs = hand_model(spec), HandModel(spec, data_root() / "models" / "urdf" / f"{name}_right.urdf")
+    ours, theirs = hand_kinematics(spec), HandKinematics(spec, data_root() / "models" / "urdf" / f"{name}_right.urdf")
     for _ in range(5):
         position, gravity = random.uniform(spec.lower, spec.upper), random.normal(size=3)
         for finger in spec.fingers:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
 from allegro_twin.hands.description.hands import load_spec
@@ -341,7 +341,7 @@ def test_a_taught_trajectory_is_stored_and_played_on_either_hand(tmp_path: Path,
     library.store("game", tmp_path / "shown.yaml")
     hand = load_spec(side=side)
     motion = Library(tmp_path).trajectory("game", hand)
-    assert isinstance(Library(tmp_path).get("game", hand), Motion)
+    assert isinstance(Library(tmp_path).get("game", hand), TaughtMotion)
     expected = rows if side == "right" else RIGHT.mirrored(rows)
     np.testing.assert_array_equal(motion.positions, expected)
     assert motion.seconds == pytest.approx(1.3)

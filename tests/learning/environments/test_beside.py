@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
-from allegro_twin.learning.environments.privileged_state import FACTORS
+from allegro_twin.learning.environments.observation_model import FACTORS
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Floats, Observation
 

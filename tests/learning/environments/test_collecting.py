@@ -122,5 +122,5 @@ def test_a_set_is_written_into_a_new_folder_that_minari_finds(episodes: list[Epi
         to_minari(episodes, tmp_path / "grasp", 0.3)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
-    with pytest.raises(ConfigError, match="full is there already"):
+    with pytest.raises(ConfigError, match="full is not empty"):
         to_lerobot(episodes, tmp_path / "full", 0.3, "allegro_right")

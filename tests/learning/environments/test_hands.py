@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.hands import load_spec
@@ -103,7 +103,7 @@ def test_doing_nothing_is_the_scripted_player(hand: str) -> None:
     task = env.engine.task
     assert isinstance(task, Closing)
     scene = task.scenes[0]
-    path = Follow(closing(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
+    path = PositionControl(closing(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
     told: list[Any] = []
     task.worlds.tell = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
     for _ in range(60):

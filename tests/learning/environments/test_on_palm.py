@@ -15,7 +15,7 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.controller import Still
-from allegro_twin.learning.tasks.palm_clearance import ON_PALM, Shapes, clearance, palm_normal
+from allegro_twin.learning.tasks.in_hand import ON_PALM, Shapes, clearance, palm_normal
 from allegro_twin.learning.tasks.scenes import PALM
 from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.report import Compared, write

@@ -8,8 +8,7 @@ import pytest
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.learning.policy.interface import Interface, Mode
-from allegro_twin.learning.policy.memory import Course, Memory
+from allegro_twin.learning.policy.interface import Course, Interface, Memory, Mode
 from allegro_twin.learning.policy.script import closing, sampled, table
 
 

@@ -30,7 +30,7 @@ def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("onnx")
     from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.graph.onnx_export import Layered, to_onnx
+    from allegro_twin.learning.training.onnx_policy import Layered, to_onnx
 
     torch.manual_seed(1)
     card = make_task("Rotate", EnvSettings(timestep=0.003, decimation=20), 1, 1).card()
@@ -59,7 +59,7 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
     from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.onnx_policy import Acting, layers_of
     from allegro_twin.learning.training.rsl.dagger import Pupil
 
     chosen = recipe(
@@ -87,7 +87,7 @@ def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
     from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.onnx_policy import Acting, layers_of
     from allegro_twin.learning.training.rsl.dagger import Pupil
 
     env = TensorVectorEnv("Rotate", 4, **HAND | {"observation": "full"})

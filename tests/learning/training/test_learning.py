@@ -39,10 +39,7 @@ def weights(folder: Path) -> dict[str, Any]:
     """Everything that the policy and its optimiser have learned, as it is in the last checkpoint."""
     import torch
 
-    from allegro_twin.learning.training.sb3.checkpoint import newest
-
-    path = newest(folder)
-    assert path is not None
+    path = max(folder.glob("checkpoints/*.zip"))
     found: dict[str, Any] = {}
     with zipfile.ZipFile(path) as archive:
         for member in ("policy.pth", "policy.optimizer.pth"):

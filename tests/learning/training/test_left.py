@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.kinematics.orientation import quaternion_from_vector, turned_by
-from allegro_twin.learning.training.graph.goal_features import left, numbers_left
+from allegro_twin.learning.training.goal_features import left, numbers_left
 
 
 def turns(count: int, size: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import Still
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
-from allegro_twin.learning.training.learned import EVALUATION, ROUND_SEEDS
+from allegro_twin.learning.training.progress import EVALUATION, ROUND_SEEDS
 from allegro_twin.learning.training.report import (
     LOOKED_AT,
     SEED,

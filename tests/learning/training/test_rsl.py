@@ -56,7 +56,7 @@ def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) ->
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
-    from allegro_twin.learning.training.graph.onnx_export import to_onnx
+    from allegro_twin.learning.training.onnx_policy import to_onnx
     from allegro_twin.learning.training.rsl.ppo import Learner
 
     env = TensorVectorEnv("Rotate", 4, timestep=0.003, state=True)
@@ -184,8 +184,7 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
-    from allegro_twin.learning.training.graph.onnx_export import to_onnx
-    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.onnx_policy import Acting, layers_of, to_onnx
     from allegro_twin.learning.training.rsl.ppo import Learner
 
     given = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path).policy
@@ -212,7 +211,7 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
 def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
     onnx = pytest.importorskip("onnx", reason=EXTRA)
     pytest.importorskip("torch", reason=EXTRA)
-    from allegro_twin.learning.training.graph.onnx_import import layers_of
+    from allegro_twin.learning.training.onnx_policy import layers_of
 
     seen, given = (onnx.helper.make_tensor_value_info(name, 1, ["batch", 16]) for name in ("observation", "action"))
     nodes = [

@@ -20,7 +20,7 @@ HAND, PLACES = 5, 3
 
 
 def columns(theirs: dict[str, int], mine: dict[str, int], *, turns: bool = False) -> list[int]:
-    from allegro_twin.learning.training.rsl.initialisation import _columns
+    from allegro_twin.learning.training.rsl.ppo import _columns
 
     return _columns(Path("start.onnx"), theirs, turns, mine)
 
@@ -60,10 +60,9 @@ def test_a_policy_that_acts_much_acts_the_same_from_its_new_place(tmp_path: Path
     from rsl_rl.models import MLPModel
     from tensordict import TensorDict
 
-    from allegro_twin.learning.training.graph.goal_features import left
-    from allegro_twin.learning.training.graph.onnx_export import Layered, to_onnx
-    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
-    from allegro_twin.learning.training.rsl.initialisation import start_from
+    from allegro_twin.learning.training.goal_features import left
+    from allegro_twin.learning.training.onnx_policy import Acting, Layered, layers_of, to_onnx
+    from allegro_twin.learning.training.rsl.ppo import start_from
 
     torch.manual_seed(0)
     theirs, mine = goals(HAND - 2, PLACES), goals(HAND, PLACES)

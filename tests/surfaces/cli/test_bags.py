@@ -15,11 +15,10 @@ pytest.importorskip("rosbags", reason="needs the extra ros2")
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.recording.exchange.from_rosbag import from_bag, is_bag
-from allegro_twin.recording.exchange.to_rosbag import to_mcap, to_rosbag2
+from allegro_twin.recording.exchange.rosbag import from_bag, is_bag, to_mcap, to_rosbag2
 from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages.build import joint_states
 from allegro_twin.recording.messages.recorded import NAMESPACE, STATES, topics_of
-from allegro_twin.recording.messages.states import joint_state
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, frozen
@@ -72,7 +71,7 @@ def states(spec: HandSpec, count: int = 200, step: float = 0.003) -> list[tuple[
         position = frozen(np.clip(np.full(spec.n_joints, 0.3 + 0.1 * np.sin(k / 30)), spec.lower, spec.upper))
         still = frozen(np.zeros(spec.n_joints))
         state = HandState(k * step, k, position, still, still, still, frozen(np.zeros(3)))
-        found.append(("/allegroHand_0/joint_states", at, joint_state(words, at, spec, state)))
+        found.append(("/allegroHand_0/joint_states", at, joint_states(words, at, [(spec, state)])))
     return found
 
 

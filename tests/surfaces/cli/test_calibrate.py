@@ -26,8 +26,7 @@ from allegro_twin.loop import run, until
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand, store_limits
-from allegro_twin.twin.identify.motions.encoders import centred
-from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits
+from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, centred
 from allegro_twin.types import frozen
 from tests.surfaces.cli.conftest import Run
 

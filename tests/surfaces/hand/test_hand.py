@@ -17,8 +17,8 @@ from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp, load_posture, load_trajectory
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.sim.engine.hand_guiding import Guide
 from allegro_twin.spec import Side
@@ -295,7 +295,7 @@ def test_a_fingertip_goes_straight_to_a_point(hand: Hand) -> None:
     start = hand.fingertips()["index"].position
     goal = start + np.array([0.015, 0.0, -0.02])
     seen: list[Vector] = []
-    model = HandModel(hand.spec)
+    model = hand_kinematics(hand.spec)
     with hand.listening(lambda sample: seen.append(model.fingertips(sample.state.position)["index"].position)):
         hand.move_fingertips({"index": goal}, speed=0.05)
     np.testing.assert_allclose(hand.fingertips()["index"].position, goal, atol=1e-3)
@@ -322,7 +322,7 @@ def test_a_point_that_is_in_reach_behind_one_that_is_not_is_named_as_it_was_aske
     hand.move_to("open", 3.0)
     spec = hand.spec
     joints = list(spec.finger("index").joints)
-    folded = FingerKinematics(spec, "index").fk([0.0, *spec.upper[joints][1:]]).position
+    folded = ClosedFormFinger(spec, "index").fk([0.0, *spec.upper[joints][1:]]).position
     place = r"index: \[" + ", ".join(f"{value:.4f}" for value in folded).replace(".", r"\.") + r"\] m is in reach, but"
     with pytest.raises(ConfigError, match=place + " not on a straight line from here: .* cannot go on past"):
         hand.move_fingertips({"index": folded})
@@ -333,7 +333,7 @@ def test_a_fingertip_arrives_turned_as_it_was_asked_to_be(hand: Hand, finger: st
     hand.move_to("home", 3.0)
     joints = list(hand.spec.finger(finger).joints)
     start = hand.state.position[joints]
-    kinematics = FingerKinematics(hand.spec, finger)
+    kinematics = ClosedFormFinger(hand.spec, finger)
     wanted = kinematics.fk(start + np.array([0.05, 0.15, -0.1, 0.2]))
     hand.move_fingertips({finger: wanted.position}, euler={finger: wanted.euler})
     now = hand.fingertips()[finger]
@@ -345,7 +345,7 @@ def test_a_fingertip_arrives_turned_as_it_was_asked_to_be(hand: Hand, finger: st
 def test_a_tip_that_stays_in_its_place_can_be_turned(hand: Hand) -> None:
     """A finger with a bent elbow has another posture for the same point."""
     hand.move_to("home", 3.0)
-    kinematics = FingerKinematics(hand.spec, "index")
+    kinematics = ClosedFormFinger(hand.spec, "index")
     place = hand.fingertips()["index"].position
     turned = kinematics.ik(place, pitch=float(hand.state.position[1:4].sum()) + 0.1).best()
     assert turned.reached
@@ -430,7 +430,7 @@ def test_a_force_grasp_can_ask_the_mirror_of_a_hand_on_a_bus_what_its_fingers_to
 
 def test_a_position_grasp_closes_to_the_width_that_it_is_told(hand: Hand) -> None:
     spec = hand.spec
-    model = HandModel(spec)
+    model = hand_kinematics(spec)
     for width in (0.06, 0.08):
         grasp = for_width(load_grasp("sphere_4_finger", spec), width, model, spec)
         assert aperture(model, grasp.close, spec) == pytest.approx(width, abs=1.5e-3)

@@ -18,8 +18,7 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.named import load_posture
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.twin.identify.motions.limits import FoundLimits, centring_offsets
@@ -62,9 +61,9 @@ def executed() -> list[Any]:
 def names_for(hand: Hand) -> dict[str, Any]:
     """What the calls may name."""
     here = load_posture("ready", hand.spec)
-    tools = (Library, FingerKinematics, HandModel, FoundLimits, centring_offsets, posture_entry, trajectory_entry)
+    tools = (Library, FoundLimits, centring_offsets, posture_entry, trajectory_entry)
     return {tool.__name__: tool for tool in (*tools, load_config)} | {
-        "hand": hand, "spec": hand.spec, "library": Library(), "here": here,
+        "hand": hand, "spec": hand.spec, "library": Library(), "here": here, "kinematics": hand_kinematics(hand.spec),
     }  # fmt: skip
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.bumpless_switch import Relay
+from allegro_twin.control.bumpless_switch import BumplessSwitch
 from allegro_twin.control.controllers import PD, PID
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_grasp, load_posture
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.bounds import JointBounds
@@ -50,10 +50,10 @@ def test_a_margin_may_take_up_to_half_of_the_least_range(spec: HandSpec) -> None
 
 
 def test_a_straight_line_peaks_at_its_speed_from_rest_to_rest(spec: HandSpec, home: Vector) -> None:
-    model = HandModel(spec)
+    model = hand_kinematics(spec)
     start = model.fingertips(home)["index"].position
     goal = start + np.array([0.012, 0.0, -0.02])
-    moves = straight_line_motion(spec, home, {"index": goal}, 0.04)
+    moves = straight_line_motion(model, home, {"index": goal}, 0.04)
     path = moves.begin(home)
     times = np.arange(0.0, path.seconds, 1e-3)
     tips = np.array([model.fingertips(path(t).position)["index"].position for t in times])
@@ -68,12 +68,13 @@ def test_a_straight_line_peaks_at_its_speed_from_rest_to_rest(spec: HandSpec, ho
 @pytest.mark.parametrize("speed", [0.0, -0.1, float("nan")])
 def test_a_line_without_a_speed_is_refused(speed: float, spec: HandSpec, home: Vector) -> None:
     with pytest.raises(ConfigError, match="speed must be positive, in m/s"):
-        straight_line_motion(spec, home, {"index": [0.05, 0.04, 0.1]}, speed)
+        straight_line_motion(hand_kinematics(spec), home, {"index": [0.05, 0.04, 0.1]}, speed)
 
 
 def test_a_line_to_where_the_tip_is_stays_there(spec: HandSpec, home: Vector) -> None:
-    here = HandModel(spec).fingertips(home)["thumb"].position
-    (only,) = straight_line_motion(spec, home, {"thumb": here}, 0.05).waypoints
+    model = hand_kinematics(spec)
+    here = model.fingertips(home)["thumb"].position
+    (only,) = straight_line_motion(model, home, {"thumb": here}, 0.05).waypoints
     np.testing.assert_array_equal(only.posture, home)
 
 
@@ -121,7 +122,7 @@ def test_a_closed_driver_ends_its_samples_and_says_that_the_hand_is_closed() -> 
 
 def test_what_a_finger_presses_is_what_its_torques_do_beyond_its_own_weight(spec: HandSpec) -> None:
     """1.5 N at the index fingertip against a squeeze that stops 0.2 rad short."""
-    grasp, model = load_grasp("pinch_index", spec), HandModel(spec)
+    grasp, model = load_grasp("pinch_index", spec), hand_kinematics(spec)
     position = grasp.squeeze.copy()
     weight = np.linspace(0.01, 0.05, 16)
     for finger in ("index", "thumb"):
@@ -141,7 +142,7 @@ def _pressing(position: Vector, torque: Vector) -> HandState:
 
 
 def test_the_aperture_is_between_the_surfaces_of_the_fingertips(spec: HandSpec, home: Vector) -> None:
-    model = HandModel(spec)
+    model = hand_kinematics(spec)
     tips = model.fingertips(home)
     between = np.linalg.norm(tips["thumb"].position - tips["index"].position)
     assert aperture(model, home, spec, ("index", "thumb")) == pytest.approx(between - 0.024)  # Spheres of 12 mm.
@@ -233,7 +234,9 @@ def test_the_config_names_the_gains_and_the_wish_names_the_controller(monkeypatc
             np.testing.assert_array_equal(hand._mover.gains.kp, gains.kp)
             for kind, made in (("pd", PD), ("pid", PID)):
                 handed: list[object] = []
-                monkeypatch.setattr(Relay, "switch", lambda relay, controller, handed=handed: handed.append(controller))
+                monkeypatch.setattr(
+                    BumplessSwitch, "switch", lambda relay, controller, handed=handed: handed.append(controller)
+                )
                 hand.set_controller(kind)  # type: ignore[arg-type]  # Both are kinds.
                 assert [type(controller) for controller in handed] == [made]
 
@@ -255,7 +258,7 @@ def test_nobody_is_told_after_they_stopped_listening() -> None:
 
 
 def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
-    motion = Motion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    motion = TaughtMotion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
     with Hand.open(config()) as hand:
         for speed in (1.0, 2.0):
             hand.play(motion, speed, approach=3.0, wait=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Waypoint
 from allegro_twin.errors import MotionStalled, SelfCollision
 from allegro_twin.hands.description.hands import load_spec
@@ -149,7 +149,7 @@ def test_a_posture_in_which_fingers_are_inside_each_other_is_refused_by_name_and
 
 
 def test_where_no_way_is_found_the_fingers_that_meet_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(collision_free_paths, "way", lambda room, start, goal: None)
+    monkeypatch.setattr(collision_free_paths, "plan_path", lambda space, start, goal: None)
     with Hand.open(config(posture="fist")) as hand:
         with pytest.raises(SelfCollision, match="rock: found no way from here on which index and thumb keep clear; go"):
             hand.move_to("rock")
@@ -187,10 +187,10 @@ def test_a_hand_that_is_asked_to_stay_stays() -> None:
         assert hand.state.t - before < 0.1
 
 
-def straight_into_a_jam(hand: Hand) -> Motion:
+def straight_into_a_jam(hand: Hand) -> TaughtMotion:
     """From the fist to rock in a straight line of the joints, which the planner would not take."""
     rows = np.array([load_posture(name, hand.spec) for name in ("fist", "rock")])
-    return Motion(np.array([0.0, 1.5]), rows, "jam")
+    return TaughtMotion(np.array([0.0, 1.5]), rows, "jam")
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from allegro_twin.cell.journal.observers import ObserverCamera, Observers
 from allegro_twin.cell.remote.remote_control import RemoteControl, run_remote_control
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.messages import cells
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros import open_cell
@@ -67,7 +67,7 @@ def cell(namespace: str) -> Iterator[Served]:
 def target(words: v.Vocabulary, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
     """A target_frame with the palm's own orientation where it waits."""
     pose = np.concatenate([place, cell.made.security.quaternion if turn is None else turn])
-    return cells.pose(words, 0, frame, pose)
+    return build.pose(words, 0, frame, pose)
 
 
 def test_joint_states_have_arm_and_hand_in_one_message(cell: Served, peer: Peer) -> None:
@@ -187,8 +187,8 @@ def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Pe
 
 def test_a_pose_comes_back_from_its_message(words: v.Vocabulary) -> None:
     turn = np.array([0.5, -0.5, 0.5, 0.5])
-    message = cells.pose(words, 7, "world", np.array([1.0, 2.0, 3.0, *turn]))
-    found = cells.pose_in(words.decode(words.encode(message), v.POSE), "x")
+    message = build.pose(words, 7, "world", np.array([1.0, 2.0, 3.0, *turn]))
+    found = build.pose_in(words.decode(words.encode(message), v.POSE), "x")
     assert isinstance(found, Pose)
     np.testing.assert_allclose(found.position, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(found.rotation, matrix_from_quaternion(turn))

@@ -10,10 +10,10 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.recording.messages import states
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames, description
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.ros import cell_topics
 from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, SUBSCRIBED
@@ -94,7 +94,7 @@ def matrix(transform: Any) -> Array:
 
 def test_frames_end_where_the_kinematics_have_the_fingertips(words: v.Vocabulary, side: Side) -> None:
     spec = load_spec(side=side)
-    frames, model = Frames(spec), hand_model(spec)
+    frames, model = Frames(spec), hand_kinematics(spec)
     assert frames.root == "palm_link"
     for seed in range(5):
         position = np.random.default_rng(seed).uniform(spec.lower, spec.upper)
@@ -119,10 +119,10 @@ def test_the_description_names_meshes_that_are_there(spec: HandSpec) -> None:
 
 def test_joints_may_come_in_any_order_and_under_each_of_their_names(spec: HandSpec) -> None:
     backwards = list(reversed(spec.joints))
-    assert states.in_order(spec, backwards, "x") == list(reversed(range(spec.n_joints)))
-    assert states.in_order(spec, spec.aliases, "x") == list(range(spec.n_joints))
-    assert states.in_order(spec, [name.replace(".", "_") for name in spec.joints], "x") == list(range(spec.n_joints))
-    assert states.in_order(spec, [], "x") == list(range(spec.n_joints))
+    assert build.in_order(spec, backwards, "x") == list(reversed(range(spec.n_joints)))
+    assert build.in_order(spec, spec.aliases, "x") == list(range(spec.n_joints))
+    assert build.in_order(spec, [name.replace(".", "_") for name in spec.joints], "x") == list(range(spec.n_joints))
+    assert build.in_order(spec, [], "x") == list(range(spec.n_joints))
 
 
 @pytest.mark.parametrize(
@@ -135,12 +135,12 @@ def test_joints_may_come_in_any_order_and_under_each_of_their_names(spec: HandSp
 )
 def test_joints_that_are_missing_unknown_or_double_are_named(spec: HandSpec, names: list[str], words_: str) -> None:
     with pytest.raises(ConfigError, match=words_):
-        states.in_order(spec, names, "joint_cmd")
+        build.in_order(spec, names, "joint_cmd")
 
 
 def test_a_hand_of_another_shape_has_its_own_names(words: v.Vocabulary, spec: HandSpec) -> None:
     three = dataclasses.replace(spec, joints=spec.joints[:3], aliases=spec.aliases[:3])
-    assert states.in_order(three, ["index_2", "index_0", "index_1"], "x") == [1, 2, 0]
+    assert build.in_order(three, ["index_2", "index_0", "index_1"], "x") == [1, 2, 0]
 
 
 def test_bytes_of_something_else_are_refused_in_one_line(words: v.Vocabulary) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.teleop.follower import HandFollower
@@ -27,7 +27,7 @@ def sim_config(side: Side = "right", **blocks: Any) -> RunConfig:
 
 def closed_form(spec: HandSpec) -> Callable[[Array], Vector]:
     """To each target from the palm its finger's nearest posture; what begins at the thumb is not looked at."""
-    solvers = [FingerKinematics(spec, finger.name) for finger in spec.fingers]
+    solvers = [ClosedFormFinger(spec, finger.name) for finger in spec.fingers]
 
     def retarget(targets: Array) -> Vector:
         posture = np.zeros(spec.n_joints)

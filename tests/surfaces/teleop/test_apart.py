@@ -18,7 +18,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.teleop import webcam as camera
 from allegro_twin.surfaces.teleop.retargeting import Retargeting
@@ -175,7 +175,7 @@ def test_of_the_hands_in_a_picture_the_one_that_was_asked_for_is_taken(side: Sid
 def test_dex_retargeting_brings_fingertips_to_where_they_should_be(side: Side) -> None:
     pytest.importorskip("dex_retargeting", exc_type=ImportError, reason="needs the extra teleop")
     spec = load_spec(side=side)
-    retarget, model = Retargeting(spec, target_vectors(spec)).open(), HandModel(spec)
+    retarget, model = Retargeting(spec, target_vectors(spec)).open(), HandKinematics(spec)
     posture = 0.5 * (np.maximum(spec.lower, 0.0) + spec.upper) * np.where(spec.upper > 0.6, 1.0, 0.0)
     posture = np.clip(posture, spec.lower, spec.upper)
     tips = [model.fingertips(posture)[name].position for name in target_vectors(spec).tips]

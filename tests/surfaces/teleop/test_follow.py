@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.hand import Hand
@@ -66,7 +66,7 @@ def test_fingertips_go_to_where_the_persons_are_times_the_length_of_the_fingers(
 
 
 def test_a_straight_finger_is_a_straight_finger_however_large_the_hand_is(spec: HandSpec) -> None:
-    straight = FingerKinematics(spec, "middle").tip(np.zeros(4))
+    straight = ClosedFormFinger(spec, "middle").tip(np.zeros(4))
     for size in (0.8, 1.0, 1.2):
         target = FingertipTargets(spec, "right")(size * hand(0.0))[1]
         np.testing.assert_allclose(target, straight, atol=1e-9)

@@ -15,7 +15,7 @@ from PIL import Image
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform, recording_meta
-from allegro_twin.control.controllers import PD, Follow
+from allegro_twin.control.controllers import PD, PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
@@ -215,7 +215,7 @@ def test_servos_go_on_as_their_loop_does(make_sim: MakeSim, tmp_path: Path) -> N
     span = spec.upper - spec.lower
     moves = Moves([Waypoint(begin + d * span, seconds=0.6) for d in (0.04, -0.04, 0.03)])
     backend = make_sim(spec, posture=begin, period=0.02)
-    samples: Iterator[Sample] = until(2.0, run(backend, Follow(moves)))
+    samples: Iterator[Sample] = until(2.0, run(backend, PositionControl(moves)))
     still = (Sample(replace(s.state, torque=np.full(16, np.nan)), s.command) for s in samples)
     for _ in recorded(still, path, spec, 0.02, meta={"gravity": [0.0, 0.0, -9.81]}):
         pass

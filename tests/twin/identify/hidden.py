@@ -10,8 +10,8 @@ from tempfile import mkdtemp
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.twin.identify.excitation import laid, play, task_of
-from allegro_twin.twin.identify.results.pipeline import Identified, identify
+from allegro_twin.twin.identify.pipeline import Identified, identify
+from allegro_twin.twin.identify.record_excitation import laid, play, task_of
 from tests.conftest import can_config
 
 POSES = ("up", "palm-up", "side")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.twin.identify.fitting.sensitivities import Answers
+from allegro_twin.twin.identify.fitting.shooting import Answers
 from allegro_twin.types import Array
 
 FINGERS = [[0, 1, 2], [3, 4]]

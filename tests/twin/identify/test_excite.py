@@ -12,9 +12,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.spec import Side
-from allegro_twin.twin.identify.excitation import laid, play, task_of
-from allegro_twin.twin.identify.motions.collision_check import rehearsed
-from allegro_twin.twin.identify.motions.poses import pose
+from allegro_twin.twin.identify.motions.excitation import pose, rehearsed
+from allegro_twin.twin.identify.record_excitation import laid, play, task_of
 from tests.surfaces.cli.conftest import Run
 from tests.twin.identify import hidden
 

@@ -19,10 +19,11 @@ from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
 from allegro_twin.surfaces.cli.twins.identifying import lines, table
 from allegro_twin.surfaces.cli.twins.twin import weight_of
+from allegro_twin.twin.identify import pipeline
 from allegro_twin.twin.identify.motions.motion import Motion, noise_floor, read_motion
-from allegro_twin.twin.identify.page.page import page
-from allegro_twin.twin.identify.results import hand_file, pipeline
-from allegro_twin.twin.identify.results.pipeline import gaps, identify
+from allegro_twin.twin.identify.pipeline import gaps, identify
+from allegro_twin.twin.identify.report import page
+from allegro_twin.twin.identify.results import hand_file
 from allegro_twin.twin.identify.results.uncertainty import SOLVED, Value, seen, values
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.twin.identify import hidden

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
@@ -61,7 +61,7 @@ def test_hidden_stops_and_offsets_are_found_within_a_hundredth_of_a_radian(
     hand = Shifted(make_sim(hidden, posture=hidden.posture(rest)), offset, spec)
     wide = Limits(frozen(np.full(16, TORQUE)), frozen(np.full(16, 12.0)), spec.lower - BEYOND, spec.upper + BEYOND)
     moves = sweep(spec, rest)
-    controller = PD(moves, load_gains("default", spec), Gravity(HandModel(spec).gravity_torque))
+    controller = PD(moves, load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque))
     seconds = moves.begin(rest).seconds
     found = observed(until(seconds, run(Guard(hand, wide), controller)))
     np.testing.assert_allclose(found.lower - offset, hidden.lower, atol=0.01)

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope, units
-from allegro_twin.twin.identify.results.selection import settled
+from allegro_twin.twin.identify.results.hand_file import settled
 from tests.twin.identify import hidden
 
 JOINT, LOAD = 3, 0.05

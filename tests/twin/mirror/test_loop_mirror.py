@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import load_config
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.description.hands import load_spec
@@ -40,7 +40,7 @@ def moving(sim: SimBackend, finger: str = "", newtons: float = -0.5) -> Iterator
     """2 s to and fro about an open posture; a fingertip is pushed along the palm's x from PUSHED on."""
     spec, span = sim.spec, sim.spec.upper - sim.spec.lower
     moves = Moves([Waypoint(middle(spec) + d * span * (middle(spec) != 0.0), seconds=0.6) for d in (0.04, -0.04, 0.03)])
-    for sample in until(2.2, run(sim, Follow(moves))):
+    for sample in until(2.2, run(sim, PositionControl(moves))):
         if finger and sample.state.t >= PUSHED:
             body = int(sim.model.site(spec.finger(finger).tip).bodyid[0])
             sim.data.xfrc_applied[body, 0] = newtons

@@ -19,12 +19,9 @@ from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import Card, read_card
 from allegro_twin.learning.tasks import make_task
 from allegro_twin.learning.training.evaluation import fitting, keywords
-from allegro_twin.learning.training.graph.onnx_export import Layered
-from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
-from allegro_twin.learning.training.learned import Advance, Trained, rate_of
-from allegro_twin.learning.training.progress import Progress
-from allegro_twin.learning.training.rsl.episode_stats import Tally
-from allegro_twin.learning.training.rsl.rounds import in_rounds
+from allegro_twin.learning.training.onnx_policy import Acting, Layered, layers_of
+from allegro_twin.learning.training.progress import Advance, Progress, Trained, rate_of
+from allegro_twin.learning.training.rsl.rounds import Tally, in_rounds
 from allegro_twin.learning.training.settings import Recipe
 
 _LED = 0.25

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +21,24 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import Card
 from allegro_twin.learning.training.evaluation import keywords
-from allegro_twin.learning.training.graph.goal_features import left
-from allegro_twin.learning.training.graph.onnx_export import Layered
-from allegro_twin.learning.training.learned import ACHIEVED, GOAL, STATE, Advance, Trained, farthest_of, rate_of
-from allegro_twin.learning.training.progress import Progress
-from allegro_twin.learning.training.rsl.episode_stats import Tally
-from allegro_twin.learning.training.rsl.initialisation import start_from, start_still
-from allegro_twin.learning.training.rsl.rounds import in_rounds
+from allegro_twin.learning.training.goal_features import left, numbers_left
+from allegro_twin.learning.training.onnx_policy import Layered, layers_of
+from allegro_twin.learning.training.progress import (
+    ACHIEVED,
+    GOAL,
+    STATE,
+    Advance,
+    Progress,
+    Trained,
+    farthest_of,
+    rate_of,
+)
+from allegro_twin.learning.training.rsl.rounds import Tally, in_rounds
 from allegro_twin.learning.training.settings import Recipe
 
 SEEN, ALL = "policy", "critic"
@@ -175,3 +183,61 @@ def _widths(space: spaces.Space[Any]) -> dict[str, int]:
     if not isinstance(space, spaces.Dict):
         return {"observation": spaces.flatdim(space)}
     return {name: spaces.flatdim(part) for name, part in space.items() if name != STATE}
+
+
+STILL = 0.01
+"""Of a policy's last weights, at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
+KNOWN = 1_000_000
+"""Observations that the normalisation of the policy counts as."""
+_LEFT = "left"
+
+
+def start_still(actor: Any) -> None:
+    """Let an actor of rsl-rl do next to nothing: what a task does without action is a better beginning than chance."""
+    with torch.no_grad():
+        for each in actor.mlp[-1].parameters():
+            each.mul_(STILL)
+
+
+def start_from(actor: Any, path: Path, widths: dict[str, int]) -> None:
+    """Take a policy over into an actor of rsl-rl that sees inputs of these `widths`: by their names, and of each the
+    first numbers; what the policy does not see counts nothing. Raises ConfigError where its layers are others, or it
+    sees what the actor does not."""
+    given = layers_of(path)
+    theirs = [layer for layer in given.layers if isinstance(layer, torch.nn.Linear)]
+    mine = [layer for layer in actor.mlp if isinstance(layer, torch.nn.Linear)]
+    if given.bound is not None or [layer.weight.shape[0] for layer in mine] != [len(layer.weight) for layer in theirs]:
+        raise ConfigError(f"start {path}: its layers are {_sizes(theirs)}, and this recipe's {_sizes(mine)}")
+    columns = _columns(path, given.widths, given.turns, widths)
+    normal = actor.obs_normalizer
+    with torch.no_grad():
+        for layer, other in zip(mine, theirs, strict=True):
+            layer.bias.copy_(other.bias)
+            if layer is not mine[0]:
+                layer.weight.copy_(other.weight)
+        mine[0].weight.zero_()
+        mine[0].weight[:, columns] = theirs[0].weight.to(mine[0].weight)
+        deviation = 1.0 / torch.as_tensor(given.scale).to(normal._std) - normal.eps
+        normal._mean[0, columns] = torch.as_tensor(given.mean).to(normal._mean)
+        normal._std[0, columns] = deviation
+        normal._var[0, columns] = deviation**2
+        normal.count.fill_(KNOWN)
+
+
+def _columns(path: Path, theirs: dict[str, int], turns: bool, mine: dict[str, int]) -> list[int]:
+    """Where what the policy sees is among what the actor sees."""
+    given, wanted = (dict(widths) for widths in (theirs, mine))
+    for widths in (given, wanted):
+        if GOAL in widths and ACHIEVED in widths:
+            widths[_LEFT] = numbers_left(widths[GOAL], turns)
+    firsts = dict(zip(wanted, accumulate(wanted.values(), initial=0), strict=False))
+    more = [name for name, width in given.items() if width > wanted.get(name, 0)]
+    if more:
+        raise ConfigError(
+            f"start {path}: it sees {given[more[0]]} numbers of {more[0]}, here are {wanted.get(more[0], 0)}"
+        )
+    return [firsts[name] + k for name, width in given.items() for k in range(width)]
+
+
+def _sizes(layers: list[torch.nn.Linear]) -> str:
+    return "-".join(str(width) for width in (layers[0].in_features, *(layer.out_features for layer in layers)))

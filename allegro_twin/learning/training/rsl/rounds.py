@@ -10,7 +10,6 @@ import json
 import pickle
 import random
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,13 +19,21 @@ from torch.utils.tensorboard import SummaryWriter
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import Card
 from allegro_twin.learning.policy.loading import load_policy
-from allegro_twin.learning.training.curve import Curve
 from allegro_twin.learning.training.evaluation import evaluate
-from allegro_twin.learning.training.graph.onnx_export import Layered, to_onnx
-from allegro_twin.learning.training.learned import EVALUATION, Advance, Trained, note
-from allegro_twin.learning.training.progress import VERSION, Progress, made_of, same_inputs, same_training
+from allegro_twin.learning.training.onnx_policy import Layered, to_onnx
+from allegro_twin.learning.training.progress import (
+    EVALUATION,
+    Advance,
+    Curve,
+    Progress,
+    Trained,
+    checked_progress,
+    checkpoint_content,
+    note,
+)
 from allegro_twin.learning.training.settings import Recipe
 
 
@@ -109,14 +116,7 @@ def _round(
 
 
 def _write(learner: Learner, folder: Path, recipe: Recipe, progress: Progress) -> None:
-    content = {
-        "version": VERSION,
-        "recipe": recipe.model_dump(mode="json"),
-        "made_of": made_of(recipe),
-        "progress": asdict(progress),
-        "learner": learner.saved(),
-        "random": _generators(),
-    }
+    content = checkpoint_content(recipe, progress) | {"learner": learner.saved(), "random": _generators()}
     with whole_file(folder / "checkpoints" / f"{progress.rounds:05d}.pt") as temporary:
         torch.save(content, temporary)
 
@@ -130,13 +130,10 @@ def _read(learner: Learner, folder: Path, recipe: Recipe) -> Progress:
         content = torch.load(path, map_location=learner.device, weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError) as error:
         raise ConfigError(f"{path}: not a readable checkpoint: {error}") from error
-    if content["version"] != VERSION:
-        raise ConfigError(f"{path} is of version {content['version']}; this package continues {VERSION}")
-    same_training(path, content["recipe"], recipe)
-    same_inputs(path, content.get("made_of", {}), recipe)
+    progress = checked_progress(path, content, recipe)
     learner.load(content["learner"])
     _seed(content["random"])
-    return Progress(**content["progress"])
+    return progress
 
 
 def _generators() -> dict[str, Any]:
@@ -160,3 +157,38 @@ def _seed(states: dict[str, Any]) -> None:
     np.random.set_state((kind, keys.cpu().numpy().astype(np.uint32), *rest))  # As above.
     version, words, left = states["python"]
     random.setstate((version, tuple(words), left))
+
+
+class Tally:
+    """Sums over episodes, on the device of the simulations."""
+
+    def __init__(self, env: TensorVectorEnv) -> None:
+        zeros = env.xp.zeros(env.num_envs)
+        self._return, self._length, self._over = zeros, zeros.clone(), zeros.new_zeros(4)
+
+    def add(self, reward: Any, ended: Any, success: Any) -> None:
+        """One action of every simulation: (n,) each."""
+        self._return += reward
+        self._length += 1
+        one = ended.float()
+        self._over += torch.stack(
+            [one.sum(), (one * self._return).sum(), (one * self._length).sum(), (one * success).sum()]
+        )
+        self._return *= 1.0 - one
+        self._length *= 1.0 - one
+
+    def saved(self) -> list[Any]:
+        """What `load` takes."""
+        return [each.clone() for each in (self._return, self._length, self._over)]
+
+    def load(self, content: list[Any]) -> None:
+        for mine, other in zip((self._return, self._length, self._over), content, strict=True):
+            mine.copy_(other)
+
+    def told(self) -> tuple[int, float, float, float]:
+        """How many have ended since the last call, their mean return and length, and the share of success; NaN where
+        none has."""
+        number, *sums = self._over.tolist()
+        self._over.zero_()
+        total, length, good = (each / number if number else float("nan") for each in sums)
+        return int(number), total, length, good

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 
-from allegro_twin.learning.training.graph.goal_features import left, numbers_left
-from allegro_twin.learning.training.graph.onnx_export import Layered
-from allegro_twin.learning.training.learned import ACHIEVED, GOAL, STATE
+from allegro_twin.learning.training.goal_features import left, numbers_left
+from allegro_twin.learning.training.onnx_policy import Layered
+from allegro_twin.learning.training.progress import ACHIEVED, GOAL, STATE
 
 BOUND = 5.0
 """Standard deviations beyond which an observation is clipped."""

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.training.curve import Curve
+from allegro_twin.learning.policy.card import Card, write_card
 from allegro_twin.learning.training.evaluation import evaluate, keywords
-from allegro_twin.learning.training.graph.onnx_export import to_onnx
-from allegro_twin.learning.training.learned import (
+from allegro_twin.learning.training.onnx_policy import to_onnx
+from allegro_twin.learning.training.progress import (
     EVALUATION,
     STATE,
     Advance,
+    Curve,
+    Progress,
     Trained,
+    checked_progress,
+    checkpoint_content,
     farthest_of,
     note,
     rate_of,
     round_seed,
 )
-from allegro_twin.learning.training.progress import Progress
-from allegro_twin.learning.training.sb3 import checkpoint
-from allegro_twin.learning.training.sb3.callbacks import Watching
 from allegro_twin.learning.training.sb3.env import StableEnv
 from allegro_twin.learning.training.sb3.network import Asymmetric, Normalised, layered
 from allegro_twin.learning.training.settings import Recipe
@@ -36,8 +42,8 @@ from allegro_twin.learning.training.settings import Recipe
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
     """Train in `folder`, or go on with what is there. Raises ConfigError for a folder of another training."""
-    path = checkpoint.newest(folder)
-    progress = Progress() if path is None else checkpoint.read(path, recipe)
+    path = max(folder.glob("checkpoints/*.zip"), default=None)
+    progress = Progress() if path is None else _read(path, recipe)
     env = HandVectorEnv(recipe.task, recipe.envs, autoreset="disabled", **keywords(recipe.environment))
     card = env.engine.task.card().model_copy(update={"note": f"{recipe.task}: seed {recipe.seed}"})
     stable = StableEnv(env, scale=recipe.reward_scale)
@@ -57,7 +63,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
         curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
         model.logger.record("evaluation/success_rate", rate)
         model.logger.dump(progress.steps)
-        checkpoint.save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
+        _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
     if rate != rate:  # Nothing was left to do.
         rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
     to_onnx(layered(model), folder / "policy.onnx", card.model_copy(update={"note": note(recipe, progress)}))
@@ -111,3 +117,73 @@ def _round(model: Any, env: StableEnv, recipe: Recipe, progress: Progress, watch
 
 def _deterministic(model: Any) -> Any:
     return lambda observation: model.predict(observation, deterministic=True)[0]
+
+
+class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
+    """For one round of learning that begins `seconds` after the training did."""
+
+    def __init__(self, curve: Curve, seconds: float, advance: Advance) -> None:
+        super().__init__()
+        self._curve, self._advance = curve, advance
+        self._began = monotonic() - seconds
+        self._episodes: list[tuple[float, int, bool]] = []
+        self._seen: Any = None
+
+    @property
+    def seconds(self) -> float:
+        """Of training so far."""
+        return monotonic() - self._began
+
+    def _on_step(self) -> bool:
+        infos = self.locals["infos"]
+        self._episodes += [(i["episode"]["r"], i["episode"]["l"], i["is_success"]) for i in infos if "episode" in i]
+        return True
+
+    def _on_rollout_start(self) -> None:
+        """An observation means the same while it is acted on and while it is learned from, hence only now."""
+        self._learn()
+
+    def _on_rollout_end(self) -> None:
+        self._seen = self.model.rollout_buffer.observations
+        if not float(self.model.policy.pi_features_extractor.count):
+            self._learn()  # Nothing is known yet; the first update is better with it.
+        found = np.array(self._episodes, float).mean(axis=0) if self._episodes else np.full(3, np.nan)
+        values = dict(zip(("return", "length", "success"), found.tolist(), strict=True)) if self._episodes else {}
+        steps = int(self.num_timesteps)
+        self._curve.add(steps=steps, seconds=self.seconds, episodes=len(self._episodes), **values)
+        self._advance(steps, float(found[0]), float(found[2]))
+        self._episodes.clear()
+
+    def _on_training_end(self) -> None:
+        self._learn()
+
+    def _learn(self) -> None:
+        if self._seen is not None:
+            policy = self.model.policy
+            for front in {policy.pi_features_extractor, policy.vf_features_extractor}:
+                front.learn(self._seen)
+            self._seen = None
+
+
+MEMBER = "training.json"
+
+
+def _save(model: Any, path: Path, recipe: Recipe, card: Card, progress: Progress) -> None:
+    """A checkpoint is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
+    with whole_file(path) as temporary:
+        model.save(str(temporary))
+        with zipfile.ZipFile(temporary, "a") as archive:
+            archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))
+        write_card(temporary, card)
+
+
+def _read(path: Path, recipe: Recipe) -> Progress:
+    """How far a checkpoint is. Raises ConfigError for one of another version, of another recipe, or none at all."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            content = json.loads(archive.read(MEMBER)) if MEMBER in archive.namelist() else None
+    except (zipfile.BadZipFile, json.JSONDecodeError) as error:
+        raise ConfigError(f"{path}: not a readable checkpoint: {error}") from error
+    if content is None:
+        raise ConfigError(f"{path}: no training inside: a policy, but not a checkpoint to continue")
+    return checked_progress(path, content, recipe)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.controllers import PD, Gravity, GravityCompensation
+from allegro_twin.control.controllers import PD, GravityCompensation, GravityFeedforward
 from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
@@ -19,8 +19,8 @@ from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
 
@@ -38,7 +38,7 @@ def find_limits(
     if by_hand is not None and not by_hand > 0:
         raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
     rig = assemble(_searching(config))
-    gravity = Gravity(hand_model(rig.spec).gravity_torque)
+    gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
     rest = load_posture("calibrate", rig.spec)
     moves = sweep(rig.spec, rest)
     controller: Controller[object]
@@ -101,7 +101,7 @@ def store_limits(path: Path, found: FoundLimits, note: str) -> None:
 def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec, note: str) -> None:
     """Write encoder offsets that centre what was found, and the limits as the hand then reads them, likewise. The file
     also says of which version and side the hand is. Raises ConfigError for a joint that was not at both its ends."""
-    from allegro_twin.twin.identify.motions.encoders import centred
+    from allegro_twin.twin.identify.motions.limits import centred
 
     right = centred(found, model, codec)
     own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}

@@ -12,7 +12,7 @@ def unpacked(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand; its rows. Raises RecordingError, ConfigError."""
     from allegro_twin.hands.description.hands import load_spec
     from allegro_twin.recording.exchange.episodes import write
-    from allegro_twin.recording.exchange.from_rosbag import from_bag as read
+    from allegro_twin.recording.exchange.rosbag import from_bag as read
 
     if target.suffix != ".arrow":
         raise ConfigError(f"{target}: a bag becomes a recording, which ends in .arrow; export that one then")

@@ -14,7 +14,7 @@ def packed(recordings: list[Path], folder: Path, kind: str, *, partial: bool) ->
     from allegro_twin.recording.exchange.episodes import begin
     from allegro_twin.recording.exchange.lerobot import to_lerobot
     from allegro_twin.recording.exchange.minari import to_minari
-    from allegro_twin.recording.exchange.to_rosbag import to_rosbag2
+    from allegro_twin.recording.exchange.rosbag import to_rosbag2
     from allegro_twin.recording.reader import load
 
     if kind not in FORMATS:

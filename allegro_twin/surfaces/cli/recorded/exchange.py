@@ -68,7 +68,7 @@ def export(
 ) -> None:
     """Convert recordings for other programs: files, data sets of demonstrations; and data sets and bus logs into
     recordings."""
-    from allegro_twin.recording.exchange.from_rosbag import is_bag
+    from allegro_twin.recording.exchange.rosbag import is_bag
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.recorded import bags, demonstrations
     from allegro_twin.surfaces.cli.run.runs import convert, from_log

@@ -149,7 +149,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
 
 
 def _mcap(recording: Any, target: Path) -> None:
-    from allegro_twin.recording.exchange.to_rosbag import to_mcap
+    from allegro_twin.recording.exchange.rosbag import to_mcap
 
     to_mcap(recording, target)
 

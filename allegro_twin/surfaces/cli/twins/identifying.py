@@ -19,8 +19,8 @@ from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
     from allegro_twin.twin.identify.fitting.fit import Friction
+    from allegro_twin.twin.identify.pipeline import Identified, Weight
     from allegro_twin.twin.identify.results.gap import Gap
-    from allegro_twin.twin.identify.results.pipeline import Identified, Weight
     from allegro_twin.twin.identify.results.uncertainty import Value
 
 _HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/rad", "friction/k\nmN·m", "offset\nmrad")
@@ -49,8 +49,8 @@ def identified(
         refuse_shipped(path)
     check_scipy()
     from allegro_twin.twin.identify.motions.motion import read_motion
+    from allegro_twin.twin.identify.pipeline import identify
     from allegro_twin.twin.identify.results.hand_file import check
-    from allegro_twin.twin.identify.results.pipeline import identify
 
     if path is not None:
         text = read_text(path)

@@ -129,7 +129,7 @@ def _drawn(
             tell(f"Open {viewer.serve()}")
         else:
             viewer.spawn()
-        samples = drawn(paced(samples) if not rig.device.live else samples, mirror, viewer, health)
+        samples = drawn(paced(samples) if not rig.live else samples, mirror, viewer, health)
     return samples
 
 

@@ -14,7 +14,7 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
-    from allegro_twin.twin.identify.results.pipeline import Weight
+    from allegro_twin.twin.identify.pipeline import Weight
 
 
 class Laws(StrEnum):
@@ -52,20 +52,20 @@ def excite(
     from allegro_twin.app.config import load_config
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.performers import on_hand
-    from allegro_twin.twin.identify import excitation
+    from allegro_twin.twin.identify import record_excitation
 
     settings = on_hand(load_config(config), other)
-    todo = excitation.task_of(settings, pose, seconds, seed, out)
+    todo = record_excitation.task_of(settings, pose, seconds, seed, out)
     if todo is None:
         console.console.print(f"{pose} is recorded in {out}/", soft_wrap=True)
         return
-    ready = excitation.laid(settings, todo.pose)
+    ready = record_excitation.laid(settings, todo.pose)
     console.errors.print(f"{pose}: {todo.pose.words}. It will move every finger for {todo.seconds:.0f} s.")
     if not yes and sys.stdin.isatty() and sys.stderr.isatty():
         typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
     with console.progress() as bar:
         job = bar.add_task(pose, total=todo.seconds)
-        excitation.play(ready, todo, lambda t: bar.update(job, completed=t))
+        record_excitation.play(ready, todo, lambda t: bar.update(job, completed=t))
     console.console.print(f"{todo.file}: {todo.seconds:.0f} s, {pose}", soft_wrap=True)
 
 
@@ -106,7 +106,7 @@ def identify(
     for line in identifying.lines(found):
         console.console.print(line, soft_wrap=True, highlight=False)
     if report is not None:
-        from allegro_twin.twin.identify.page.page import page
+        from allegro_twin.twin.identify.report import page
 
         identifying.write_page(report, page(found))
         console.console.print(f"Report: {report}", soft_wrap=True)
@@ -127,8 +127,8 @@ def gap(
     from allegro_twin.surfaces.cli.twins import identifying
 
     identifying.check_scipy()
+    from allegro_twin.twin.identify.pipeline import gaps
     from allegro_twin.twin.identify.results.hand_file import doubtful
-    from allegro_twin.twin.identify.results.pipeline import gaps
 
     console.warn(doubtful(identifying.hand_file(hand)) if hand else "")
     for each in gaps(recordings, hand or ""):
@@ -204,7 +204,7 @@ def mirror(
 
 def weight_of(text: str) -> Weight:
     """`tip=0.050@REC`. Raises ConfigError."""
-    from allegro_twin.twin.identify.results.pipeline import Weight
+    from allegro_twin.twin.identify.pipeline import Weight
 
     at, equals, rest = text.partition("=")
     mass, sign, recording = rest.partition("@")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -23,16 +23,17 @@ class DraggedTip(NamedTuple):
 
 
 class TipIK:
-    """Inverse kinematics of every finger of a hand, in closed form. Raises ConfigError for a hand without one."""
+    """Inverse kinematics of every finger of a hand. Raises ConfigError for a finger that cannot be moved alone."""
 
     def __init__(self, spec: HandSpec) -> None:
         self._fingers = {finger.name: finger for finger in spec.fingers}
-        self._solvers = {name: FingerKinematics(spec, name) for name in self._fingers}
+        hand = hand_kinematics(spec)
+        self._solvers = {name: hand.finger(name) for name in self._fingers}
 
     def tip(self, finger: str, position: Vector) -> Vector:
         """The tip's centre in a posture, (n,), rad: (3,), m, palm frame."""
         joints = list(self._fingers[finger].joints)
-        return np.asarray(self._solvers[finger].tip(position[joints]))
+        return np.asarray(self._solvers[finger].fk(position[joints]).position)
 
     def drag(self, finger: str, point: Vector, near: Vector) -> DraggedTip:
         """Move a tip to a point, (3,), m, palm frame, by the posture nearest to `near`, (n,), rad."""
@@ -43,4 +44,4 @@ class TipIK:
             posture = near.copy()
             posture[joints] = np.clip(best.posture, solver.lower, solver.upper)
             return DraggedTip(posture, point, 0.0)
-        return DraggedTip(None, np.asarray(solver.tip(best.posture)), float(best.distance))
+        return DraggedTip(None, np.asarray(solver.fk(best.posture).position), float(best.distance))

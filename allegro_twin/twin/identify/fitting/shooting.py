@@ -7,7 +7,7 @@ Q from [S; Λ] = QR takes away what a better start would explain, r ← r − QQ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,9 +17,37 @@ from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
 from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.regress import pushes, smoothed
-from allegro_twin.twin.identify.fitting.sensitivities import Answers
 from allegro_twin.twin.identify.motions.motion import Motion
 from allegro_twin.types import Array, Vector
+
+
+class Answers:
+    """Derivatives by kinds of nudges, as they were found last."""
+
+    def __init__(self, fingers: list[list[int]]) -> None:
+        longest = max(map(len, fingers))
+        self._places = [[finger[place] for finger in fingers if place < len(finger)] for place in range(longest)]
+        self._known: dict[str, list[Array]] = {}
+
+    def of(self, name: str, nudged: Callable[[list[int]], Array]) -> Iterator[Array]:
+        """Derivatives (w, rows, n) by what is called `name` of the first joint of each finger, the second, …; `nudged`
+        gives the one by that of some joints together."""
+        known = self._known.get(name)
+        if known is None:
+            self._known[name] = [nudged(joints) for joints in self._places]
+        else:
+            together = nudged([joint for joints in self._places for joint in joints])
+            self._known[name] = [self._renewed(known, place, together) for place in range(len(known))]
+        yield from self._known[name]
+
+    def _renewed(self, known: list[Array], place: int, together: Array) -> Array:
+        """By one place: its own joints' answer anew, the others' as it was."""
+        own = self._places[place]
+        others = sum((known[other][:, :, own] for other in range(len(known)) if other != place), np.float64(0.0))
+        found = known[place].copy()
+        found[:, :, own] = together[:, :, own] - others
+        return found
+
 
 LONG, SHORT = 99, 33
 """Periods of a piece: 0.3 s, long enough, since a wrong start is forgotten after armature / damping = 40 ms; and 0.1 s,

@@ -21,10 +21,9 @@ from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import Fit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE, index, least, scaled, slope, unscaled
 from allegro_twin.twin.identify.motions.motion import Motion
 from allegro_twin.twin.identify.results.gap import SHORTEST
-from allegro_twin.twin.identify.results.selection import Held, settled
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, Value
 from allegro_twin.types import Vector
 from allegro_twin.version import __version__
@@ -214,3 +213,24 @@ def _joint(spec: HandSpec, number: int) -> str:
 
 def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
+
+
+Held = Mapping[str, NDArray[np.bool_]]
+"""Which values stay as they were, (n,) for each kind; of the delay one."""
+
+
+def settled(found: Fit, held: Held, before: Parameters) -> Parameters:
+    """`before`: what is in the file, relative to the calibration of the recordings."""
+    drive, n = found.drive, len(found.floor)
+    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in held.items()}
+    x, there = scaled(drive), scaled(replace(drive, **stays))
+    fixed = np.zeros(len(x), dtype=bool)
+    for name, mask in held.items():
+        fixed[index(name, n)] = mask
+    inverse = np.linalg.inv(slope(drive))
+    C = inverse @ found.spread.covariance @ inverse.T
+    moved = np.linalg.solve(C[np.ix_(fixed, fixed)], (there - x)[fixed])
+    x = np.where(fixed, there, x + C[:, fixed] @ moved)
+    made = unscaled(np.maximum(x, least(n)))
+    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in held.items()}
+    return replace(made, **stays)

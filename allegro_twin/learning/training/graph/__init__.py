@@ -1,1 +1,0 @@
-"""A policy as a graph of operations: written as ONNX, read back, and what it makes of a goal."""

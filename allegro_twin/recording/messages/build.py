@@ -1,0 +1,152 @@
+"""A hand's state as messages, and joints by name back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.recording.messages.vocabulary import (
+    CLOUD,
+    DIAGNOSTICS,
+    JOINT_STATE,
+    POSE,
+    VECTOR,
+    WRENCH,
+    Message,
+    Vocabulary,
+)
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import HandState, Vector
+
+OK, WARN, ERROR = 0, 1, 2
+"""Levels of diagnostic_msgs/DiagnosticStatus."""
+
+
+def diagnostics(
+    words: Vocabulary, stamp: int, name: str, level: int, message: str, values: Mapping[str, str]
+) -> Message:
+    """One status with its values."""
+    pairs = [words.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
+    status = words.make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level, name=name, message=message, hardware_id=name, values=pairs,
+    )  # fmt: skip
+    return words.make(DIAGNOSTICS, header=words.header(stamp), status=[status])
+
+
+def in_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
+    """For each joint of the hand its place among `names`; no names at all: the hand's own order. Raises ConfigError
+    for a joint that is unknown, missing or named twice."""
+    if not names:
+        return list(range(spec.n_joints))
+    places: dict[int, int] = {}
+    for place, name in enumerate(names):
+        try:
+            joint = spec.joint(_ours(spec, name))
+        except ConfigError:
+            raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}") from None
+        if joint in places:
+            raise ConfigError(f"{what} names the joint {name} twice")
+        places[joint] = place
+    if missing := [spec.joints[joint] for joint in range(spec.n_joints) if joint not in places]:
+        raise ConfigError(f"{what} lacks {', '.join(missing)}: it needs all {spec.n_joints} joints of {spec.name}")
+    return [places[joint] for joint in range(spec.n_joints)]
+
+
+def row(spec: HandSpec, values: Sequence[float], order: Sequence[int], what: str) -> Vector:
+    """Numbers of a message in the hand's order, (n,), read-only. Raises ConfigError for a wrong length, or a number
+    that is not finite."""
+    if len(values) != len(order):
+        raise ConfigError(f"{what} has {len(values)} numbers for {len(order)} joints")
+    return spec.vector(np.asarray(values, dtype=np.float64)[list(order)], what)
+
+
+def _ours(spec: HandSpec, name: str) -> str:
+    """The hand's own name of a joint: ROS 2 has no dots in names, so packages write `joint_3_0` for `joint_3.0`."""
+    return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
+
+
+WORLD = "world"
+"""Its origin is the middle of the table's top."""
+_FLOAT32 = 7  # sensor_msgs/PointField.
+_LENGTH = 0.01  # That a quaternion's may be off from 1.
+
+
+def joint_states(words: Vocabulary, stamp: int, devices: Sequence[tuple[HandSpec, HandState]]) -> Message:
+    """Several devices in one: positions (rad), speeds (rad/s), as effort the torques that were applied (N·m)."""
+    rows = [(state.position, state.velocity, state.torque) for _, state in devices]
+    position, velocity, torque = (np.concatenate(each) for each in zip(*rows, strict=True))
+    names = [name for spec, _ in devices for name in spec.joints]
+    return words.make(
+        JOINT_STATE, header=words.header(stamp), name=names, position=position, velocity=velocity, effort=torque
+    )
+
+
+def wrench(words: Vocabulary, stamp: int, frame: str, values: Vector) -> Message:
+    """Force and torque, (6,), N and N·m, in a frame."""
+    force, torque = _three(words, values[:3]), _three(words, values[3:])
+    inner = words.make("geometry_msgs/msg/Wrench", force=force, torque=torque)
+    return words.make(WRENCH, header=words.header(stamp, frame), wrench=inner)
+
+
+def pose(words: Vocabulary, stamp: int, frame: str, values: Vector) -> Message:
+    """Position, m, and quaternion w x y z, (7,), in a frame."""
+    x, y, z, qw, qx, qy, qz = (float(value) for value in values)
+    inner = words.make(
+        "geometry_msgs/msg/Pose",
+        position=words.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=words.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+    return words.make(POSE, header=words.header(stamp, frame), pose=inner)
+
+
+def pose_in(message: Message, what: str) -> Pose:
+    """The pose in a message. Raises ConfigError for a number that is not finite, or an orientation that is none."""
+    place, turn = message.pose.position, message.pose.orientation
+    parts = {f"position.{axis}": getattr(place, axis) for axis in "xyz"}
+    parts |= {f"orientation.{axis}": getattr(turn, axis) for axis in "wxyz"}
+    for name, value in parts.items():
+        if not np.isfinite(value):
+            raise ConfigError(f"{what}: {name} is {value}; the arm stays: give a whole pose")
+    numbers = np.array(list(parts.values()))
+    length = float(np.linalg.norm(numbers[3:]))
+    if abs(length - 1.0) > _LENGTH:
+        raise ConfigError(f"{what}: its quaternion has length {length:.3g}, not 1; the arm stays: give an orientation")
+    return Pose(numbers[:3], matrix_from_quaternion(numbers[3:]))
+
+
+def cloud(words: Vocabulary, stamp: int, frame: str, points: NDArray[np.float32]) -> Message:
+    """Points (rows, columns, 3), m, in a frame: x right, y down, z ahead; NaN is unknown."""
+    high, wide = points.shape[:2]
+    data = np.ascontiguousarray(points, dtype="<f4")
+    fields = [
+        words.make("sensor_msgs/msg/PointField", name=name, offset=4 * k, datatype=_FLOAT32, count=1)
+        for k, name in enumerate("xyz")
+    ]
+    return words.make(
+        CLOUD, header=words.header(stamp, frame), height=high, width=wide, fields=fields, is_bigendian=False,
+        point_step=12, row_step=12 * wide, data=data.view(np.uint8).ravel(), is_dense=bool(np.isfinite(data).all()),
+    )  # fmt: skip
+
+
+def transform(words: Vocabulary, stamp: int, parent: str, child: str, values: Vector) -> Message:
+    """A frame on another: position, m, and quaternion w x y z, (7,)."""
+    qw, qx, qy, qz = (float(value) for value in values[3:])
+    inner = words.make(
+        "geometry_msgs/msg/Transform",
+        translation=_three(words, values[:3]),
+        rotation=words.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+    header = words.header(stamp, parent)
+    return words.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=inner)
+
+
+def _three(words: Vocabulary, values: Vector) -> Any:
+    x, y, z = (float(value) for value in values)
+    return words.make(VECTOR, x=x, y=y, z=z)

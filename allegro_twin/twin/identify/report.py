@@ -1,0 +1,263 @@
+"""The page: values and their doubts, what the model makes of the motion, friction, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from allegro_twin.grasping.evaluation.page.charts import round_numbers
+from allegro_twin.grasping.evaluation.page.style import STYLE
+from allegro_twin.sim.engine.backend import ENGINE
+from allegro_twin.twin.identify.fitting.parameterisation import NAMES
+from allegro_twin.twin.identify.fitting.regress import smoothed
+from allegro_twin.twin.identify.fitting.shooting import cut
+from allegro_twin.twin.identify.pipeline import Identified
+from allegro_twin.twin.identify.results.hand_file import SCALE
+from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
+from allegro_twin.types import Array
+
+WIDTH, HEIGHT, LEFT, FOOT, TOP, RIGHT = 340, 210, 52, 40, 12, 14
+_MOST = 300
+"""Points of a line."""
+
+
+class Line(NamedTuple):
+    """One line, (k,) each."""
+
+    x: Array
+    y: Array
+    kind: Literal["ink", "good", "bad", "soft"]
+    said: str
+
+
+def chart(lines: Sequence[Line], across: str, upwards: str) -> str:
+    """All lines in one frame that holds them; `across` and `upwards` name the axes."""
+    x, y = (np.concatenate([line[k] for line in lines]) for k in (0, 1))
+    (x0, x1), (y0, y1) = _range(x), _range(y)
+    wide, tall = WIDTH - LEFT - RIGHT, HEIGHT - FOOT - TOP
+    body = []
+    for tick in round_numbers(y0, y1):
+        at = TOP + tall * (1.0 - (tick - y0) / (y1 - y0))
+        body.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{at:.1f}" y2="{at:.1f}"/>')
+        body.append(_text(LEFT - 6, at + 4, f"{tick:g}", "end"))
+    for tick in round_numbers(x0, x1):
+        body.append(_text(LEFT + wide * (tick - x0) / (x1 - x0), HEIGHT - FOOT + 18, f"{tick:g}", "middle"))
+    for line in lines:
+        chosen = np.unique(np.linspace(0, len(line.x) - 1, min(len(line.x), _MOST)).astype(int))
+        px = LEFT + wide * (line.x[chosen] - x0) / (x1 - x0)
+        py = TOP + tall * (1.0 - (line.y[chosen] - y0) / (y1 - y0))
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
+        body.append(
+            f'<polyline class="line {line.kind}" points="{points}"><title>{escape(line.said)}</title></polyline>'
+        )
+    body.append(_text(LEFT + wide / 2, HEIGHT - 4, across, "middle"))
+    body.append(_text(LEFT, TOP - 2, upwards, "start"))
+    said = escape(f"{upwards} against {across}: {'; '.join(line.said for line in lines)}")
+    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" role="img" aria-label="{said}">{"".join(body)}</svg>'
+
+
+def card(title: str, said: str, drawing: str) -> str:
+    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(said)}</figcaption>{drawing}</figure>"
+
+
+def _range(values: Array) -> tuple[float, float]:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return (low, high) if high > low else (low - 1.0, high + 1.0)
+
+
+def _text(x: float, y: float, said: str, anchor: str) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(said)}</text>'
+
+
+_STYLE = (
+    ".line { fill: none; stroke-width: 1.6; } .line.ink { stroke: var(--ink); } .line.good { stroke: var(--good); }"
+    ".line.bad { stroke: var(--bad); } .line.soft { stroke: var(--soft); } .no { white-space: normal; }"
+)
+_UNITS = {
+    "torque_constant": ("torque constant, N·m", 1.0), "armature": ("armature / k, g·m²", 1e3),
+    "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
+    "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
+    "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
+    "backlash": ("backlash, mrad", 1e3),
+}  # fmt: skip
+_SHOWN = 1.0  # s of motion in a picture.
+
+
+def page(found: Identified) -> str:
+    """The text of the file."""
+    first = found.motions[0]
+    title = f"The drive of {first.spec.name} {first.spec.serial}".strip()
+    about = f"{ENGINE} · friction {'LuGre' if found.fit.bristly else 'Coulomb'} · backlash {_play(found)} · "
+    about += f"{len(found.motions)} recordings, " + (
+        f"{sum(motion.seconds for motion in found.motions):.0f} s · N·m from {SCALE[found.fit.masses]}"
+    )
+    parts = (values(found), missing(found), motions(found), spectra(found), friction(found), spread(found))
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{STYLE}{_STYLE}</style></head><body><main>"
+        f"<header><h1>{escape(title)}</h1><p class='soft'>{escape(about)}</p></header>{''.join(parts)}</main></body>"
+        "</html>\n"
+    )
+
+
+def values(found: Identified) -> str:
+    """One row a joint."""
+    names = [name for name in _UNITS if name in found.values]
+    stops = np.isfinite(found.stops).all()
+    both = ("offset by end stops, mrad", "by weight − by stops") if stops else ()
+    said = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
+    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in said), []
+    for joint, alias in enumerate(_joints(found)):
+        cells = [_cell(found, name, joint) for name in names] + (_by_stops(found, joint) if stops else [])
+        left = f"<td class='n'>{found.fit.spread.residual[joint]:.1f} × noise</td>"
+        lines.append(f"<tr><td>{escape(alias)}</td>{''.join(cells)}{left}</tr>")
+    late = found.values["delay"]
+    return (
+        "<h2>Values</h2><p class='soft'>± half of the 95 % interval; – is not determined. Per k: for a torque constant "
+        f"of 1 N·m at full PWM. Delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms.</p>"
+        f"<div class='wide'><table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def _by_stops(found: Identified, joint: int) -> list[str]:
+    """Two cells: what the end stops say, and how far weight disagrees."""
+    stop, weight = 1e3 * found.stops[joint], found.values["offset"]
+    apart = "–" if weight.reason[joint] else f"{1e3 * weight.value[joint] - stop:+.1f}"
+    return [f"<td class='n'>{stop:.1f}</td>", f"<td class='n'>{apart}</td>"]
+
+
+def missing(found: Identified) -> str:
+    """Why what is not determined is not, and what to record."""
+    lines = []
+    for name, value in found.values.items():
+        for joint, why in enumerate(value.reason):
+            if why:
+                of = "" if name == "delay" else f" of {_joints(found)[joint]}"
+                lines.append(f"<li class='no'>{escape(f'{name}{of}: not determined, because {why}')}</li>")
+    return f"<h2>Not determined</h2><ul>{''.join(lines) or '<li>Nothing: all values are.</li>'}</ul>"
+
+
+def motions(found: Identified) -> str:
+    """Measured against simulated for the worst, the median and the best joint, from one start, open loop."""
+    motion = found.motions[0]
+    player = found.fit.player(motion)
+    cuts = cut([motion], motion.spec, round(_SHOWN / motion.period))
+    middle = slice(len(cuts.position) // 2, len(cuts.position) // 2 + 1)
+    pieces = type(cuts.pieces)(*(each[middle] for each in cuts.pieces))
+    simulated = player.play(found.fit.drive, cuts.position[middle], cuts.velocity[middle], pieces)[0]
+    before = player.play(found.fit.start, cuts.position[middle], cuts.velocity[middle], pieces)[0]
+    measured, t = cuts.measured[middle][0], np.arange(simulated.shape[0]) * motion.period
+    order = np.argsort(found.fit.spread.residual)
+    cards = []
+    for name, joint in (("worst", order[-1]), ("median", order[len(order) // 2]), ("best", order[0])):
+        lines = [
+            Line(t, measured[:, joint], "ink", "measured"),
+            Line(t, before[:, joint], "soft", "after the regression"),
+            Line(t, simulated[:, joint], "bad", "simulated"),
+        ]
+        said = f"{_joints(found)[joint]}: black measured, red simulated from one start, grey after the regression alone"
+        cards.append(card(f"The {name} joint", said, chart(lines, "s", "rad")))
+    return f"<h2>Measured and simulated</h2><div class='cards'>{''.join(cards)}</div>"
+
+
+def spectra(found: Identified) -> str:
+    """What is left over in pieces of 0.3 s, by frequency, against the noise of the encoders."""
+    motion = found.motions[0]
+    player = found.fit.player(motion)
+    cuts = cut(list(found.motions), motion.spec)
+    left = player.play(found.fit.drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
+    power = np.square(np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), axis=1))).mean(axis=0) / left.shape[1]
+    hertz = np.asarray(np.fft.rfftfreq(left.shape[1], motion.period), np.float64)
+    cards = []
+    for joint in np.argsort(-found.fit.spread.residual)[:3]:
+        floor = np.full(len(hertz) - 1, 1e6 * found.fit.floor[joint])
+        lines = [
+            Line(hertz[1:], 1e6 * np.sqrt(power[1:, joint]), "bad", "left over"),
+            Line(hertz[1:], floor, "ink", "noise"),
+        ]
+        cards.append(
+            card(_joints(found)[joint], "red left over, black the encoder's noise", chart(lines, "Hz", "µrad"))
+        )
+    return (
+        "<h2>What is left over</h2><p class='soft'>Simulated minus measured, from smoothed starts; below 10 Hz these "
+        f"show, too.</p><div class='cards'>{''.join(cards)}</div>"
+    )
+
+
+def friction(found: Identified) -> str:
+    """Torque against speed, and how often each speed was seen."""
+    speeds = np.concatenate([smoothed(motion).velocity for motion in found.motions])
+    cards = []
+    for joint, alias in enumerate(_joints(found)):
+        v = np.linspace(-1.5, 1.5, 241)
+        torque = 1000.0 * _torque(found, joint, v)
+        often, edges = np.histogram(speeds[:, joint], bins=60, range=(-1.5, 1.5))
+        height = often / often.max() * float(np.abs(torque).max()) if often.any() else often
+        lines = [
+            Line((edges[1:] + edges[:-1]) / 2.0, height, "soft", "how often"),
+            Line(v, torque, "good", "friction and damping"),
+        ]
+        cards.append(card(alias, "blue torque, grey how often each speed was seen", chart(lines, "rad/s", "mN·m")))
+    return f"<h2>Friction</h2><div class='cards'>{''.join(cards)}</div>"
+
+
+def spread(found: Identified) -> str:
+    """What leaving a recording out changes, and which values go together."""
+    rows = []
+    for number, motion in enumerate(found.motions):
+        moved = found.fit.spread.by_recording[number]
+        cells = []
+        for name in VALUES:
+            own = moved[found.fit.columns(name)]
+            cells.append(f"<td class='n'>{_UNITS[name][1] * float(np.median(np.abs(own))):.3g}</td>")
+        rows.append(f"<tr><td>{escape(motion.name)}</td>{''.join(cells)}</tr>")
+    heads = "".join(f"<th>{escape(name if name not in PER_PWM else name + ', absolute')}</th>" for name in VALUES)
+    return (
+        "<h2>Without one recording</h2><p class='soft'>By how much the median joint's value would change (N·m, g·m², "
+        "mN·m·s/rad, mN·m, mrad).</p>"
+        f"<div class='wide'><table><thead><tr><th></th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+        "<h2>Values that go together</h2><p class='soft'>Torque constant, armature, damping, friction and all masses "
+        "times one number give the same motion: that is the scale, which no motion shows. The strongest correlations "
+        f"that the data leave, masses held:</p><ul>{''.join(_pairs(found))}</ul>"
+    )
+
+
+def _pairs(found: Identified) -> Iterator[str]:
+    names, n = [name for name in NAMES if name != "mass_scale"], len(found.fit.floor)
+    columns = np.concatenate([np.arange(n) + found.fit.columns(name).start for name in names])
+    labels = [f"{name} of {alias}" for name in names for alias in _joints(found)]
+    matrix = np.triu(np.abs(found.fit.spread.correlation[np.ix_(columns, columns)]), 1)
+    for place in np.argsort(-matrix, axis=None)[:8]:
+        a, b = np.unravel_index(place, matrix.shape)
+        value = found.fit.spread.correlation[columns[a], columns[b]]
+        yield f"<li>{escape(labels[a])} and {escape(labels[b])}: {value:+.2f}</li>"
+
+
+def _torque(found: Identified, joint: int, v: Array) -> Array:
+    drive = found.fit.drive
+    dry = np.full(len(v), drive.frictionloss[joint])
+    if found.fit.bristly:
+        dry *= 1.0 + (drive.stiction[joint] - 1.0) * np.exp(-np.square(v / drive.stribeck_speed[joint]))
+    return np.asarray(np.sign(v) * dry + drive.damping[joint] * v)
+
+
+def _cell(found: Identified, name: str, joint: int) -> str:
+    value, by = found.values[name], _UNITS[name][1]
+    if value.reason[joint]:
+        return f"<td class='n' title='{escape(value.reason[joint], quote=True)}'>–</td>"
+    half = by * value.half[joint]
+    digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 5))
+    return f"<td class='n'>{by * value.value[joint]:.{digits}f} ± {half:.{digits}f}</td>"
+
+
+def _play(found: Identified) -> str:
+    return "in the model" if found.fit.loose else "none seen"
+
+
+def _joints(found: Identified) -> tuple[str, ...]:
+    spec = found.motions[0].spec
+    return spec.readable
