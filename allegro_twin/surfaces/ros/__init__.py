@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from allegro_twin.recording.messages.vocabulary import named, vocabulary
+from allegro_twin.recording.messages.message_types import ros_types, ros_types_by_name
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros.bridge import NODE, RosBridge
 from allegro_twin.surfaces.ros.hand_topics import NAMESPACE, HandTopics
@@ -43,7 +43,7 @@ def open_bridge(
     """
     from allegro_twin.surfaces.ros.node import Node
 
-    words = named(distro)
+    words = ros_types_by_name(distro)
     node = Node(words, NODE, namespace, domain, network=network)
     try:
         bridge = RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
@@ -65,7 +65,7 @@ def open_ros1(
     """The same on ROS 1, by rospy, at the master of ROS_MASTER_URI."""
     from allegro_twin.surfaces.ros.ros1 import Ros1Node
 
-    words = vocabulary()
+    words = ros_types()
     node = Ros1Node(words, NODE, namespace)
     try:
         yield RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
@@ -88,7 +88,7 @@ def open_cell(
     from allegro_twin.surfaces.ros.cell_topics import CellTopics
     from allegro_twin.surfaces.ros.node import Node
 
-    words, over = named(distro), threading.Event()
+    words, over = ros_types_by_name(distro), threading.Event()
     node = Node(words, NODE, namespace, domain)
     try:
         bridge = RosBridge(CellTopics(cell, words, remote, rate=rate), node, _ignore)

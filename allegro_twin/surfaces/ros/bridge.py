@@ -13,7 +13,7 @@ from uuid import UUID
 
 from allegro_twin.errors import ConfigError, HandError, MotionStalled
 from allegro_twin.recording.events import SessionEvent
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node_api import Received, RosNode, RosTopic
 
 log = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ class SessionTopics:
     occupied = "another program is obeyed"
     """The refusal of a command while another program is obeyed."""
 
-    def __init__(self, words: v.Vocabulary, name: str, rate: float) -> None:
+    def __init__(self, words: v.RosTypes, name: str, rate: float) -> None:
         """`name` stands in the log; `rate`: Hz, of samples that are published. Raises ConfigError for a rate that is
         not positive."""
         if not 0.0 < rate <= 1000.0:

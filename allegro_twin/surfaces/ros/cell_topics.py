@@ -16,8 +16,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.frames import Frames
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.frames import LinkFrames
 from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
 from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY, joint_path
 from allegro_twin.surfaces.ros.node_api import QosProfile, RosTopic
@@ -56,13 +56,13 @@ class CellTopics(SessionTopics):
     occupied = f"another program leads the cell; this one is obeyed after {QUIET:g} s of quiet"
 
     def __init__(
-        self, cell: Cell, words: v.Vocabulary, remote: RemoteControl | None = None, *, rate: float = 100.0
+        self, cell: Cell, words: v.RosTypes, remote: RemoteControl | None = None, *, rate: float = 100.0
     ) -> None:
         """`remote` carries out commands; None: the state machine leads the cell. Raises ConfigError for a rate, Hz,
         that is not positive."""
         super().__init__(words, cell.hand.spec.name, rate)
         self._cell, self._remote, self._sample = cell, remote, None
-        self._arm, self._hand = Frames(cell.robot.spec), Frames(cell.hand.spec)
+        self._arm, self._hand = LinkFrames(cell.robot.spec), LinkFrames(cell.hand.spec)
         self._latest: DeviceSample | None = None
 
     def closed(self) -> str:

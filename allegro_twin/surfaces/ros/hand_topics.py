@@ -15,9 +15,9 @@ from allegro_twin.hands.library.named import grasp_names, posture_names
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.build import in_order, row
-from allegro_twin.recording.messages.frames import Frames, description
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.build import joint_order, joint_values
+from allegro_twin.recording.messages.frames import LinkFrames, urdf_text
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
 from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
@@ -64,7 +64,7 @@ class HandTopics(SessionTopics):
     def __init__(
         self,
         hand: Hand,
-        words: v.Vocabulary,
+        words: v.RosTypes,
         *,
         rate: float = 100.0,
         speed: float = 2.0,
@@ -75,7 +75,8 @@ class HandTopics(SessionTopics):
         spec = hand.spec
         super().__init__(words, spec.name + (f" {spec.serial}" if spec.serial else ""), rate)
         self._hand, self._spec, self._clock, self._speed = hand, spec, clock, speed
-        self._frames, self._model, self._outside = Frames(spec), hand_kinematics(spec), ExternalSetpoints(hand, speed)
+        self._frames, self._model = LinkFrames(spec), hand_kinematics(spec)
+        self._outside = ExternalSetpoints(hand, speed)
         self.published, self.subscribed = tuple(self._named()), SUBSCRIBED
         self._missed, self._tick, self._reported = 0, -1, 0
         self._latest: Sample | None = None
@@ -102,7 +103,7 @@ class HandTopics(SessionTopics):
         _ = self._hand.state  # Raises what ended the loop.
 
     def first(self, stamp: int) -> Iterator[Publication]:
-        yield "robot_description", self._words.make(v.STRING, data=description(self._spec))
+        yield "robot_description", self._words.make(v.STRING, data=urdf_text(self._spec))
         yield "/tf_static", self._frames.still(self._words, stamp)
 
     def messages(self, event: SessionEvent) -> Maker | None:
@@ -171,8 +172,8 @@ class HandTopics(SessionTopics):
         stamp, last = v.nanoseconds(message.header.stamp), self._stamps.get(sender, 0)
         if 0 < stamp < last:
             raise ConfigError(f"joint_cmd: its stamp is {(last - stamp) / 1e9:.3f} s before that of the one before it")
-        order = in_order(self._spec, message.name, "joint_cmd")
-        self._outside.track(row(self._spec, message.position, order, "joint_cmd"))
+        order = joint_order(self._spec, message.name, "joint_cmd")
+        self._outside.track(joint_values(self._spec, message.position, order, "joint_cmd"))
         self._stamps[sender] = stamp
         return 0.0
 

@@ -21,7 +21,7 @@ from cyclonedds.util import duration
 from rosbags.interfaces import Nodetype
 
 from allegro_twin.errors import ConfigError, LinkError
-from allegro_twin.recording.messages.vocabulary import NODES, Message, Vocabulary
+from allegro_twin.recording.messages.message_types import NODES, Message, RosTypes
 from allegro_twin.surfaces.ros.node_api import NAME, PLAIN, QosProfile, Received, checked, full
 
 _BASE = {
@@ -38,7 +38,7 @@ def dds_name(kind: str) -> str:
 
 
 @cache
-def struct(words: Vocabulary, kind: str) -> type[IdlStruct]:
+def struct(words: RosTypes, kind: str) -> type[IdlStruct]:
     """The type with its fields, which Cyclone DDS can read and write by itself."""
     fields = {name: _field(words, shape) for name, shape in words.fields(kind)}
     made: type[IdlStruct] = make_idl_struct(kind.split("/")[-1], dds_name(kind).replace("::", "."), fields)
@@ -46,7 +46,7 @@ def struct(words: Vocabulary, kind: str) -> type[IdlStruct]:
 
 
 @cache
-def wire(words: Vocabulary, kind: str) -> type[Any]:
+def wire(words: RosTypes, kind: str) -> type[Any]:
     """The same type, whose samples are CDR bytes that nobody takes apart."""
     inner = struct(words, kind)
 
@@ -65,7 +65,7 @@ def wire(words: Vocabulary, kind: str) -> type[Any]:
     return Wire
 
 
-def _field(words: Vocabulary, shape: tuple[Any, Any]) -> Any:
+def _field(words: RosTypes, shape: tuple[Any, Any]) -> Any:
     node, args = shape
     if node == Nodetype.BASE:
         return _BASE[args[0]]
@@ -102,7 +102,7 @@ class Node:
     """One participant with one node. Nothing waits here but `wait`. Raises ConfigError for a name or a domain that ROS
     does not allow, LinkError where the network does not let it."""
 
-    def __init__(self, words: Vocabulary, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
+    def __init__(self, words: RosTypes, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
         self.words, self.name, self.namespace = words, name, checked(namespace)
         if not 0 <= domain <= HIGHEST:
             raise ConfigError(f"ROS_DOMAIN_ID must be 0 to {HIGHEST}, not {domain}")
