@@ -12,11 +12,11 @@ from pathlib import Path
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case, case_of
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.entry_files import Listed
 from allegro_twin.hands.library.gains import ruled
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.sources import Listed
 from allegro_twin.hands.library.taxonomy import Observed, Taxonomy, as_claimed
 
 _PLAIN = re.compile(r"[A-Za-z][\w %.;-]*")

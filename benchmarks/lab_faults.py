@@ -37,7 +37,7 @@ from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.cell.states import Now, State
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from allegro_twin.backend import torque_of
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until

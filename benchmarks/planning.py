@@ -23,7 +23,7 @@ from allegro_twin.grasping.plan.search import Budget, Search
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.uncertainty import draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 WANTED = 5

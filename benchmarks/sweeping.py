@@ -18,7 +18,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.trial import make_trial
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sweep import Local, RayCluster, Sweep, run
 from allegro_twin.sweep.local import Engine, cores
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_actuation, load_spec
+from allegro_twin.hands.description.specs import load_actuation, load_spec
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 

@@ -14,7 +14,7 @@ from allegro_twin.drivers.can.tools.sniff import Sniffer
 from allegro_twin.drivers.can.virtual.slcan import TAP
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
 
 
 def ears_of(name: str | None, given: Mapping[str, Any], options: Sequence[str] = ()) -> tuple[Bus, Sniffer]:

@@ -15,7 +15,7 @@ from allegro_twin.cell.camera.self_filter import Itself
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import Pipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, ThingSettings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics

@@ -17,7 +17,7 @@ from allegro_twin.grasping.timeline import plan, stage
 from allegro_twin.grasping.uncertainty import Draw
 from allegro_twin.grasping.verdict import FULL, Observations, Report, Rule, Window, judge
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.library.taxonomy import Observed
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.contact_surfaces import SURFACES, Borne, Stance, Surfaces, edges

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from typing import Any, NamedTuple
 
-from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.errors import ConfigError, HandError, unknown
 from allegro_twin.files.fingerprint import source_fingerprint
-from allegro_twin.sweep.functions import function
 from allegro_twin.sweep.jobs import Item, Result, Sweep, versions
+
+
+def function(name: str) -> Callable[..., Any]:
+    """The function of that name. Raises ConfigError where there is none."""
+    module, _, attribute = name.partition(":")
+    if not module or not attribute:
+        raise ConfigError(f"function {name!r}: must be package.module:name")
+    try:
+        home = import_module(module)
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"function {name!r}: {error}") from error
+    found: Callable[..., Any] | None = getattr(home, attribute, None)
+    if not callable(found):
+        known = [each for each, value in vars(home).items() if callable(value) and not each.startswith("_")]
+        raise ConfigError(unknown(f"function of {module}", attribute, known))
+    return found
 
 
 class Work(NamedTuple):

@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any
 
 from allegro_twin.errors import HandError
-from allegro_twin.sweep.functions import function
+from allegro_twin.sweep.units import function
 
 
 def main() -> None:

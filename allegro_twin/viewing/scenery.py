@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from allegro_twin.hands.description.appearance import TABLE, of_object
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import TABLE, Body, Shape, of_object
 from allegro_twin.spec import HandSpec
 from allegro_twin.viewing.skeleton import bodies_of
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from allegro_twin.hands.description import facts
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import Body, Shape
 from allegro_twin.hands.generate import mesh
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec

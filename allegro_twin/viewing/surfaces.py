@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.hands.description.appearance import of_object
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import Shape, of_object
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.schema import parse
-from allegro_twin.sweep.results import latest, read_results, write_results
 from allegro_twin.sweep.store import Store
+from allegro_twin.sweep.table import latest, read_results, write_results
 from studies.preemption.page import write_report
 from studies.preemption.protocol import Study
 

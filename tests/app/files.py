@@ -9,8 +9,8 @@ import numpy as np
 from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
 from allegro_twin.grasping.interchange.grasps import PALM, Grasps, checked
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import facing, quaternion_from_matrix
 from allegro_twin.types import Array
 

@@ -14,7 +14,7 @@ from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, Targe
 from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rates
 from allegro_twin.grasping.interchange.to_trial import foreign
 from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until

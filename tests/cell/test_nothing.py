@@ -7,7 +7,7 @@ import numpy as np
 from allegro_twin.cell.motion.empty_grasp import around_nothing, meeting
 from allegro_twin.cell.motion.grasp_selection import cards
 from allegro_twin.cell.settings import HandSettings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library
 
 HAND = HandSettings()

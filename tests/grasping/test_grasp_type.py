@@ -11,8 +11,8 @@ from allegro_twin.grasping.batch.batched_trials import together
 from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
 from allegro_twin.grasping.grasp_type import Bearing, Seen, Shape, observed
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.library.taxonomy import KINDS, NONE, Observed
 
 FINGERS = ("index", "middle", "ring", "little")

@@ -15,7 +15,7 @@ from allegro_twin.grasping.batch.trials import Bench, Case, case_of, judged
 from allegro_twin.grasping.scenario import Phase, Protocol, load_protocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Draw, Stream, Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until

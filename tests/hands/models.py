@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.files.templates import written
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.yaml_edit import written
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.mjcf_import.explore import explored
 from allegro_twin.spec import HandSpec
 

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.templates import written
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.yaml_edit import written
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.mjcf_import.adapt import read
 from allegro_twin.sim.mjcf_import.explore import explored
 from allegro_twin.sim.model.scene import hand_spec

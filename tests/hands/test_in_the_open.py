@@ -7,9 +7,9 @@ from functools import cache
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.sources import read_shipped, shipped
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entry_files import read_shipped, shipped
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.sim.contact.interlock import Interlock
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.collision_free_paths import Ways

@@ -16,9 +16,8 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import Library, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load

@@ -22,7 +22,7 @@ from allegro_twin.grasping.plan.validate import AS_IT_IS, Planned, Prover
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import Workbench

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.messages.frames import Frames
 from allegro_twin.sim.model.postures import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene

@@ -9,7 +9,7 @@ import pytest
 from allegro_twin import Hand
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import CommandError, ConfigError, SelfCollision
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import PositionCommand, TorqueCommand

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.mjcf_import.explore import explored
 from allegro_twin.sim.model.postures import Posed

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.spec import SIDES, Side

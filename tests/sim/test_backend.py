@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from allegro_twin.control.controllers import ConstantTorque
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import facing, quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend, substeps

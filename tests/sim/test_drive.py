@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
 from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.spec import HandSpec

@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.appearance import of_object, of_series
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import Shape, of_object, of_series
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.appearance import scene_look, simplified
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue, named

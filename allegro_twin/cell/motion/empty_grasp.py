@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.cell.motion.finger_paths import Wish, fingers
 from allegro_twin.cell.settings import HandSettings
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library

@@ -16,7 +16,7 @@ from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import hand_kinematics

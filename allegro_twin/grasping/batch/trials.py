@@ -20,11 +20,11 @@ from allegro_twin.grasping.scenario import Protocol, Scenario, in_direction, loa
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Draw
 from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics

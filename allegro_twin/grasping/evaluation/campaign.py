@@ -15,7 +15,7 @@ from allegro_twin.grasping.evaluation.inputs import InputsOf
 from allegro_twin.grasping.interchange.to_trial import grasps_in
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec, Side
 
 JUDGE = "allegro_twin.grasping.batch.trials:judged"

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Frame, Grasps, checked
 from allegro_twin.grasping.interchange.orders import by_name, menagerie_order, ordered, orders
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

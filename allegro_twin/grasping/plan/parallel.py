@@ -18,7 +18,7 @@ from allegro_twin.grasping.plan.search import Budget, Effort, Search, symmetry_o
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import Planned, best_of
 from allegro_twin.grasping.scenario import Scenario
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import Observed
 from allegro_twin.sweep.jobs import Sweep

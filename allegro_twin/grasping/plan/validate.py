@@ -19,7 +19,7 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Uncertainty, draws
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.select import is_of_type
+from allegro_twin.hands.library.library import is_of_type
 from allegro_twin.hands.library.taxonomy import Observed, as_claimed
 from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.spec import HandSpec

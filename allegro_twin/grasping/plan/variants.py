@@ -13,7 +13,7 @@ from allegro_twin.errors import HandError
 from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Draw
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
 from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_of
 from allegro_twin.spec import HandSpec

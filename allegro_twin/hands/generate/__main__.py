@@ -8,7 +8,7 @@ from pathlib import Path
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description import arms, facts
-from allegro_twin.hands.description.hands import load_actuation
+from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.hands.generate import mesh, tendon_mjcf
 from allegro_twin.hands.generate.arm_mjcf import arm_mjcf
 from allegro_twin.hands.generate.arm_urdf import arm_urdf

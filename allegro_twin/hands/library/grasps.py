@@ -6,8 +6,15 @@ from dataclasses import dataclass
 
 from allegro_twin.control.trajectory import Profile, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.entries import GraspFile, grasp_entry, joint_values, mirrored_grip
-from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip, Grip
+from allegro_twin.hands.library.entries import (
+    CentroidGrip,
+    EnvelopGrip,
+    GraspFile,
+    Grip,
+    grasp_entry,
+    joint_values,
+    mirrored_grip,
+)
 from allegro_twin.hands.library.taxonomy import Observed, Taxonomy
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector

@@ -6,15 +6,16 @@ left hand whose file is written for the right changes that same entry, converted
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files import yaml_edit
 from allegro_twin.files.assets import data_root, parse_yaml, refuse_shipped
-from allegro_twin.hands.library import select
 from allegro_twin.hands.library.entries import (
+    HAND,
     Entry,
     GraspFile,
     Kind,
@@ -24,8 +25,9 @@ from allegro_twin.hands.library.entries import (
     on_side,
     parse_entry,
 )
+from allegro_twin.hands.library.entry_files import Listed, check_name, one, read_all, read_file, read_shipped, shipped
 from allegro_twin.hands.library.grasps import Grasp, build_grasp
-from allegro_twin.hands.library.sources import Listed, check_name, one, read_all, read_file, read_shipped, shipped
+from allegro_twin.hands.library.taxonomy import KINDS, Control, Observed, Taxonomy
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
 
@@ -90,7 +92,7 @@ class Library:
         added = {name: Listed(name, item.entry, None) for name, item in self._added.items()}
         everything = {name: read_shipped(name) for name in shipped(kind)} | user | added
         found = [everything[name] for name in sorted(everything)]
-        return tuple(select.matching(found, kind, hand, taxonomy, fingers, object_size))
+        return tuple(filter_entries(found, kind, hand, taxonomy, fingers, object_size))
 
     def add(self, name: str, entry: Entry, spec: HandSpec) -> None:
         """Have an entry under a name in this process only, in place of one in the user's files if there is one.
@@ -219,3 +221,93 @@ def _remove(file: Path, name: str) -> None:
             yaml_edit.write_text(file, yaml_edit.with_entry(text, name, None, str(file)))
         else:
             file.unlink()
+
+
+_TYPES = get_args(Control)
+
+
+def filter_entries(
+    entries: Sequence[Listed],
+    kind: Kind | None,
+    hand: HandSpec | None,
+    taxonomy: int | str | None,
+    fingers: int | None,
+    object_size: float | tuple[float, float] | None,
+) -> Iterator[Listed]:
+    """Those that pass every filter that is not None; see `Library.list`. Raises ConfigError."""
+    if taxonomy is not None:
+        check_type(taxonomy)
+    for listed in entries:
+        entry = listed.entry
+        if kind is not None and listed.kind != kind:
+            continue
+        if taxonomy is not None and not (isinstance(entry, GraspFile) and is_of_type(entry.kind_of_grasp, taxonomy)):
+            continue
+        if fingers is not None and not (isinstance(entry, GraspFile) and len(entry.fingers) == fingers):
+            continue
+        if object_size is not None and not (isinstance(entry, GraspFile) and _fits(entry, object_size)):
+            continue
+        if hand is None or _can(listed, hand):
+            yield listed
+
+
+def check_type(wanted: int | str) -> None:
+    """Raises ConfigError for what is no type of the taxonomy: not its number, its name, or how it controls."""
+    if isinstance(wanted, int) or wanted.isdigit():
+        if int(wanted) not in KINDS:
+            raise ConfigError(f"the GRASP taxonomy has the numbers 1 to 33, not {wanted}")
+    elif wanted.lower() not in (names := {kind.name.lower(): kind.name for kind in KINDS.values()}) | dict.fromkeys(
+        _TYPES
+    ):
+        raise ConfigError(unknown("taxonomy", wanted, {*names.values(), *_TYPES}))
+
+
+def is_of_type(kind: Taxonomy | Observed, wanted: int | str) -> bool:
+    """Whether a type has this number or name, or is of this control (`power`, `intermediate`, `precision`), which what
+    is none of the 33 may be, too."""
+    if isinstance(wanted, int) or wanted.isdigit():
+        return int(wanted) == kind.number
+    return wanted.lower() == (kind.type if wanted.lower() in _TYPES else kind.name.lower())
+
+
+def _fits(grasp: GraspFile, wanted: float | tuple[float, float]) -> bool:
+    smallest, largest = wanted if isinstance(wanted, tuple) else (wanted, wanted)
+    size = grasp.object_size
+    return size is not None and size[0] - 1e-9 <= largest and smallest <= size[1] + 1e-9
+
+
+def _can(listed: Listed, hand: HandSpec) -> bool:
+    try:
+        joint_values(listed.entry, hand, listed.where)
+    except ConfigError:
+        return False  # The answer, not an error: it is outside that hand's limits, or for another hand.
+    return True
+
+
+def load_posture(name: str | Path, spec: HandSpec) -> Vector:
+    """Joint positions by name or path for the spec's side, shape (n,), rad. Raises ConfigError."""
+    return Library().posture(name, spec)
+
+
+def posture_names(model: str = HAND) -> list[str]:
+    """Every posture of a model of hand that ships with the package."""
+    return _names("posture", model)
+
+
+def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
+    """A grasp by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
+    return Library().grasp(name, spec)
+
+
+def load_trajectory(name: str | Path, spec: HandSpec) -> TaughtMotion:
+    """A motion by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
+    return Library().trajectory(name, spec)
+
+
+def grasp_names(model: str = HAND) -> list[str]:
+    """Every grasp of a model of hand that ships with the package."""
+    return _names("grasp", model)
+
+
+def _names(kind: Kind, model: str) -> list[str]:
+    return sorted(name for name in shipped(kind) if read_shipped(name).entry.hand == model)

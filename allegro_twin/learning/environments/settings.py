@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import Given
 from allegro_twin.learning.environments.randomise import Randomise, preset

@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
 from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
 from allegro_twin.spec import HandSpec, Side

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.array_api import host, own
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture, posture_names
+from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, Options

@@ -13,7 +13,7 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenari
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.objects import Given, name_of, scenario_of, scenarios
 from allegro_twin.learning.environments.settings import EnvSettings

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import host
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.learning.environments.objects import Given, name_of
 from allegro_twin.learning.environments.random_streams import Draws

@@ -10,11 +10,10 @@ import numpy as np
 
 from allegro_twin.control import laws
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root
+from allegro_twin.files.assets import cache_folder, data_root
 from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.cache import cache_folder
 from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_vector

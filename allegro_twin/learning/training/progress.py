@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
 from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import gains_names, load_gains
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.sim.model.fingerprint import hand_fingerprint

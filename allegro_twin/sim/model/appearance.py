@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.hands.description.appearance import of_object
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import Body, Shape, of_object
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec

@@ -27,7 +27,7 @@ def hands() -> list[str]:
 
 def models() -> list[str]:
     """Of hands."""
-    from allegro_twin.hands.description.hands import is_model
+    from allegro_twin.hands.description.specs import is_model
 
     return [name for name in hands() if is_model(name)]
 

@@ -10,7 +10,7 @@ from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import is_model, side_of
+from allegro_twin.hands.description.specs import is_model, side_of
 
 
 def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:

@@ -7,10 +7,9 @@ from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import is_model
+from allegro_twin.hands.description.specs import is_model
 from allegro_twin.hands.library.gains import gains_names
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp, load_posture, posture_names
+from allegro_twin.hands.library.library import Library, load_grasp, load_posture, posture_names
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.requests import Scene

@@ -9,7 +9,7 @@ from uuid import UUID
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.hands.library.named import grasp_names, posture_names
+from allegro_twin.hands.library.library import grasp_names, posture_names
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.build import in_order, row
 from allegro_twin.surfaces.hand import Hand

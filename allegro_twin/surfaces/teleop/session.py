@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.teleop.dex import Retargeting

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import Fit, Friction, fit

@@ -14,9 +14,8 @@ from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import find, read_yaml
-from allegro_twin.hands.description.calibration import Calibration, Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Calibration, Version, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import to_the_end
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.replay import ReplayBackend, samples_of

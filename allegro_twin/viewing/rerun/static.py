@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from allegro_twin.hands.description.appearance import LIMIT, Color, lighter, of_series
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import LIMIT, Color, Shape, lighter, of_series
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.viewing.scenery import ArmScenery, Scenery
 from allegro_twin.viewing.surfaces import joined, surface

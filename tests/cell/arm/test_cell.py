@@ -18,8 +18,8 @@ from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import is_model, load_spec
 from allegro_twin.hands.description.mounts import load_mount
+from allegro_twin.hands.description.specs import is_model, load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose, placed, seen_from

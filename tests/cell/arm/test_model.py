@@ -9,7 +9,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.description import arms, inertia
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.spec.arm import ArmSpec

@@ -13,8 +13,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ProtocolError
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Calibration, load_wiring
 
 Messages = st.SearchStrategy[Message]
 UNEVEN = Calibration(torque_constant=tuple(0.3 + 0.1 * joint for joint in range(16)))

@@ -23,9 +23,9 @@ from allegro_twin.drivers.can.driver.velocity import VelocityFilter
 from allegro_twin.grasping.verdict import Report
 from allegro_twin.hands.description.calibration import FULL_SCALE as FULL
 from allegro_twin.hands.description.calibration import Version, geared
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen

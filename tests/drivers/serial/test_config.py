@@ -20,7 +20,7 @@ from allegro_twin.drivers.dynamixel.driver.prepare import check_place
 from allegro_twin.drivers.dynamixel.opening import calibration_of
 from allegro_twin.errors import ConfigError, HandFault, LinkError
 from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded

@@ -7,7 +7,7 @@ import pytest
 from allegro_twin.grasping.plan.search import Budget, Effort, Search
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import Planned
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 

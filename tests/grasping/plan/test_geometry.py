@@ -22,7 +22,7 @@ from allegro_twin.grasping.plan.symmetry import symmetry
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import stage
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench, coordinates
 from allegro_twin.sim.objects.catalogue import Placement, Thing, named
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of

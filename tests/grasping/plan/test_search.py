@@ -26,12 +26,11 @@ from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.entry_files import read_file
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.sources import read_file
+from allegro_twin.hands.library.library import Library, load_grasp
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of

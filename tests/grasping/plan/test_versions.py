@@ -13,8 +13,8 @@ from allegro_twin.errors import HandError
 from allegro_twin.grasping.plan.variants import Try, Version, Where, plain, score, tries, version_of
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.spec import Side
 from allegro_twin.sweep.local import Local
 

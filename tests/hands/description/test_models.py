@@ -16,11 +16,11 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description import facts, inertia
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.generate.__main__ import stale
 from allegro_twin.hands.generate.mesh import rounded_box
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend

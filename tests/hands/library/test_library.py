@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import (
     GraspFile,
     PostureFile,
@@ -25,8 +25,7 @@ from allegro_twin.hands.library.entries import (
     trajectory_entry,
 )
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp, load_posture
+from allegro_twin.hands.library.library import Library, load_grasp, load_posture
 from allegro_twin.hands.library.taxonomy import Taxonomy, as_claimed
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array

@@ -14,8 +14,8 @@ import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.control.controllers import PositionControl
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.episode import Episode
 from allegro_twin.learning.environments.settings import EnvSettings, read_settings

@@ -17,7 +17,7 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile, TrajectoryFile
 from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.taxonomy import KINDS, Observed

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp, load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.surfaces.panel.page.bars import banner, group_bars, health
 from allegro_twin.surfaces.panel.page.groups import groups, units

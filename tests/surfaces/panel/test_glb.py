@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import Shape
 from allegro_twin.surfaces.panel.page.glb import glb
 from allegro_twin.viewing.surfaces import surface
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v

@@ -11,8 +11,8 @@ import yaml
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.open_loop.windows import Player

@@ -14,7 +14,7 @@ from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.driver.clock import HandClock
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import recorded

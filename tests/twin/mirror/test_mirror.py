@@ -13,7 +13,7 @@ import pytest
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load

@@ -7,7 +7,7 @@ from typing import Any
 
 from allegro_twin.drivers.can.config import CanSettings, FaultSettings
 from allegro_twin.files.assets import find, read_yaml
-from allegro_twin.hands.description.wiring import NOTHING
+from allegro_twin.hands.description.calibration import NOTHING
 from allegro_twin.spec import HandSpec
 
 _BLOCKS = ("actuation", "drive", "wire")

@@ -18,9 +18,9 @@ from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campa
 from allegro_twin.grasping.evaluation.outcomes import outcomes, rate_of
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
-from allegro_twin.hands.library.named import grasp_names, load_grasp
+from allegro_twin.hands.library.library import grasp_names, load_grasp
 from allegro_twin.hands.library.taxonomy import Observed
 from allegro_twin.loop import run, until
 from allegro_twin.sweep.jobs import Sweep

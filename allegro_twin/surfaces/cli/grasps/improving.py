@@ -62,8 +62,8 @@ def improve(
 def _begun(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenario, Grasp, HandSpec, Path]:
     """What there is, and its file. Raises ConfigError."""
     from allegro_twin.grasping.scenario import load_scenario, object_of
-    from allegro_twin.hands.description.hands import load_spec
-    from allegro_twin.hands.library.named import load_grasp
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.hands.library.library import load_grasp
 
     settings, path = load_scenario(scenario)
     spec = load_spec(settings.hand)

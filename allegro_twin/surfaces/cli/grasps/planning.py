@@ -87,7 +87,7 @@ def plan(
     from allegro_twin.grasping.plan.templates import templates
     from allegro_twin.grasping.plan.validate import judge
     from allegro_twin.grasping.scenario import load_protocol
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.verdicts import engine_of
 
@@ -172,7 +172,7 @@ def new(
     from allegro_twin.files.output_folder import undisturbed
     from allegro_twin.grasping.plan.initial_guess import first_guess
     from allegro_twin.grasping.plan.save import write
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
 
     spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)

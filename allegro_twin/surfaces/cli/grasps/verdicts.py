@@ -79,7 +79,7 @@ def told(
     """Show the table and write the files; the rows, one a target. Raises HandError."""
 
     from allegro_twin.grasping.evaluation.outcomes import outcomes, rates, with_draws
-    from allegro_twin.sweep.results import write_results
+    from allegro_twin.sweep.table import write_results
 
     rows = outcomes(targets, trials.rows)
     console.console.print(_table(rows, noise))

@@ -16,9 +16,9 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.spec import HandSpec

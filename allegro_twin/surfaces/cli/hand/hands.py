@@ -30,7 +30,7 @@ def new(
 ) -> None:
     """Write the card of a hand from its MJCF, and a config that runs it: what is driven and how far, what follows, and
     guesses of its fingers and of where its palm looks."""
-    from allegro_twin.files.templates import written
+    from allegro_twin.files.yaml_edit import written
     from allegro_twin.sim.mjcf_import.explore import explored
     from allegro_twin.surfaces.cli import console
 

@@ -26,7 +26,7 @@ def layout(
     """Write a layout in which Foxglove or PlotJuggler shows a bag, or the topics, of a hand."""
     from allegro_twin.app.config import load_config
     from allegro_twin.files.atomic_write import whole_file
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.recording.messages.layouts import foxglove, plotjuggler
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.performers import on_hand

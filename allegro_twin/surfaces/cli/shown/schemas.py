@@ -36,7 +36,7 @@ def schemas(
 ) -> None:
     """Write JSON Schemas of the YAML files, by which an editor completes keys and shows mistakes and units."""
     from allegro_twin.files.atomic_write import whole_file
-    from allegro_twin.files.json_schema import json_schema
+    from allegro_twin.files.schema import json_schema
     from allegro_twin.surfaces.cli import console
 
     for kind, model in models().items():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import Body, Shape
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
 from allegro_twin.surfaces.panel.cell import CellFrame, CellOpened
 from allegro_twin.surfaces.panel.page.glb import glb

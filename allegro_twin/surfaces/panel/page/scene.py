@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.appearance import of_series
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import Shape, of_series
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.glb import glb

@@ -14,9 +14,8 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.hands.description.calibration import Calibration, Version
-from allegro_twin.hands.description.hands import load_actuation
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Calibration, Version, load_wiring
+from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.spec import HandSpec

@@ -12,9 +12,8 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Calibration, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import Vector
 
 SERIALS = sorted(path.stem for path in (data_root() / "conf" / "hands").glob("SAH*.yaml"))

@@ -12,9 +12,8 @@ import numpy as np
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.hands.description import arms, facts
-from allegro_twin.hands.description.calibration import NOMINAL, Version
+from allegro_twin.hands.description.calibration import HIDDEN, NOMINAL, NOTHING, Version, load_wiring
 from allegro_twin.hands.description.card import spec_of
-from allegro_twin.hands.description.wiring import HIDDEN, NOTHING, load_wiring
 from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Vector, frozen
