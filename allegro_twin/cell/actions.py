@@ -38,7 +38,7 @@ from allegro_twin.cell.states import End, Now, Seen
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array, HandState, Vector
 
@@ -258,7 +258,8 @@ class Work:
         )
         off = np.linalg.norm(pose.position - goal.position)
         return bool(
-            off < loose * decide.near and np.linalg.norm(turn(pose.rotation, goal.rotation)) < loose * decide.turned
+            off < loose * decide.near
+            and np.linalg.norm(rotation_between(pose.rotation, goal.rotation)) < loose * decide.turned
         )
 
     def _closed(self, t: float) -> bool:

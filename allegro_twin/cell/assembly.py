@@ -19,7 +19,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import Apart
 from allegro_twin.sim.model.arm_with_hand import Mounted
@@ -93,7 +93,7 @@ def make_room(settings: LabSettings) -> Room:
 
 def waiting(cell: Cell, wait: SecuritySettings) -> tuple[Pose, Vector]:
     """Where the palm waits, in the world, and the arm's posture there, (n,), rad. Raises ConfigError out of reach."""
-    security = Pose(np.array(wait.position), facing(wait.facing, wait.fingers))
+    security = Pose(np.array(wait.position), matrix_facing(wait.facing, wait.fingers))
     return security, cell.model.reach(cell.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
 
 

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import ObjectSettings, Phase, Protocol, Scenario
 from allegro_twin.grasping.verdict import Window
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.kinematics.orientation import facing, mirrored, quaternion_from_matrix
+from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.sim.objects import catalogue
@@ -75,7 +75,7 @@ def stage(scenario: Scenario, protocol: Protocol, side: Side, folder: Path) -> S
     position = np.add(things[0].position, offset)
     if any(phase.wrist == "approach" for phase in protocol.phases):
         position = position + scenario.wrist.retreat
-    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
@@ -155,5 +155,5 @@ def _own(settings: ObjectSettings, folder: Path) -> catalogue.Thing:
 
 def _mirrored(placement: catalogue.Placement) -> catalogue.Placement:
     x, y, z = placement.position
-    w, i, j, k = mirrored(placement.quaternion).tolist()
+    w, i, j, k = mirror_quaternion(placement.quaternion).tolist()
     return catalogue.Placement(placement.thing, (x, -y, z), (w, i, j, k))

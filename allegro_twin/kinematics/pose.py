@@ -27,11 +27,11 @@ class Pose(NamedTuple):
         return euler_from_matrix(self.rotation)
 
 
-def placed(frame: Pose, pose: Pose) -> Pose:
+def compose(frame: Pose, pose: Pose) -> Pose:
     """A pose that is given in a frame, in what the frame itself is given in."""
     return Pose(frame.position + frame.rotation @ pose.position, frame.rotation @ pose.rotation)
 
 
-def seen_from(frame: Pose, pose: Pose) -> Pose:
-    """A pose that is given beside a frame, in the frame: `placed` backwards."""
+def relative_to(frame: Pose, pose: Pose) -> Pose:
+    """A pose that is given beside a frame, in the frame: `compose` backwards."""
     return Pose(frame.rotation.T @ (pose.position - frame.position), frame.rotation.T @ pose.rotation)

@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.journal.observers import Onlookers
 from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay, Wish, follow
-from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.types import Array, Vector
@@ -69,7 +69,7 @@ def test_the_palm_goes_where_it_is_led_in_a_bounded_step(room: Room) -> None:
 
 def test_a_palm_that_is_only_turned_turns_about_itself(room: Room) -> None:
     here = room.security
-    wish = Palm(Pose(here.position, turned(here.rotation, np.array([0.0, 0.9, 0.0]))))
+    wish = Palm(Pose(here.position, rotate(here.rotation, np.array([0.0, 0.9, 0.0]))))
     seen = led(room, {0.1: wish}, 2.5)
     assert seen.said == []
     away = np.linalg.norm([tool[:3] - here.position for tool in seen.tool], axis=1)

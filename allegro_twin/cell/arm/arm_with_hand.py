@@ -24,7 +24,7 @@ from allegro_twin.hands.description.arms import load_arm
 from allegro_twin.hands.description.mounts import Mount, load_mount
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.kinematics.pose import Pose, placed, seen_from
+from allegro_twin.kinematics.pose import Pose, compose, relative_to
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.engine.world import World
@@ -66,21 +66,21 @@ class Cell:
 
     def flange(self, state: HandState) -> Pose:
         """Where the arm's encoders say that the flange is, in the world."""
-        return placed(self.base, self.model.pose(state.position))
+        return compose(self.base, self.model.pose(state.position))
 
     def palm(self, state: HandState) -> Pose:
         """Likewise the palm."""
-        return placed(self.flange(state), self._palm())
+        return compose(self.flange(state), self._palm())
 
     def camera(self, state: HandState) -> Pose:
         """Likewise the optical frame of the wrist's camera: z ahead, x to the right of its picture, y down."""
         mount = self.mount
-        return placed(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
+        return compose(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
 
     def flange_for(self, palm: Pose) -> Pose:
         """Where the flange is to be, in the base's frame as targets are, so that the palm is at a pose of the world."""
-        flange = seen_from(self._palm(), Pose(np.zeros(3), np.eye(3)))
-        return seen_from(self.base, placed(palm, flange))
+        flange = relative_to(self._palm(), Pose(np.zeros(3), np.eye(3)))
+        return relative_to(self.base, compose(palm, flange))
 
     def wrench(self, state: HandState) -> Vector:
         """What the world does to the hand, at the flange, in the axes of the world: force and torque, (6,)."""

@@ -17,7 +17,7 @@ from allegro_twin.cell.perception.errors import Refused
 from allegro_twin.cell.perception.pipeline import Found
 from allegro_twin.cell.states import Now
 from allegro_twin.control.trajectory import Path
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
 
@@ -91,7 +91,7 @@ def beside_arm(room: Room, target: Pose, sample: Sample) -> dict[str, Array]:
     """What is known beside an arm's sample: `flange` and `tool`, the palm, by the encoders, and `goal`, where the
     flange is to go, (7,) each in the world; `force`, what the world does to the hand, (6,). `target`: in the base."""
     cell, state = room.cell, sample.state
-    poses = {"flange": cell.flange(state), "tool": cell.palm(state), "goal": placed(cell.base, target)}
+    poses = {"flange": cell.flange(state), "tool": cell.palm(state), "goal": compose(cell.base, target)}
     found = {name: np.concatenate([pose.position, pose.quaternion]) for name, pose in poses.items()}
     return found | {"force": cell.wrench(state)}
 

@@ -14,7 +14,7 @@ from allegro_twin.cell.pick.episode import Episodes
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.errors import CommandError, ConfigError, HandFault
 from allegro_twin.files.schema import parse
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.views import View
@@ -118,7 +118,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
             _part(arm.position, mine.lower, mine.upper), arm.velocity / 2.0,
             _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (stand.path.goal - hand.position) / 0.3,
             palm.position / 0.5, palm.quaternion, (stand.aim.position - palm.position) / 0.06,
-            turn(palm.rotation, stand.aim.rotation) / 0.3,
+            rotation_between(palm.rotation, stand.aim.rotation) / 0.3,
             thing.position / 0.5, palm.rotation.T @ (thing.position - palm.position) / 0.2, thing.quaternion,
             np.array(now.body.extents) / 0.2, np.array([now.closed - 1.0, now.count / now.limit]),
         ]  # fmt: skip

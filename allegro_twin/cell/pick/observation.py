@@ -11,7 +11,7 @@ from allegro_twin.cell.camera.camera import Camera
 from allegro_twin.cell.motion.grasp_selection import Body, about, body_of, standing
 from allegro_twin.cell.perception.pipeline import Found, Pipeline
 from allegro_twin.cell.pick.scene import Stand
-from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
 
 _ROUND = ("sphere", "cylinder")
@@ -49,7 +49,7 @@ class Track:
         known, (shift, twist) = self._past[0], self._noise
         self.pose = Pose(
             known.position + shift * draws.uniform(-1.0, 1.0, 3) if shift else known.position,
-            turned(known.rotation, twist * draws.uniform(-1.0, 1.0, 3)) if twist else known.rotation,
+            rotate(known.rotation, twist * draws.uniform(-1.0, 1.0, 3)) if twist else known.rotation,
         )
 
 

@@ -18,7 +18,7 @@ from allegro_twin.grasping.statistics import Paired, paired
 from allegro_twin.grasping.uncertainty import Stream, Uncertainty, draws
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import as_claimed
-from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
+from allegro_twin.kinematics.orientation import matrix_facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import HandSpec
 from allegro_twin.sweep.local import Engine, Local
 from allegro_twin.types import Array
@@ -112,7 +112,7 @@ def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Gen
     """Another version, near: the wrist elsewhere, the joints that close elsewhere, squeezed more or less."""
     wrist, grasp = version.scenario.wrist, version.grasp
     turn = matrix_from_quaternion(quaternion_from_vector(scale * TURN * random.normal(size=3)))
-    rotation = turn @ facing(wrist.facing, wrist.fingers)
+    rotation = turn @ matrix_facing(wrist.facing, wrist.fingers)
     moved = wrist.model_copy(
         update={
             "position": row(np.array(wrist.position) + scale * METRES * random.normal(size=3)),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import fetched, library
+from allegro_twin.array_api import array_namespace, fetch
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.observation_model import Sensing, State, Touch
 from allegro_twin.learning.environments.random_streams import Draws
@@ -93,7 +93,7 @@ class Engine:
 
     def fetched(self, tree: Any) -> Any:
         """As `arrays.fetched`, of the simulations' own arrays."""
-        return tree if self.worlds.xp is np else fetched(tree)
+        return tree if self.worlds.xp is np else fetch(tree)
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
         """Let all simulations, or some, take an action each, (n, joints), as `placed` gives it."""
@@ -201,7 +201,7 @@ class Engine:
 
 def _lengthened(seen: Floats, more: list[Array]) -> Floats:
     """With what no hand reports, within bounds."""
-    xp = library(seen)
+    xp = array_namespace(seen)
     finite = [each if _finite(each) else xp.nan_to_num(each) for each in more]
     bounded = [xp.asarray(xp.minimum(xp.maximum(each, -BOUND), BOUND), np.float32) for each in finite]
     found: Floats = xp.concatenate([seen, *bounded], axis=-1)

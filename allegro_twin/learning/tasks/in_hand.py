@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import thing_of
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 from collections.abc import Sequence
 from typing import Any
 
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector, quaternion_product
 from allegro_twin.learning.tasks.scenes import FACING, PALM
 from allegro_twin.learning.tasks.vectors import turned
 from allegro_twin.sim.objects.catalogue import Thing
@@ -56,15 +56,15 @@ class Shapes:
 def palm_normal(tilt: Array) -> Array:
     """Where the surface of the upturned palm looks, world, whose wrist is turned by rotation vectors (..., 3), rad, in
     the palm's own axes; shape (..., 3)."""
-    facing = library(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
-    upward = library(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
-    return turned(product(facing, quaternion_from_vector(tilt)), upward)
+    facing = array_namespace(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
+    upward = array_namespace(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
+    return turned(quaternion_product(facing, quaternion_from_vector(tilt)), upward)
 
 
 def clearance(pose: Array, shapes: Shapes, kind: Array, factor: Array, normal: Array) -> Array:
     """Of the lowest points of objects over the palm's surface, shape (n,), m; below it negative. Poses (n, 7), world;
     which of the shapes each is (n,), and its size as a factor of that (n,); the palm's normal (n, 3)."""
-    xp, back = library(pose), pose[:, 3:] * library(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
+    xp, back = array_namespace(pose), pose[:, 3:] * array_namespace(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
     down, half = -turned(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
     shape = shapes.kind[kind]
@@ -238,7 +238,7 @@ class InHand(Task):
 def _chosen(sizes: Array, wanted: Array | None, among: Array) -> Rows:
     """One of each row's states in order of size (m, k), inf where there are no more, by numbers in [0, 1), (m,); of
     about the wanted size (m,). Raises ConfigError where there is none."""
-    xp = library(sizes)
+    xp = array_namespace(sizes)
     count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:
         state: Rows = xp.minimum(xp.asarray(among * count, np.int64), count - 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import host, own
+from allegro_twin.array_api import as_array, to_numpy
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.kinematics.orientation import quaternion_facing
@@ -68,7 +68,7 @@ class Reach(Task):
     def marks(self, row: int) -> list[Mark]:
         """A ball at each goal; the palm's frame is the world's, but for a drawn tilt of the wrist."""
         size = np.full(3, MARK)
-        places = host(self._goal[row]).astype(np.float64).reshape(-1, 3)
+        places = to_numpy(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
 
     def goal(self) -> Floats:
@@ -92,5 +92,5 @@ class Reach(Task):
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Of every fingertip, (..., fingers), m."""
-        apart = own(desired) - own(achieved)
+        apart = as_array(desired) - as_array(achieved)
         return length(apart.reshape(*apart.shape[:-1], -1, 3))

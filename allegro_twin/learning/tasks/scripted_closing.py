@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import host
+from allegro_twin.array_api import to_numpy
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.library import load_posture
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.learning.environments.objects import Given, name_of
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, Level, Options
@@ -148,7 +148,7 @@ class Closing(Task):
         self.worlds.place(rows, start)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._poses[variant, :3]
-        self.thing.pose[rows, 3:] = turned_by(self._poses[variant, 3:], yaw)
+        self.thing.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
@@ -161,7 +161,7 @@ class Closing(Task):
         return {
             "object": np.array([scene.thing for scene in scenes], dtype=object),
             "grasp": np.array([scene.grasp.name for scene in scenes], dtype=object),
-            "position_noise": host(self.offset[rows]),
+            "position_noise": to_numpy(self.offset[rows]),
         }
 
     def closed(self, scene: Scene) -> int:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay
 from allegro_twin.errors import ConfigError, LinkError
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
@@ -148,7 +148,7 @@ class CellBridge:
         message = self._words.decode(data, v.POSE)
         pose, frame, base = build.pose_in(message, "target_frame"), message.header.frame_id, self._reports.base
         if frame == base:
-            return placed(self._room.cell.base, pose)
+            return compose(self._room.cell.base, pose)
         if frame not in ("", build.WORLD):
             raise ConfigError(f"target_frame is in {frame!r}; this cell knows {build.WORLD!r} and {base!r}")
         return pose

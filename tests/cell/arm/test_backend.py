@@ -16,7 +16,7 @@ from allegro_twin.cell.arm.limits import at_limit, limits_of
 from allegro_twin.control.controllers import ConstantTorque
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
 from allegro_twin.hands.description.arms import load_arm
-from allegro_twin.kinematics.arm import ArmModel, Placed
+from allegro_twin.kinematics.arm import ArmModel, ToolFrame
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.recording.reader import load
@@ -48,7 +48,7 @@ def test_an_arm_carries_its_load_at_its_centre_of_mass() -> None:
     for arm in (bare, told):
         arm.sim.reset()
     more = told.sim.data.qfrc_gravcomp[:7] - bare.sim.data.qfrc_gravcomp[:7]
-    at = ArmModel(load_arm("fer"), Placed(load.centre, np.array([1.0, 0.0, 0.0, 0.0])))
+    at = ArmModel(load_arm("fer"), ToolFrame(load.centre, np.array([1.0, 0.0, 0.0, 0.0])))
     _, _, jacobian = at.motion(told.model.spec.ready)
     np.testing.assert_allclose(more, jacobian[2] * 9.81, atol=0.01)  # The grain of a gram is carried, too.
 

@@ -31,7 +31,7 @@ from allegro_twin.hands.library.entries import GraspFile
 from allegro_twin.hands.library.entry_files import read_file
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library, load_grasp
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
@@ -257,7 +257,7 @@ def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
     scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
     around = stage(scenario, load_protocol("table_pick"), "right", Path())
     bench = Workbench(SPEC, around)
-    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
     position = around.position - np.array(scenario.wrist.retreat)
     bench.place(position, rotation, grasp.preshape)
     assert not bench.meets_anything()
