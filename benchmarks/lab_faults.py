@@ -36,7 +36,7 @@ from allegro_twin.cell.run import Report, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.cell.states import Now, State
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
@@ -237,7 +237,7 @@ def main() -> None:
     asked = parser.parse_args()
     rows: list[Row] = []
     for number, hand in enumerate(asked.hands.split(",")):
-        settings = load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
+        settings = load_settings(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
         settings = settings.model_copy(update={"decide": settings.decide.model_copy(update={"retries": 0})})
         names, draws = sorted(card.name for card in cards(hand)), np.random.default_rng((asked.seed, number))
         left = asked.objects

@@ -25,7 +25,7 @@ from allegro_twin.cell.perception.pipeline import Found, Pipeline
 from allegro_twin.cell.perception.principal import principal_frame
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue
 from allegro_twin.sim.objects.tabletop import standing, tabletop
@@ -60,7 +60,7 @@ class Trial:
 
 def trials(placements: int, seed: int, noise: Noise) -> Iterator[Trial]:
     """Each thing of the catalogue so often, the same for the same numbers."""
-    settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+    settings = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
     pipeline, draws = Pipeline(settings), np.random.default_rng(seed)
     for thing in catalogue().values():
         for _ in range(placements):

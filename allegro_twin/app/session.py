@@ -16,7 +16,7 @@ from allegro_twin.app.references import goal_of
 from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -207,7 +207,7 @@ def _drawn(
 
     scene = scenery(rig.spec, _look(rig))
     if outputs.rrd is not None:
-        temporary = stack.enter_context(whole_file(outputs.rrd))
+        temporary = stack.enter_context(atomic_file(outputs.rrd))
         viewer = viewer_of(rig.spec, scene, view=outputs.camera)
         viewers.append(viewer)
         stack.callback(viewer.close)

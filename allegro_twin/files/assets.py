@@ -38,7 +38,7 @@ def refuse_shipped(path: str | Path) -> None:
         raise ConfigError(f"{path}: what ships with the package is not changed; choose a file of your own{copy}")
 
 
-def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
+def find_file(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
     """A file given by its path, or by its bare name in a shipped folder, or `below` it too. Raises ConfigError with the
     nearest names, and with what else has that name."""
     given = Path(path)

@@ -36,12 +36,12 @@ class Settings(BaseModel):
     """A key of files that stand in the same folder and are of another kind; a schema leaves them alone."""
 
 
-def load(model: type[S], path: Path) -> S:
+def load_settings(model: type[S], path: Path) -> S:
     """The settings in a YAML file. Raises ConfigError, one line for the first thing that is wrong."""
-    return parse(model, read_yaml(path), str(path))
+    return parse_settings(model, read_yaml(path), str(path))
 
 
-def parse(model: type[S], content: dict[str, Any], where: Where) -> S:
+def parse_settings(model: type[S], content: dict[str, Any], where: Where) -> S:
     """Settings from a mapping; `where` names its source in the error."""
     try:
         return model.model_validate(content)

@@ -28,12 +28,12 @@ from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import compose_yaml, parse_yaml, refuse_shipped
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 
 INDENT = 2
 
 
-def edited(text: str, content: Mapping[str, Any], where: str) -> str:
+def edit_mapping(text: str, content: Mapping[str, Any], where: str) -> str:
     """A mapping's text with new content: comments, order and the look of what stays are kept."""
     ruamel = YAML()
     ruamel.Constructor, ruamel.Representer = _Constructor, _Representer
@@ -138,7 +138,7 @@ ENTRIES = "entries"
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def lock_file(path: Path) -> Iterator[None]:
     """Nobody else who asks for this file's lock has it during the block. The lock is `.<name>.lock` beside the file,
     and the system frees it when its holder dies. Raises RecordingError when the folder cannot be written."""
     try:
@@ -164,7 +164,7 @@ def write_text(path: Path, text: str) -> None:
     for left in path.parent.glob(f".{path.stem}.*{path.suffix}"):
         if re.fullmatch(r"\d+", left.name[len(path.stem) + 2 : -len(path.suffix)]):
             left.unlink(missing_ok=True)  # Of a writer that was killed: whoever lives waits for the lock.
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         with temporary.open("wb") as file:
             file.write(text.encode("utf-8"))
             file.flush()
@@ -178,7 +178,7 @@ def write_text(path: Path, text: str) -> None:
         os.close(folder)
 
 
-def holds_anything(text: str) -> bool:
+def has_content(text: str) -> bool:
     """Whether there is more than comments. A text that is no YAML holds something: the error is the reader's."""
     try:
         root = compose_yaml(text)
@@ -207,16 +207,16 @@ def line_of(text: str, keys: Iterable[int | str]) -> int:
     return line
 
 
-def with_document(text: str, content: Mapping[str, Any], where: str) -> str:
+def replace_document(text: str, content: Mapping[str, Any], where: str) -> str:
     """The text of a file that holds one entry, or nothing yet, with new content. Raises ConfigError when that cannot be
     done."""
     end = "\r\n" if "\r\n" in text else "\n"
-    kept = "" if holds_anything(text) or not text.strip() else text.rstrip() + end
-    made = edited("" if kept else text, content, where)
+    kept = "" if has_content(text) or not text.strip() else text.rstrip() + end
+    made = edit_mapping("" if kept else text, content, where)
     return _checked(kept + made.replace("\r\n", "\n").replace("\n", end), dict(content), where)
 
 
-def with_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> str:
+def set_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> str:
     """The text with a comment above what the keys lead to, in place of one there that begins alike."""
     lines, at = text.splitlines(keepends=True), line_of(text, keys) - 1
     line = lines[at]
@@ -227,9 +227,9 @@ def with_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> s
     return "".join(lines)
 
 
-def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: str) -> str:
+def replace_entry(text: str, name: str, content: Mapping[str, Any] | None, where: str) -> str:
     """The text with one entry replaced or added; None takes it out. Raises ConfigError when that cannot be done."""
-    old = parse_yaml(text, where) if holds_anything(text) else {}
+    old = parse_yaml(text, where) if has_content(text) else {}
     expected = {**old, ENTRIES: dict(old.get(ENTRIES) or {})}
     expected[ENTRIES].pop(name, None)
     if content is not None:
@@ -242,7 +242,7 @@ def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: s
     text = re.sub(rf"(?m)^{ENTRIES}:[ \t]*\{{[ \t]*\}}", f"{ENTRIES}:", text)
     lines, span = text.splitlines(keepends=True), _span(text, name)
     block = [line.removeprefix(" " * span.indent) for line in lines[span.first : span.last]]
-    new = "" if content is None else edited("".join(block), {name: content}, where)
+    new = "" if content is None else edit_mapping("".join(block), {name: content}, where)
     indented = [(" " * span.indent + line if line.strip() else line) for line in new.splitlines(keepends=True)]
     made = "".join(indented).replace("\r\n", "\n").replace("\n", end)
     return _checked("".join(lines[: span.first]) + made + "".join(lines[span.last :]), expected, where)
@@ -299,13 +299,13 @@ def _canonical(content: Any) -> str:
     return json.dumps(content, sort_keys=True, default=str)
 
 
-def written(path: Path, content: dict[str, Any], headline: str) -> None:
+def write_settings(path: Path, content: dict[str, Any], headline: str) -> None:
     """A YAML file, whole or not at all. Raises ConfigError where it cannot be, or is a file that ships."""
     refuse_shipped(path)
     lines = [f"# {headline}", *(_block(key, value) for key, value in content.items())]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error

@@ -18,7 +18,7 @@ from allegro_twin.grasping.uncertainty import Draw
 from allegro_twin.grasping.verdict import FULL, Observations, Report, Rule, Window, judge
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.contact_surfaces import SURFACES, Borne, Stance, Surfaces, edges
 from allegro_twin.sim.contact.probe import Probe
@@ -125,7 +125,7 @@ class Trial:
         if self._holding is not None and self._holding.begin < t <= self._holding.end + 1e-9:
             self._borne.append((self._surfaces(data), self._surfaces.stance(data)))
 
-    def observed(self) -> Observed | None:
+    def observed(self) -> ObservedType | None:
         """The type of grasp that its contacts showed on average over that phase; None before it."""
         if not self._borne or not self.backend.spec.fingers:
             return None

@@ -11,14 +11,14 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.sweep.jobs import Result
 
 KEY, ERROR = "key", "error"
 """Columns that every table has beside those of the function: which item, and why it has no row (null: it has one)."""
 
 
-def table_of(keys: Sequence[str], results: Sequence[Result], who: str) -> Any:
+def unit_table(keys: Sequence[str], results: Sequence[Result], who: str) -> Any:
     """A pyarrow.Table of one unit of the function `who`. Raises ConfigError for rows that do not fit each other."""
     rows = [{} if isinstance(each, str) else each for each in results]
     names = list(next((row for row in rows if row), {}))
@@ -37,7 +37,7 @@ def table_of(keys: Sequence[str], results: Sequence[Result], who: str) -> Any:
     return pa.table(columns)
 
 
-def in_order(tables: Sequence[Any], keys: Sequence[str]) -> Any:
+def ordered_table(tables: Sequence[Any], keys: Sequence[str]) -> Any:
     """The rows of those keys, in their order, as one pyarrow.Table whose columns do not depend on how the rows were
     spread over the tables. Raises ConfigError where a column has types that do not fit each other."""
     place = {key: number for number, key in reversed(list(enumerate(keys)))}
@@ -59,7 +59,7 @@ def write_results(path: Path, table: Any, stamps: Mapping[str, str], first: Mapp
     columns = {name: pa.array(values) for name, values in first.items()}
     columns |= {name: table[name] for name in table.column_names}
     whole = pa.table(columns).replace_schema_metadata(dict(stamps))
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         pq.write_table(whole, temporary)
 
 
@@ -73,7 +73,7 @@ def read_results(path: Path) -> tuple[Any, dict[str, str]]:
         raise RecordingError(f"{path}: cannot be read: {said}; write it anew from its folder of parts") from error
 
 
-def latest(tables: Sequence[Any], by: str) -> Any:
+def latest_rows(tables: Sequence[Any], by: str) -> Any:
     """One table: of each value in the column `by` the rows of the last table that has it."""
     last = {value: number for number, table in enumerate(tables) for value in table[by].unique().to_pylist()}
     kept = [

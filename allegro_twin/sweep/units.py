@@ -11,7 +11,7 @@ from allegro_twin.files.fingerprint import source_fingerprint
 from allegro_twin.sweep.jobs import Item, Result, Sweep, versions
 
 
-def function(name: str) -> Callable[..., Any]:
+def find_function(name: str) -> Callable[..., Any]:
     """The function of that name. Raises ConfigError where there is none."""
     module, _, attribute = name.partition(":")
     if not module or not attribute:
@@ -27,7 +27,7 @@ def function(name: str) -> Callable[..., Any]:
     return found
 
 
-class Work(NamedTuple):
+class UnitTask(NamedTuple):
     """What all units of a sweep share."""
 
     function: str
@@ -36,30 +36,30 @@ class Work(NamedTuple):
     """Of the computer that asks: those of the one that computes must be the same."""
 
 
-def work_of(sweep: Sweep, *, elsewhere: bool = False) -> Work:
+def unit_task(sweep: Sweep, *, elsewhere: bool = False) -> UnitTask:
     """`elsewhere`: another computer, whose sources may be others."""
-    return Work(sweep.function, sweep.shared, versions() | (_code(sweep.function) if elsewhere else {}))
+    return UnitTask(sweep.function, sweep.shared, versions() | (_code(sweep.function) if elsewhere else {}))
 
 
 def _code(function: str) -> dict[str, str]:
     return {"code": source_fingerprint(function.partition(":")[0])}
 
 
-def compute(work: Work, items: Sequence[Item]) -> list[Result]:
+def compute(work: UnitTask, items: Sequence[Item]) -> list[Result]:
     """The row of every item. Where the function raises HandError the unit is halved until the item is found, whose
     result is then the error's text. Raises ConfigError for other versions, or rows that are not one for an item."""
     mine = versions() | (_code(work.function) if "code" in work.versions else {})
     if mine != work.versions:
         raise ConfigError(f"a sweep of {_said(work.versions)} came to a computer with {_said(mine)}")
-    return _rows(function(work.function), work, list(items))
+    return _rows(find_function(work.function), work, list(items))
 
 
-def compute_apart(work: Work, items: Sequence[Item], tell: Callable[[object], None]) -> list[Result]:
+def compute_in_worker(work: UnitTask, items: Sequence[Item], tell: Callable[[object], None]) -> list[Result]:
     """`compute` as the task of a process; it tells nothing."""
     return compute(work, items)
 
 
-def _rows(call: Callable[..., Any], work: Work, items: list[Item]) -> list[Result]:
+def _rows(call: Callable[..., Any], work: UnitTask, items: list[Item]) -> list[Result]:
     try:
         rows: list[Result] = call(work.shared, items)
     except HandError as error:

@@ -20,28 +20,28 @@ _PATIENCE = 10.0
 """s that a process has for closing its files before it is killed."""
 
 
-class Told(NamedTuple):
+class WorkerEvent(NamedTuple):
     """What the function of a task said while it ran."""
 
     task: int
     message: Any
 
 
-class Done(NamedTuple):
+class UnitDone(NamedTuple):
     """What the function of a task gave back."""
 
     task: int
     result: Any
 
 
-class Failed(NamedTuple):
+class UnitFailed(NamedTuple):
     """The HandError that the function of a task raised."""
 
     task: int
     error: HandError
 
 
-class Lost(NamedTuple):
+class WorkerLost(NamedTuple):
     """A task whose process ended: `code` is its exit code, or minus the signal that killed it."""
 
     task: int
@@ -90,7 +90,7 @@ class Workers:
         except ConnectionError:
             pass  # It has died; `events` says so.
 
-    def events(self) -> Iterator[Told | Done | Failed | Lost]:
+    def events(self) -> Iterator[WorkerEvent | UnitDone | UnitFailed | WorkerLost]:
         """What has happened, after waiting until something has."""
         pipes: list[Any] = [each.pipe for each in self._processes if each.task is not None]
         ready = wait(pipes)
@@ -119,16 +119,16 @@ class Workers:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return process
 
-    def _heard(self, process: _Process, task: int) -> Told | Done | Failed | Lost:
+    def _heard(self, process: _Process, task: int) -> WorkerEvent | UnitDone | UnitFailed | WorkerLost:
         try:
             kind, content = process.pipe.recv()
         except (EOFError, ConnectionError):
             self._end([process], ask=False)  # It is ending already.
-            return Lost(task, process.program.returncode)
+            return WorkerLost(task, process.program.returncode)
         if kind == "told":
-            return Told(task, content)
+            return WorkerEvent(task, content)
         process.task = None
-        return Done(task, content) if kind == "done" else Failed(task, content)
+        return UnitDone(task, content) if kind == "done" else UnitFailed(task, content)
 
     def _end(self, processes: list[_Process], *, ask: bool = True) -> None:
         for each in processes:

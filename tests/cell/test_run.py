@@ -17,9 +17,9 @@ from allegro_twin.cell.run import Report, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import Now
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 
-SETTINGS = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
+SETTINGS = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
 
 def room_of(**changes: Any) -> Room:

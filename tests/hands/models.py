@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.files.yaml_edit import written
+from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.mjcf_import.explore import explored
 from allegro_twin.spec import HandSpec
@@ -78,7 +78,7 @@ def made(name: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.xml").write_text(HANDS[name])
     found = explored(folder / f"{name}.xml")
-    written(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
+    write_settings(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
     return folder / f"{name}.yaml"
 
 

@@ -162,10 +162,10 @@ def test_the_facade_moves_it_grasps_with_it_and_plans_no_fist_through_the_thumb(
 
 
 def test_a_card_cannot_say_velocity_and_is_told_what_it_can(tmp_path: object) -> None:
-    from allegro_twin.files.schema import parse
+    from allegro_twin.files.schema import parse_settings
     from allegro_twin.hands.description.card import HandCard
 
     driven = [{"name": "a", "actuator": "a", "lower": 0, "upper": 1, "effort": 1}]
     card = {"mjcf": "x.xml", "root": "palm", "commands": ["velocity"], "driven": driven}
     with pytest.raises(ConfigError, match=r"'torque', 'position', 'limited_position' or 'timed_position', not 'veloc"):
-        parse(HandCard, card, "card")
+        parse_settings(HandCard, card, "card")

@@ -18,7 +18,7 @@ from tests.kinematics.hands import FINGERS
 INDEX, THUMB = FINGERS["right", "index"], FINGERS["right", "thumb"]
 Q = [0.1, 0.5, 0.8, 0.4]
 TIP, SPOT = INDEX.fk(Q).position.tolist(), THUMB.fk([0.8, 0.3, 0.3, 0.3]).position.tolist()
-ARM = ArmModel(arms.load_arm(arms.names()[0]))
+ARM = ArmModel(arms.load_arm_spec(arms.arm_names()[0]))
 LEVEL = np.eye(3).tolist()
 NO_TURN = [1.0, 0.0, 0.0, 0.0]
 ASKED: dict[str, tuple[Callable[[Any], Any], Any]] = {

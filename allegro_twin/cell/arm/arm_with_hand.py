@@ -20,8 +20,8 @@ import numpy as np
 
 from allegro_twin.cell.arm.limits import limits_of
 from allegro_twin.cell.arm.tool import Bridge
-from allegro_twin.hands.description.arms import load_arm
-from allegro_twin.hands.description.mounts import Mount, load_mount
+from allegro_twin.hands.description.arms import load_arm_spec
+from allegro_twin.hands.description.mounts import HandMount, load_mount
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose, compose, relative_to
@@ -50,7 +50,7 @@ class Cell:
     arm_sim: SimBackend
     """Behind the guard."""
     hand_sim: SimBackend
-    mount: Mount
+    mount: HandMount
     model: ArmModel
     """Of the flange, in the base's frame."""
     bridge: Bridge
@@ -122,7 +122,7 @@ def make_cell(
     Raises ConfigError for a mount of another hand, and for what MuJoCo refuses.
     """
     held = load_mount(hand, mount)
-    spec = load_arm(arm, held.load)
+    spec = load_arm_spec(arm, held.load)
     stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table)
     if physics is not None:
         stage = replace(stage, physics=physics)

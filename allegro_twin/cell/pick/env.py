@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from allegro_twin.cell.pick.episode import Episodes
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.errors import CommandError, ConfigError, HandFault
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
@@ -40,7 +40,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")
-        self.settings = parse(PickSettings, kwargs, "environment")
+        self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)
         self._camera: Camera | None = None
@@ -51,7 +51,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         super().reset(seed=seed)
-        asked = parse(PickOptions, options or {}, "options")
+        asked = parse_settings(PickOptions, options or {}, "options")
         self.episodes.begin(self.np_random, asked)
         self._over, self._high = False, 0.0
         if self._camera is not None:

@@ -15,7 +15,7 @@ from allegro_twin.cell.reachability import best_of
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
@@ -40,7 +40,7 @@ class Episodes:
                 raise ConfigError(unknown("object", name, catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
         self._model, self._library = hand_kinematics(self.spec), Library()
-        self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
+        self._lab = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
         self._stands: dict[str, Stand] = {}
         self._cameras: dict[str, Camera] = {}
         self._pipeline = Pipeline(self._lab.perception) if settings.perception else None

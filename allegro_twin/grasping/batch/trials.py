@@ -22,7 +22,7 @@ from allegro_twin.grasping.uncertainty import Draw
 from allegro_twin.grasping.verdict import Report
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
@@ -141,7 +141,7 @@ def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> lis
         hand, side = hand_of(item), item.get("side", "right")
         spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
         case = case_of(item, spec)
-        gains = ruled(case.ruled.gains or shared.get("gains"), spec)
+        gains = protocol_gains(case.ruled.gains or shared.get("gains"), spec)
         groups.setdefault((hand, side, gains, case.ruled.period or PERIOD), []).append((index, case))
     for (hand, side, gains, period), members in groups.items():
         bench = _bench(specs[hand, side], gains, period, shared.get("threads", 0))

@@ -8,7 +8,7 @@ from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.grasping.batch.trials import Case
 from allegro_twin.grasping.scenario import ObjectSettings, Scenario
 from allegro_twin.grasping.timeline import stage
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import compile_scene
 from allegro_twin.sim.objects.catalogue import named
@@ -32,7 +32,7 @@ class InputsOf:
         """Of the trial of that name. `file`: of many grasps, of which its grasp and the palm's place are; those of one
         file share their scene. Raises ConfigError for a scene that cannot be built."""
         scenario, protocol = case.scenario, case.ruled
-        gains = ruled(protocol.gains, spec)
+        gains = protocol_gains(protocol.gains, spec)
         found = {
             f"hand {spec.serial or spec.name}": hand_fingerprint(spec),
             f"gains {gains} of {spec.model}": fingerprint(load_gains(gains, spec)),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Frame, Grasps, checked
 from allegro_twin.grasping.interchange.orders import by_name, menagerie_order, ordered, orders
 from allegro_twin.hands.description.specs import load_spec
@@ -66,7 +66,7 @@ def to_record(grasps: Grasps) -> dict[str, Any]:
 
 def write_dexgraspbench(path: Path, grasps: Grasps) -> None:
     """A `.npy` that DexGraspBench reads; its own tools want one grasp a file. Raises RecordingError."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         np.save(temporary, np.array(to_record(grasps), dtype=object), allow_pickle=True)
 
 

@@ -11,13 +11,13 @@ from allegro_twin.grasping.interchange.grasps import Grasps
 from allegro_twin.grasping.interchange.read import read_grasps
 from allegro_twin.grasping.scenario import ObjectSettings, Scenario, object_of
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import Taxonomy
+from allegro_twin.hands.library.taxonomy import ClaimedType
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.meshes import SUFFIXES, middle_of
 from allegro_twin.spec import HandSpec
 
 # The formats do not say of which type a grasp is, and this number is none of the taxonomy's 33.
-_UNTYPED = Taxonomy.model_construct(number=0, name="not said", type="precision", opposition="pad")
+_UNTYPED = ClaimedType.model_construct(number=0, name="not said", type="precision", opposition="pad")
 
 
 class Foreign(NamedTuple):

@@ -17,10 +17,10 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.statistics import Paired, paired
 from allegro_twin.grasping.uncertainty import Stream, Uncertainty, draws
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import as_claimed
+from allegro_twin.hands.library.taxonomy import claim_observed
 from allegro_twin.kinematics.orientation import matrix_facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import HandSpec
-from allegro_twin.sweep.local import Engine, Local
+from allegro_twin.sweep.local import Local, SweepEngine
 from allegro_twin.types import Array
 
 METRES, TURN, JOINT, SQUEEZE = 0.004, np.radians(4.0), 0.05, 0.35
@@ -56,7 +56,7 @@ class Improvement:
     draws: int = 8
     unseen: int = 40
     """On which both versions are compared in the end."""
-    engine: Engine = field(default_factory=lambda: Local(0))
+    engine: SweepEngine = field(default_factory=lambda: Local(0))
     at_once: int = 1
     """How many processes the engine has."""
 
@@ -85,7 +85,7 @@ class Improvement:
         shown = None if verdict.report is None else verdict.report.observed
         if shown is None:
             return version
-        return Version(version.scenario, replace(version.grasp, observed=shown, taxonomy=as_claimed(shown)))
+        return Version(version.scenario, replace(version.grasp, observed=shown, taxonomy=claim_observed(shown)))
 
     def _eased(self, versions: list[Version]) -> list[Version]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""

@@ -20,9 +20,9 @@ from allegro_twin.grasping.plan.validate import Planned, best_of
 from allegro_twin.grasping.scenario import Scenario
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Engine
+from allegro_twin.sweep.local import SweepEngine
 from allegro_twin.sweep.runner import run
 
 SEARCH = "allegro_twin.grasping.plan.parallel:searched"
@@ -33,7 +33,7 @@ def side_by_side(
     n: int,
     budget: Budget,
     seeds: int,
-    engine: Engine,
+    engine: SweepEngine,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Planned]:
     """The best `n` of searches like `search` with so many seeds from its own on, each with the whole budget and on
@@ -100,7 +100,7 @@ def planned_of(data: Any, known: Sequence[Grasp]) -> Planned:
     planned = Planned(
         candidate, Scenario.model_validate(data["scenario"]), grasp, **{key: data[key] for key in _FIELDS}
     )
-    planned.show(None if data["observed"] is None else Observed(**data["observed"]))
+    planned.show(None if data["observed"] is None else ObservedType(**data["observed"]))
     return planned
 
 

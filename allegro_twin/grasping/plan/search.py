@@ -23,7 +23,7 @@ from allegro_twin.grasping.plan.validate import SEARCHED, Planned, Prover, pushe
 from allegro_twin.grasping.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import Workbench
@@ -137,7 +137,7 @@ class Search:
 
     def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
         """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
-        gains = load_gains(ruled(protocol.gains, self.spec), self.spec)
+        gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec)
         further = squeezed(np.array([c.closing for c in candidates]), self.spec, gains, random)
         return [
             replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
@@ -151,7 +151,7 @@ class Search:
 
     def _performer(self, protocol: Protocol) -> Performer:
         return Performer(
-            load_gains(ruled(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
+            load_gains(protocol_gains(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
         )
 
     def _apart(self, passed: list[Candidate], prover: Prover) -> list[Candidate]:

@@ -17,10 +17,10 @@ from allegro_twin.grasping.plan.reduce_squeeze import SHARE, eased
 from allegro_twin.grasping.plan.region import Region, there
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import is_of_type
-from allegro_twin.hands.library.taxonomy import Observed, as_claimed
+from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
 from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -78,10 +78,10 @@ class Planned:
     """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
     its torque limit."""
 
-    def show(self, observed: Observed | None) -> None:
+    def show(self, observed: ObservedType | None) -> None:
         """Its grasp is of the type that its contacts show, and claims no other."""
         if observed is not None:
-            self.grasp = replace(self.grasp, observed=observed, taxonomy=as_claimed(observed))
+            self.grasp = replace(self.grasp, observed=observed, taxonomy=claim_observed(observed))
 
     @property
     def expected(self) -> float:
@@ -197,7 +197,7 @@ def judge(
     drawn = draws(uncertainty, count, seed, stream="judge")
     for each in planned:
         protocol = load_protocol(each.scenario.protocol)
-        bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
+        bench = Bench(spec, protocol_gains(protocol.gains, spec), protocol.period or PERIOD, threads)
         split = [Case(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
         verdicts = bench.verdicts([case for cases in split for case in cases], hasty=True)
         each.judged, each.judged_held = len(split), 0
@@ -219,7 +219,7 @@ def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
     """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
-    gains = ruled(protocol.gains, prover.spec)
+    gains = protocol_gains(protocol.gains, prover.spec)
     runner = Bench(prover.spec, gains, protocol.period or PERIOD, prover.threads)
     options = [
         Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates

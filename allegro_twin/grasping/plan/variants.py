@@ -15,10 +15,10 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Draw
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
-from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_of
+from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_grasp
 from allegro_twin.spec import HandSpec
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Engine
+from allegro_twin.sweep.local import SweepEngine
 from allegro_twin.sweep.runner import run
 
 TRIED = "allegro_twin.grasping.plan.variants:tried"
@@ -47,7 +47,7 @@ class Try(NamedTuple):
 class Where:
     """What tries them: `at_once` processes of an engine, or, with one, all threads of this process."""
 
-    engine: Engine
+    engine: SweepEngine
     at_once: int
     folder: Path
     """Where the scenario's own files are looked for."""
@@ -74,7 +74,7 @@ def tried(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list
 
 def plain(version: Version, spec: HandSpec) -> dict[str, Any]:
     """As JSON has it."""
-    entry = entry_of(version.grasp, spec).model_dump(mode="json")
+    entry = entry_from_grasp(version.grasp, spec).model_dump(mode="json")
     return {"scenario": version.scenario.model_dump(mode="json"), "name": version.grasp.name, "grasp": entry}
 
 

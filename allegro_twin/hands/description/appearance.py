@@ -28,7 +28,7 @@ _PATTERNS = ("plain", "band", "lines", "halves", "faces")
 
 
 @dataclass(frozen=True, slots=True)
-class Handle:
+class ObjectHandle:
     """A loop on an object's side that is seen and never touched."""
 
     height: float
@@ -42,13 +42,13 @@ class Handle:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class ObjectAppearance:
     """What an object looks like."""
 
     color: Color
     second: Color
     pattern: str = "plain"
-    handle: Handle | None = None
+    handle: ObjectHandle | None = None
 
     def paint(self, place: Array) -> Array:
         """Colours (k, 3) at places on the surface, (k, 3), in units of the object's half-extents."""
@@ -74,11 +74,11 @@ class Look:
         face = 2 * largest + (cube[rows, largest.astype(int)] < 0)
         cells = np.abs((cube * 1.5 + 1.5) % 1.0 - 0.5)
         cells[rows, largest.astype(int)] = 0.0
-        colors = np.array([rgb(text) for text in _FACES])[face.astype(int)]
+        colors = np.array([parse_color(text) for text in _FACES])[face.astype(int)]
         return np.where((cells.max(axis=1) > 0.4)[:, None], np.array(self.second), colors)
 
 
-def rgb(text: str) -> Color:
+def parse_color(text: str) -> Color:
     """Of `#rrggbb`. Raises ConfigError."""
     try:
         red, green, blue = bytes.fromhex(text.removeprefix("#"))
@@ -88,29 +88,29 @@ def rgb(text: str) -> Color:
 
 
 @cache
-def of_object(name: str) -> Look:
+def object_appearance(name: str) -> ObjectAppearance:
     """What an object looks like: as conf/appearance says, or in a calm colour that stays with its name."""
     row = _table().get(name)
     if row is None:
         hue = (sum(ord(c) * (i + 7) for i, c in enumerate(name)) * 0.6180339887) % 1.0
-        return Look(colorsys.hsv_to_rgb(hue, 0.6, 0.85), colorsys.hsv_to_rgb(hue, 0.6, 0.6))
+        return ObjectAppearance(colorsys.hsv_to_rgb(hue, 0.6, 0.85), colorsys.hsv_to_rgb(hue, 0.6, 0.6))
     if row["pattern"] not in _PATTERNS:
         raise ConfigError(f"conf/appearance/objects.yaml: {name}: pattern {row['pattern']} is none of {_PATTERNS}")
     handle = None
     if "handle" in row:
         height, reach, thick = (row["handle"][key] / 1000.0 for key in ("height", "reach", "thick"))
-        handle = Handle(height, reach, thick, math.radians(row["handle"]["at"]))
-    return Look(rgb(row["color"]), rgb(row["second"]), row["pattern"], handle)
+        handle = ObjectHandle(height, reach, thick, math.radians(row["handle"]["at"]))
+    return ObjectAppearance(parse_color(row["color"]), parse_color(row["second"]), row["pattern"], handle)
 
 
-def of_series(number: int) -> Color:
+def series_color(number: int) -> Color:
     """Of a joint by its place in its finger, of a finger by its place in the hand: any number of them."""
     if number < len(_SERIES):
-        return rgb(_SERIES[number])
+        return parse_color(_SERIES[number])
     return colorsys.hsv_to_rgb((number * 0.6180339887) % 1.0, 0.75, 0.7)
 
 
-def lighter(color: Color) -> Color:
+def lighten(color: Color) -> Color:
     """Half way to white: the target of what has the colour."""
     red, green, blue = ((1.0 + part) / 2 for part in color)
     return (red, green, blue)
@@ -123,7 +123,7 @@ def _table() -> dict[str, dict[str, Any]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
+class VisualShape:
     """A primitive or a mesh in the frame of its body."""
 
     kind: str
@@ -151,9 +151,9 @@ class Shape:
         return found
 
     @staticmethod
-    def from_json(content: Mapping[str, Any]) -> Shape:
+    def from_json(content: Mapping[str, Any]) -> VisualShape:
         mesh = "vertices" in content
-        return Shape(
+        return VisualShape(
             content["kind"],
             tuple(content["size"]),
             tuple(content["position"]),
@@ -166,7 +166,7 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class VisualBody:
     """A link: its place on its parent, the joint that moves it there, and what is seen of it."""
 
     name: str
@@ -182,7 +182,7 @@ class Body:
     """Of the joint, in the body's own frame; a hinge."""
     zero: float = 0.0
     """Joint position at which the body is where it is said to be, rad."""
-    shapes: tuple[Shape, ...] = ()
+    shapes: tuple[VisualShape, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -198,11 +198,11 @@ class Body:
         }
 
     @staticmethod
-    def from_json(content: Mapping[str, Any]) -> Body:
+    def from_json(content: Mapping[str, Any]) -> VisualBody:
         rows: dict[str, Any] = {key: tuple(content[key]) for key in ("position", "quaternion", "axis", "anchor")}
-        shapes = tuple(Shape.from_json(shape) for shape in content["shapes"])
+        shapes = tuple(VisualShape.from_json(shape) for shape in content["shapes"])
         one: dict[str, Any] = {key: content[key] for key in ("name", "parent", "joint", "zero")}
-        return Body(shapes=shapes, **one, **rows)
+        return VisualBody(shapes=shapes, **one, **rows)
 
 
 def _rounded(values: tuple[float, ...]) -> list[float]:

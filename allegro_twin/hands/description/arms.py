@@ -30,7 +30,7 @@ class Rod:
 
 
 @dataclass(frozen=True, slots=True)
-class ArmLink:
+class ArmLinkFacts:
     """A rigid body and the joint that carries it, about its z."""
 
     name: str
@@ -47,11 +47,11 @@ class ArmLink:
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class ArmFacts:
     """A whole arm: its links from the base on, each on the one before."""
 
     name: str
-    links: tuple[ArmLink, ...]
+    links: tuple[ArmLinkFacts, ...]
     flange: float
     """From the last joint along its axis, m."""
     never_collide: tuple[tuple[int, int], ...]
@@ -59,21 +59,21 @@ class Arm:
     colors: dict[str, tuple[float, ...]]
 
     @property
-    def driven(self) -> tuple[ArmLink, ...]:
+    def driven(self) -> tuple[ArmLinkFacts, ...]:
         """All but the base."""
         return self.links[1:]
 
 
-def names() -> list[str]:
+def arm_names() -> list[str]:
     """Every arm whose facts are here."""
     return sorted(path.stem for path in (data_root() / "models" / "arms").glob("*.yaml"))
 
 
-def load(model: str) -> Arm:
+def load_arm_facts(model: str) -> ArmFacts:
     """The chain of an arm. Raises ConfigError with the nearest names."""
     table = _table(model)
     rows: list[dict[str, Any]] = [{}, *table["joints"]]
-    return Arm(
+    return ArmFacts(
         name=table["name"],
         links=tuple(
             _link(table, k, joint, link) for k, (joint, link) in enumerate(zip(rows, table["links"], strict=True))
@@ -84,7 +84,7 @@ def load(model: str) -> Arm:
     )
 
 
-def load_arm(model: str, load: Load | None = None) -> ArmSpec:
+def load_arm_spec(model: str, load: Load | None = None) -> ArmSpec:
     """The spec of an arm that was told what it carries. Raises ConfigError with the nearest names."""
     table = _table(model)
     joints, n = table["joints"], len(table["joints"])
@@ -120,12 +120,12 @@ def _slowing(joints: list[dict[str, Any]]) -> Slowing | None:
 
 
 def _table(model: str) -> dict[str, Any]:
-    if model not in names():
-        raise ConfigError(unknown("arm", model, names()))
+    if model not in arm_names():
+        raise ConfigError(unknown("arm", model, arm_names()))
     return read_yaml(data_root() / "models" / "arms" / f"{model}.yaml")
 
 
-def _link(table: dict[str, Any], place: int, joint: dict[str, Any], link: dict[str, Any]) -> ArmLink:
+def _link(table: dict[str, Any], place: int, joint: dict[str, Any], link: dict[str, Any]) -> ArmLinkFacts:
     """Craig's parameters: Rx(α) Tx(a) Tz(d) from the link before, and then the turn about z."""
     name = table["name"]
     roll = math.radians(joint.get("twist", 0.0))
@@ -134,9 +134,9 @@ def _link(table: dict[str, Any], place: int, joint: dict[str, Any], link: dict[s
     sine, cosine = round(math.sin(roll), 15), round(math.cos(roll), 15)
     lower, upper = map(float, joint.get("limit", (0.0, 0.0)))
     xx, yy, zz, xy, xz, yz = link["inertia"]
-    tensor = inertia.physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    tensor = inertia.nearest_physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     touched = [Rod("capsule", triple(r["from"]), triple(r["to"]), r["radius"]) for r in link["touch"]]
-    return ArmLink(
+    return ArmLinkFacts(
         name=f"{name}_link{place}",
         joint=f"{name}_joint{place}" if place else "",
         xyz=(reach, -sine * along + 0.0, cosine * along + 0.0),

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeAlias, cast, get_args
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import data_root, find, read_yaml
+from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.spec import Side
 
 Version: TypeAlias = Literal["v1", "v2", "v3", "v4", "v5", "v5plus"]
@@ -31,7 +31,7 @@ PWM_LIMIT: dict[Version, tuple[int, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class HandCalibration:
     """What turns counts into joint positions and torques on one hand: 16 values, index to thumb, palm outward.
 
     Raises ConfigError for a wrong number of values, a direction that is not ±1, a constant or limit that is not
@@ -75,7 +75,7 @@ class Calibration:
 
     def torque_limit(self, version: Version) -> tuple[float, ...]:
         """What these counts are, N·m: count limit / full scale · torque constant, for each joint."""
-        full, doubled = FULL_SCALE[version], geared(version)
+        full, doubled = FULL_SCALE[version], double_geared_joints(version)
         return tuple(
             limit / full * constant * (2.0 if joint in doubled else 1.0)
             for joint, (limit, constant) in enumerate(zip(self.pwm_limits(version), self.torque_constant, strict=True))
@@ -83,10 +83,12 @@ class Calibration:
 
     def full_torque(self, version: Version) -> tuple[float, ...]:
         """The torque at full PWM, N·m, for each joint: what a motor gives to a driver that does not limit itself."""
-        return Calibration(torque_constant=self.torque_constant, pwm_limit=(1 << 15,) * N_JOINTS).torque_limit(version)
+        return HandCalibration(torque_constant=self.torque_constant, pwm_limit=(1 << 15,) * N_JOINTS).torque_limit(
+            version
+        )
 
 
-def geared(version: Version) -> tuple[int, ...]:
+def double_geared_joints(version: Version) -> tuple[int, ...]:
     """Joints whose motor is geared down twice as far as the others', so that it needs half the counts for a torque: the
     second of the three fingers on a v5 Plus. V5R2 :189-194, V5W :152-156; V5R halves them on the other type
     (docs/protocol.md)."""
@@ -110,7 +112,7 @@ class Wiring(NamedTuple):
 
     version: Version | None
     side: Side | None
-    calibration: Calibration
+    calibration: HandCalibration
 
 
 def load_wiring(model: str = "allegro", serial: str = "", over: Mapping[str, Any] = NOTHING) -> Wiring:
@@ -120,13 +122,13 @@ def load_wiring(model: str = "allegro", serial: str = "", over: Mapping[str, Any
     """
     files = [data_root() / "conf" / "hands" / f"{model}.yaml"]
     if serial:
-        files.append(find(serial, "hand", "conf/hands"))
+        files.append(find_file(serial, "hand", "conf/hands"))
     tables = [(str(path), read_yaml(path)) for path in files]
     values: dict[str, Any] = {}
     for where, table in [*tables, (HIDDEN, over)]:
         values |= _block(where, table)
         _refuse_useless(where, values)
-    return Wiring(values.pop("version", None), values.pop("side", None), Calibration(**values))
+    return Wiring(values.pop("version", None), values.pop("side", None), HandCalibration(**values))
 
 
 def _block(path: str, table: Mapping[str, Any]) -> dict[str, Any]:
@@ -159,7 +161,7 @@ def _row(path: str, key: str, given: object) -> tuple[float, ...]:
         if isinstance(value, bool) or not isinstance(value, kind):
             raise ConfigError(f"{path}: wire.{key} needs a {name} for every joint, not {value!r}")
     try:
-        Calibration(**cast(dict[str, Any], {key: tuple(row)}))
+        HandCalibration(**cast(dict[str, Any], {key: tuple(row)}))
     except ConfigError as error:
         raise ConfigError(f"{path}: wire.{error}") from error
     return tuple(row)

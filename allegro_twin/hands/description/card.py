@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import Settings, load
+from allegro_twin.files.schema import Settings, load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing
 from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.spec.coupled_joints import Follower
@@ -107,9 +107,9 @@ class HandCard(Settings):
         return self
 
 
-def spec_of(path: Path, model: str, side: Side) -> HandSpec:
+def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
     """The spec of the hand that a card describes. Raises ConfigError."""
-    card = load(HandCard, path)
+    card = load_settings(HandCard, path)
     if card.side != side:
         raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}")
     names = tuple(each.name for each in card.driven)

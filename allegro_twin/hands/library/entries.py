@@ -16,8 +16,8 @@ from pydantic import Field, model_validator
 
 from allegro_twin.control.trajectory import Profile
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, Where, parse
-from allegro_twin.hands.library.taxonomy import Observed, Taxonomy
+from allegro_twin.files.schema import Positive, Settings, Where, parse_settings
+from allegro_twin.hands.library.taxonomy import ClaimedType, ObservedType
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
@@ -57,7 +57,7 @@ Grip: TypeAlias = Annotated[CentroidGrip | EnvelopGrip, Field(discriminator="kin
 Angles: TypeAlias = dict[str, list[float]]
 """For each finger the positions of its joints from the palm outward, rad; for each joint its position, where one joint
 moves several fingers."""
-Kind: TypeAlias = Literal["posture", "grasp", "trajectory"]
+EntryKind: TypeAlias = Literal["posture", "grasp", "trajectory"]
 HAND = "allegro"
 """Whose an entry is that does not say."""
 
@@ -75,7 +75,7 @@ class PostureFile(Settings):
     angles: Angles
 
 
-class Proof(Settings):
+class PlanRecord(Settings):
     """Where a planned grasp comes from, and how often it holds in draws that it was not chosen on."""
 
     seed: Annotated[int, Field(ge=0)]
@@ -100,9 +100,9 @@ class GraspFile(Settings):
     description: str = ""
     hand: str = HAND
     """The model of hand that it is of."""
-    taxonomy: Taxonomy
+    taxonomy: ClaimedType
     """The type that it claims to be."""
-    observed: Observed | None = None
+    observed: ObservedType | None = None
     """The type that the contacts of its trial (`evidence`) show; None: nobody has looked."""
     object_size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
     """Smallest and largest width between the fingers of the objects that it is for, m; None: not said."""
@@ -119,7 +119,7 @@ class GraspFile(Settings):
     """How it holds on; None: by position alone, at the squeeze."""
     evidence: str = ""
     """The scenario in which it holds an object, or `posture: ` and why it is only a posture."""
-    planned: Proof | None = None
+    planned: PlanRecord | None = None
     """Of what `plan` found."""
 
     @model_validator(mode="after")
@@ -129,7 +129,7 @@ class GraspFile(Settings):
         return self
 
     @property
-    def kind_of_grasp(self) -> Taxonomy | Observed:
+    def kind_of_grasp(self) -> ClaimedType | ObservedType:
         """The type that it is: the one observed, else the one that it claims."""
         return self.taxonomy if self.observed is None else self.observed
 
@@ -186,7 +186,7 @@ def parse_entry(content: Any, source: Where) -> Entry:
         raise ConfigError(f"{where}: kind: missing; it is one of {', '.join(_MODELS)}")
     if kind not in _MODELS:
         raise ConfigError(f"{where}: kind: {unknown('kind', str(kind), _MODELS)}")
-    return parse(_MODELS[kind], content, source)
+    return parse_settings(_MODELS[kind], content, source)
 
 
 def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
@@ -197,7 +197,7 @@ def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") ->
 
 
 def grasp_entry(
-    postures: Mapping[str, Vector], spec: HandSpec, taxonomy: Taxonomy, description: str = "", evidence: str = "",
+    postures: Mapping[str, Vector], spec: HandSpec, taxonomy: ClaimedType, description: str = "", evidence: str = "",
     object_size: tuple[float, float] | None = None,
 ) -> GraspFile:  # fmt: skip
     """An entry from `preshape`, `close` and `squeeze`, (n,) each, rad, of the spec's hand. Raises ConfigError outside
@@ -220,7 +220,7 @@ def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, des
         "positions": rows,
         **_whose(spec),
     }
-    entry = parse(TrajectoryFile, content, "trajectory")
+    entry = parse_settings(TrajectoryFile, content, "trajectory")
     joint_values(entry, spec, "trajectory")
     return entry
 
@@ -245,7 +245,7 @@ def joint_values(entry: Entry, spec: HandSpec, where: str) -> dict[str, Array]:
     return found
 
 
-def on_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
+def convert_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
     """The same entry written for a side: its mirror image, exact to the bit, when it is written for the other."""
     if entry.side == side:
         return entry
@@ -257,11 +257,11 @@ def on_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
         else:
             changed[field] = tuple(tuple(row) for row in spec.mirrored(np.array(values)).tolist())
     if isinstance(entry, GraspFile):
-        changed["grip"] = mirrored_grip(entry.grip, spec)
+        changed["grip"] = mirror_grip(entry.grip, spec)
     return entry.model_copy(update=changed)
 
 
-def mirrored_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
+def mirror_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
     """The same grip on the other hand: torques change sign where joints do."""
     if not isinstance(grip, EnvelopGrip):
         return grip

@@ -19,7 +19,7 @@ def gains_names(spec: HandSpec) -> tuple[str, ...]:
     return tuple(read_yaml(data_root() / "conf" / "gains" / f"{spec.model}.yaml"))
 
 
-def ruled(asked: str | None, spec: HandSpec) -> str:
+def protocol_gains(asked: str | None, spec: HandSpec) -> str:
     """The name of the gains that a protocol asks for; a hand that closes its own loop keeps its own."""
     return asked if asked is not None and "torque" in spec.commands else "default"
 

@@ -13,9 +13,9 @@ from allegro_twin.hands.library.entries import (
     Grip,
     grasp_entry,
     joint_values,
-    mirrored_grip,
+    mirror_grip,
 )
-from allegro_twin.hands.library.taxonomy import Observed, Taxonomy
+from allegro_twin.hands.library.taxonomy import ClaimedType, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -25,7 +25,7 @@ class Grasp:
     """A grasp for one hand."""
 
     name: str
-    taxonomy: Taxonomy
+    taxonomy: ClaimedType
     """The type that it claims to be."""
     speed: float
     profile: Profile
@@ -33,11 +33,11 @@ class Grasp:
     close: Vector
     squeeze: Vector
     grip: Grip | None = None
-    observed: Observed | None = None
+    observed: ObservedType | None = None
     """The type that its contacts have shown; None: nobody has looked."""
 
     @property
-    def kind(self) -> Taxonomy | Observed:
+    def kind(self) -> ClaimedType | ObservedType:
         """The type that it is: the one observed, else the one that it claims."""
         return self.taxonomy if self.observed is None else self.observed
 
@@ -50,12 +50,12 @@ class Grasp:
 def build_grasp(name: str, stored: GraspFile, spec: HandSpec, where: str) -> Grasp:
     """A stored grasp for the spec's side. Raises ConfigError naming the joint and the excess."""
     postures = joint_values(stored, spec, where)
-    grip = stored.grip if stored.side == spec.side else mirrored_grip(stored.grip, spec)
+    grip = stored.grip if stored.side == spec.side else mirror_grip(stored.grip, spec)
     _check_grip(grip, spec, where)
     return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures, grip=grip, observed=stored.observed)
 
 
-def entry_of(grasp: Grasp, spec: HandSpec, description: str = "", evidence: str = "") -> GraspFile:
+def entry_from_grasp(grasp: Grasp, spec: HandSpec, description: str = "", evidence: str = "") -> GraspFile:
     """The entry that `build_grasp` makes it from. Raises ConfigError outside the limits."""
     postures = {stage: getattr(grasp, stage) for stage in GraspFile.joint_fields}
     entry = grasp_entry(postures, spec, grasp.taxonomy, description, evidence)

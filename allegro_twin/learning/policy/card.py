@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_grasp
@@ -126,7 +126,7 @@ def read_card(path: Path) -> Card:
     if text is None:
         raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
     content: Any = json.loads(text)
-    return parse(Card, content, str(path))
+    return parse_settings(Card, content, str(path))
 
 
 def write_card(path: Path, card: Card) -> None:

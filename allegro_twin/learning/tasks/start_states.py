@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.control import laws
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import cache_folder, data_root
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
@@ -182,7 +182,7 @@ def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
     found = searched(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import Policy, Still
@@ -94,7 +94,7 @@ def as_shipped(settings: EnvSettings) -> EnvSettings:
 def write(compared: list[Compared], path: Path) -> None:
     """As JSON: rates, standard errors, and successes of every object."""
     content = {each.name: {"policy": _figures(each.policy), "script": _figures(each.still)} for each in compared}
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1))
 
 

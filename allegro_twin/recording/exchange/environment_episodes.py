@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.exchange import minari
 from allegro_twin.recording.exchange.episodes import new_folder
 from allegro_twin.recording.exchange.lerobot import Origin, Told, write_set
@@ -60,7 +60,7 @@ def to_lerobot(episodes: Sequence[Episode], folder: Path, period: float, robot: 
     """Write a new data set, whole or not at all. Its frames are the steps, each with what was seen before it and what
     came of it (`next.…`). Raises ConfigError for a folder that has something in it."""
     new_folder(folder)
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         write_set([Told(each.task, _features(each)) for each in episodes], Origin(robot, period, {}), temporary)
 
 

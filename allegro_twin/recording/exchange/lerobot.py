@@ -17,7 +17,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.exchange.episodes import KEPT, action_of, begin, rebuilt, task_of
 from allegro_twin.recording.reader import Recording, numpy_of
@@ -69,7 +69,7 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
     labels = {name: [f"{what}.{alias}" for alias in first.spec.readable] for name, what in names.items()}
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         origin = Origin(first.spec.name, first.period, labels)
         write_set([Told(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary)
         (temporary / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))

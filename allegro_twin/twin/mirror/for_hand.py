@@ -13,8 +13,8 @@ from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import find, read_yaml
-from allegro_twin.hands.description.calibration import Calibration, Version, load_wiring
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import to_the_end
 from allegro_twin.recording.reader import Recording, load
@@ -53,7 +53,7 @@ def make_mirror(
     spec: HandSpec,
     hand: str,
     version: Version,
-    used: Calibration,
+    used: HandCalibration,
     period: float,
     calm: Calm | None = None,
     stop: Collection[str] = (),
@@ -78,7 +78,7 @@ def noise_in(hand: str, spec: HandSpec) -> Vector:
     found = np.zeros(spec.n_joints)
     if spec.drive is not None:
         found = np.hypot(spec.drive.encoder_noise, spec.drive.quantisation / np.sqrt(12.0))
-    table = read_yaml(find(hand, "hand", "conf/hands")) if hand else {}
+    table = read_yaml(find_file(hand, "hand", "conf/hands")) if hand else {}
     measured = (table.get("identified") or {}).get("noise")
     if measured is None:
         return found

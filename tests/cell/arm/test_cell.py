@@ -19,7 +19,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.mounts import load_mount
-from allegro_twin.hands.description.specs import is_model, load_spec
+from allegro_twin.hands.description.specs import is_hand_model, load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose, compose, relative_to
@@ -30,7 +30,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import Load
 from allegro_twin.types import frozen
 
-HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_model(path.stem))
+HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_hand_model(path.stem))
 DOWN = np.array([0.0, 0.0, -9.81])
 CAN = Placement(named("tomato_soup_can"), (0.1, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
 

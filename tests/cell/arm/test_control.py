@@ -14,7 +14,7 @@ from allegro_twin.cell.arm.impedance import Impedance, Stiffness, hung
 from allegro_twin.cell.arm.target import Smoothing, Target, approached
 from allegro_twin.cell.arm.tool import Bridge
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.hands.description.arms import load_arm
+from allegro_twin.hands.description.arms import load_arm_spec
 from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
@@ -72,7 +72,7 @@ def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is
 def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_arm_swing(dry: float) -> None:
     push = np.zeros((2500, 3))
     push[50:, 0] = -10.0
-    told = load_arm("fer")
+    told = load_arm_spec("fer")
     arm = rig(force=push, spec=replace(told, actuation=replace(told.actuation, frictionloss=frozen(np.full(7, dry)))))
     noisy = Disturbed(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
     *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), bridge=BARE)))

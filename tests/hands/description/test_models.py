@@ -141,14 +141,14 @@ def test_masses_are_the_manufacturers_drawing(side: Side) -> None:
 
 
 def test_every_inertia_is_that_of_a_body_which_can_exist(side: Side) -> None:
-    for link in facts.load("allegro", side).links:
-        principal = np.linalg.eigvalsh(inertia.of_link(link).inertia)
+    for link in facts.load_facts("allegro", side).links:
+        principal = np.linalg.eigvalsh(inertia.link_inertia(link).inertia)
         assert principal[0] > 0
         assert principal[0] + principal[1] > principal[2]
 
 
 def test_inertia_equals_what_mujoco_computes_from_the_same_primitives() -> None:
-    for link in facts.load("allegro", "right").links:
+    for link in facts.load_facts("allegro", "right").links:
         spec = mujoco.MjSpec()
         body = spec.worldbody.add_body(name="link")
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=link.box.half, pos=link.box.at, mass=link.mass)
@@ -158,7 +158,7 @@ def test_inertia_equals_what_mujoco_computes_from_the_same_primitives() -> None:
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=[link.tip.radius, 0, 0], mass=link.tip.mass
             )
         model = spec.compile()
-        ours = inertia.of_link(link)
+        ours = inertia.link_inertia(link)
         np.testing.assert_allclose(model.body("link").ipos, ours.center, atol=1e-12)
         np.testing.assert_allclose(np.sort(model.body("link").inertia), np.linalg.eigvalsh(ours.inertia), atol=1e-12)
 

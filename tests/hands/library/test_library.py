@@ -18,15 +18,15 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import (
     GraspFile,
     PostureFile,
+    convert_side,
     joint_values,
-    on_side,
     parse_entry,
     posture_entry,
     trajectory_entry,
 )
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library, load_grasp, load_posture
-from allegro_twin.hands.library.taxonomy import Taxonomy, as_claimed
+from allegro_twin.hands.library.taxonomy import ClaimedType, claim_observed
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
@@ -143,7 +143,7 @@ def test_no_grasp_that_ships_claims_what_its_contacts_do_not_show() -> None:
         entry = listed.entry
         assert isinstance(entry, GraspFile)
         if entry.observed is not None:
-            assert entry.taxonomy == as_claimed(entry.observed) or entry.taxonomy.number == entry.observed.number
+            assert entry.taxonomy == claim_observed(entry.observed) or entry.taxonomy.number == entry.observed.number
         else:
             assert not entry.evidence or entry.evidence.startswith("posture: "), listed.name
 
@@ -153,7 +153,7 @@ def test_a_claim_is_one_of_the_paper() -> None:
                   {"number": 26, "name": "Sphere 4 Finger", "type": "precision", "opposition": "pad"},
                   {"number": None, "name": "Ring"}):  # fmt: skip
         with pytest.raises(ValidationError, match="type 26 has the|a grasp without a number"):
-            Taxonomy.model_validate(wrong)
+            ClaimedType.model_validate(wrong)
 
 
 def test_a_filter_that_nothing_can_have_says_so() -> None:
@@ -183,7 +183,7 @@ def test_the_mirror_of_a_posture_is_exact_and_its_own_inverse(
     entry = posture_entry(position, one)
     mirrored = joint_values(entry, other, "it")["angles"]
     assert same_bits(mirrored, one.mirrored(position))
-    rewritten = on_side(entry, one, other.side, "it")
+    rewritten = convert_side(entry, one, other.side, "it")
     assert rewritten.side == other.side
     for hand in hands:
         assert same_bits(joint_values(entry, hand, "")["angles"], joint_values(rewritten, hand, "")["angles"])
@@ -193,7 +193,7 @@ def test_the_mirror_of_a_posture_is_exact_and_its_own_inverse(
 def test_the_mirror_of_a_trajectory_is_exact_row_by_row(positions: list[Array]) -> None:
     entry = trajectory_entry(np.arange(len(positions)), np.array(positions), LEFT)
     np.testing.assert_array_equal(joint_values(entry, RIGHT, "")["positions"], LEFT.mirrored(np.array(positions)))
-    assert on_side(on_side(entry, LEFT, "right", ""), RIGHT, "left", "") == entry
+    assert convert_side(convert_side(entry, LEFT, "right", ""), RIGHT, "left", "") == entry
 
 
 def test_storing_for_the_left_changes_the_entry_whose_file_is_for_the_right(mine: Path) -> None:

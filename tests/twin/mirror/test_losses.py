@@ -13,7 +13,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.driver.clock import HandClock
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.calibration import Calibration
+from allegro_twin.hands.description.calibration import HandCalibration
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
@@ -182,7 +182,7 @@ def test_a_mirror_that_hears_nothing_for_long_begins_again_and_says_nothing_mean
 def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_path: Path) -> None:
     path = tmp_path / "noisy.yaml"
     path.write_text("wire: {version: v4}\nidentified: {noise: 3.0e-4}\n")
-    each = make_mirror(spec, str(path), "v4", Calibration(), 0.003)
+    each = make_mirror(spec, str(path), "v4", HandCalibration(), 0.003)
     np.testing.assert_array_equal(each.observer.noise, np.full(N, 3e-4))
     own = load_spec(serial=str(path))
     assert noise_in(str(path), noisy(own, 4e-4))[0] == pytest.approx(np.hypot(4e-4, 8.9e-5 / np.sqrt(12.0)))

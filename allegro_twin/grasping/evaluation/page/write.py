@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.evaluation.page import sections
 from allegro_twin.grasping.evaluation.page.rows import Columnar, Row, Rows
 from allegro_twin.grasping.evaluation.page.style import SCRIPT, STYLE
@@ -28,7 +28,7 @@ def write_page(
     disk refuses.
     """
     text = page(results, path.parent, title=title, about=about)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

@@ -22,7 +22,7 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import Card
 from allegro_twin.learning.training.evaluation import keywords
@@ -83,7 +83,7 @@ class Learner:
         self._settling = recipe.settle
         start_still(actor)
         if recipe.start is not None:
-            start_from(actor, find(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
+            start_from(actor, find_file(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
         env.spread()
         self._tally = Tally(env)
 

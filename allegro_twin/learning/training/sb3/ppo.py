@@ -16,7 +16,7 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.card import Card, write_card
 from allegro_twin.learning.training.evaluation import evaluate, keywords
@@ -67,7 +67,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     if rate != rate:  # Nothing was left to do.
         rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
     to_onnx(layered(model), folder / "policy.onnx", card.model_copy(update={"note": note(recipe, progress)}))
-    with whole_file(folder / "recipe.json") as temporary:
+    with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     stable.close()
     return Trained(folder / "policy.onnx", progress, rate)
@@ -170,7 +170,7 @@ MEMBER = "training.json"
 
 def _save(model: Any, path: Path, recipe: Recipe, card: Card, progress: Progress) -> None:
     """A checkpoint is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         model.save(str(temporary))
         with zipfile.ZipFile(temporary, "a") as archive:
             archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))

@@ -40,7 +40,7 @@ def improve(
 ) -> None:
     """Make a grasp hold more often where it is: wrist, postures and squeeze, judged on draws that it was not chosen
     on."""
-    from allegro_twin.files.output_folder import undisturbed
+    from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.grasping.plan.improve import Improvement
     from allegro_twin.grasping.plan.save import write
     from allegro_twin.surfaces.cli import console
@@ -54,7 +54,7 @@ def improve(
     )  # fmt: skip
     better = _searched(search, path.stem)
     told = _told(better, unseen, path.stem, begun.name)
-    with undisturbed():  # A grasp of one search in a scenario of another would be neither's.
+    with defer_signals():  # A grasp of one search in a scenario of another would be neither's.
         where = write(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
     console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
 

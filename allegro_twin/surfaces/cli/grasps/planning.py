@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import Budget, Search
     from allegro_twin.grasping.plan.validate import Planned
     from allegro_twin.grasping.scenario import Scenario
-    from allegro_twin.sweep.local import Engine
+    from allegro_twin.sweep.local import SweepEngine
 
 
 Thing = Annotated[
@@ -80,7 +80,7 @@ def plan(
 ) -> None:
     """Find grasps for an object that stands on a table: proposed by geometry, closed in physics, tried under draws of
     what the hand is not told, and proven in the whole trial."""
-    from allegro_twin.files.output_folder import add_to_run, locked, one_run
+    from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
     from allegro_twin.grasping.plan.region import region
     from allegro_twin.grasping.plan.save import in_words, proof_of, stored, written
     from allegro_twin.grasping.plan.search import Budget, Search
@@ -116,8 +116,8 @@ def plan(
     with ExitStack() as stack:
         folder = out or Path("plans") / name
         if out is None:
-            stack.enter_context(locked(folder))
-        with one_run(folder) as staging:
+            stack.enter_context(lock_folder(folder))
+        with write_run(folder) as staging:
             made = written(found, name, staging, spec, search.uncertainty, read_in=folder)
             paths = [folder / path.relative_to(staging) for path in made]
         for number, planned in enumerate(found, 1):
@@ -142,7 +142,7 @@ def _searched(search: Search, n: int, budget: Budget) -> list[Planned]:
         )
 
 
-def _spread(search: Search, n: int, budget: Budget, seeds: int, engine: Engine) -> list[Planned]:
+def _spread(search: Search, n: int, budget: Budget, seeds: int, engine: SweepEngine) -> list[Planned]:
     """One search a processor."""
     from allegro_twin.grasping.plan.parallel import side_by_side
     from allegro_twin.surfaces.cli import console
@@ -169,7 +169,7 @@ def new(
     """Begin a scenario and a grasp of your own: a palm that is free of object and table, and fingers that close.
 
     Nothing says yet that it holds; `plan` looks for those that do."""
-    from allegro_twin.files.output_folder import undisturbed
+    from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.grasping.plan.initial_guess import first_guess
     from allegro_twin.grasping.plan.save import write
     from allegro_twin.hands.description.specs import load_spec
@@ -178,7 +178,7 @@ def new(
     spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
-    with undisturbed():
+    with defer_signals():
         (out / f"{name}_new.png").unlink(missing_ok=True)  # Of another guess.
         path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:

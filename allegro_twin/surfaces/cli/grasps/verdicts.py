@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from allegro_twin.grasping.evaluation.campaign import Noise, Target
     from allegro_twin.sweep.jobs import Sweep
-    from allegro_twin.sweep.local import Engine
+    from allegro_twin.sweep.local import SweepEngine
 
 UNIT = 32
 """Trials in a unit at most: more side by side gain little, and more would be made again after an interruption."""
@@ -37,18 +37,18 @@ class Tried(NamedTuple):
 class Chosen(NamedTuple):
     """What computes, and how much of it at once."""
 
-    engine: Engine
+    engine: SweepEngine
     at_once: int
 
 
 def engine_of(name: str, address: str | None, count: int | None) -> Chosen:
     """`local` or `ray`. Raises ConfigError where Ray is not installed, or for an address without it; LinkError where no
     cluster answers."""
-    from allegro_twin.sweep.local import Local, cores
+    from allegro_twin.sweep.local import Local, core_count
 
     if address is not None and name != "ray":
         raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
-    at_once = count or cores()
+    at_once = count or core_count()
     if name == "ray":
         from allegro_twin.sweep.cluster import RayCluster
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
     from allegro_twin.twin.branch import Beside, Branched, Wanted
@@ -78,21 +78,21 @@ def branched(path: Path, at: float, texts: list[str], kept: Kept, wanted: Wanted
                 samples = shown(samples, viewer.to_file(temporary), beside)
             return samples
 
-        temporary = stack.enter_context(whole_file(kept.rrd)) if kept.rrd is not None else path
+        temporary = stack.enter_context(atomic_file(kept.rrd)) if kept.rrd is not None else path
         return branch(path, at, changes, through, wanted)
 
 
 def picture(target: Path, path: Path, found: Branched, at: float) -> None:
     """All futures in a PNG, a panel a finger: pale as it was, dark as it would have been, and thin as the model has it
     without a change. Raises HandError."""
-    from allegro_twin.hands.description.appearance import lighter, of_series
+    from allegro_twin.hands.description.appearance import lighten, series_color
     from allegro_twin.viewing.plot import Line, plot
 
     spec, panels, thin, first = found.spec, {}, found.unchanged, _first(found, at)
     names = spec.readable
     for finger in spec.fingers:
-        was = [Line("", found.recorded[:, j], lighter(of_series(k)), 4) for k, j in enumerate(finger.joints)]
-        would = [Line(names[j], found.branched[:, j], of_series(k)) for k, j in enumerate(finger.joints)]
+        was = [Line("", found.recorded[:, j], lighten(series_color(k)), 4) for k, j in enumerate(finger.joints)]
+        would = [Line(names[j], found.branched[:, j], series_color(k)) for k, j in enumerate(finger.joints)]
         model = [] if thin is None else [Line("", thin[first:, j], _INK, 1, first) for j in finger.joints]
         panels[f"{finger.name}, rad"] = [*was, *would, *model]
     also = "" if thin is None else "; thin and black: the model without the change"

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
@@ -118,7 +118,7 @@ def _drawn(
 
     health = getattr(rig.driver, "health", None)
     if wanted.rrd is not None:
-        temporary = stack.enter_context(whole_file(wanted.rrd))
+        temporary = stack.enter_context(atomic_file(wanted.rrd))
         viewer = viewer_of(rig.spec, stage(rig.spec), rate=RATE)
         stack.callback(viewer.close)
         samples = drawn(samples, mirror, viewer.to_file(temporary), health)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from allegro_twin.hands.description.appearance import of_series
+from allegro_twin.hands.description.appearance import series_color
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.groups import Group, groups
 from allegro_twin.surfaces.panel.stream import Frame
@@ -73,7 +73,7 @@ def name_of(spec: HandSpec, joint: int) -> str:
 
 def hexed(number: int) -> str:
     """The colour of a series."""
-    return "#" + "".join(f"{round(255 * part):02x}" for part in of_series(number))
+    return "#" + "".join(f"{round(255 * part):02x}" for part in series_color(number))
 
 
 def _fill(begin: float, end: float, color: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.appearance import Body, Shape
+from allegro_twin.hands.description.appearance import VisualBody, VisualShape
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
 from allegro_twin.surfaces.panel.cell import CellFrame, CellOpened
 from allegro_twin.surfaces.panel.page.glb import glb
@@ -33,7 +33,7 @@ class CellStage:
         links = {"/arm": (opened.arm, look["arm"]), "/tool": (opened.hand, look["hand"])}
         self._chains: dict[str, Skeleton] = {}
         for root, (spec, bodies) in links.items():
-            self._chains[root] = Skeleton([Body.from_json(body) for body in bodies], spec)
+            self._chains[root] = Skeleton([VisualBody.from_json(body) for body in bodies], spec)
             self._node(root)
             for body in self._chains[root].bodies:
                 name = root if body.parent < 0 else f"{root}/{body.name}"
@@ -41,11 +41,11 @@ class CellStage:
                 self._mesh(f"{name}/look", body.shapes)
         for name in ("/flange", "/goal"):
             self._node(name)
-        self._mesh("/flange/look", [Shape.from_json(shape) for shape in look["adapter"]])
+        self._mesh("/flange/look", [VisualShape.from_json(shape) for shape in look["adapter"]])
         for number, shapes in enumerate(look["objects"].values()):
             self._node(f"/object_{number}")
-            self._mesh(f"/object_{number}/look", [Shape.from_json(shape) for shape in shapes])
-        self._mesh("/fixed", [Shape.from_json(shape) for shape in look["fixed"]])
+            self._mesh(f"/object_{number}/look", [VisualShape.from_json(shape) for shape in shapes])
+        self._mesh("/fixed", [VisualShape.from_json(shape) for shape in look["fixed"]])
         self._place("/arm", np.array([*look["base"], 1.0, 0.0, 0.0, 0.0]))
         camera = server.initial_camera
         camera.position, camera.look_at, camera.up = np.array(EYE), np.array(AT), np.array([0.0, 0.0, 1.0])
@@ -76,7 +76,7 @@ class CellStage:
         node = self._nodes[name]
         node.position, node.wxyz = pose[:3], pose[3:]
 
-    def _mesh(self, name: str, shapes: Sequence[Shape]) -> None:
+    def _mesh(self, name: str, shapes: Sequence[VisualShape]) -> None:
         if shapes:
             whole = joined([surface(shape) for shape in shapes])
             self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from allegro_twin.hands.description.appearance import LIMIT, lighter, of_series
+from allegro_twin.hands.description.appearance import LIMIT, lighten, series_color
 from allegro_twin.surfaces.panel.page.bars import name_of
 from allegro_twin.surfaces.panel.page.groups import Group, groups, units
 from allegro_twin.surfaces.panel.stream import Frame
@@ -59,8 +59,8 @@ class Plots:
         for chart in self._charts or ():
             chart.remove()
         names = [name_of(self._spec, joint) for joint in group.joints]
-        color = [_css(of_series(k)) for k in range(len(names))]
-        goals = [_series(f"{n} goal", _css(lighter(of_series(k))), 1) for k, n in enumerate(names)]
+        color = [_css(series_color(k)) for k in range(len(names))]
+        goals = [_series(f"{n} goal", _css(lighten(series_color(k))), 1) for k, n in enumerate(names)]
         ends = [_series("limit", _css(LIMIT), 1) for _ in range(2 * limits)]
         measured = [_series(name, c, 2) for name, c in zip(names, color, strict=True)]
         with self._place:  # Else they would stand below every tab.

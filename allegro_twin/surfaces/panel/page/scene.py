@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.appearance import Shape, of_series
+from allegro_twin.hands.description.appearance import VisualShape, series_color
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.glb import glb
@@ -82,7 +82,7 @@ class Stage:
         self._placed[name] = np.array(pose)
         node.position, node.wxyz = pose[:3], pose[3:]
 
-    def _mesh(self, name: str, shapes: Sequence[Shape]) -> None:
+    def _mesh(self, name: str, shapes: Sequence[VisualShape]) -> None:
         if not shapes:
             return
         whole = joined([surface(shape) for shape in shapes])
@@ -101,7 +101,7 @@ class Stage:
         rows = np.stack([ends - _ARROW * np.where(there[:, None], vectors, 0.0), ends], axis=1)
         rows[~there] = _NOWHERE
         if self._arrows is None:
-            colors = np.array([[round(255 * c) for c in of_series(k)] for k in range(len(rows))], dtype=np.uint8)
+            colors = np.array([[round(255 * c) for c in series_color(k)] for k in range(len(rows))], dtype=np.uint8)
             self._arrows = self._server.scene.add_arrows(
                 "/contact", rows, colors,
                 shaft_radius=0.0015, head_radius=0.004, head_length=0.009,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.appearance import of_series
+from allegro_twin.hands.description.appearance import series_color
 from allegro_twin.surfaces.panel import requests as w
 from allegro_twin.surfaces.panel.page.scene import PALM
 from allegro_twin.surfaces.panel.stream import Frame
@@ -125,5 +125,5 @@ class Tips:
 
 
 def _rgb() -> tuple[int, int, int]:
-    red, green, blue = (round(255 * part) for part in of_series(0))
+    red, green, blue = (round(255 * part) for part in series_color(0))
     return red, green, blue

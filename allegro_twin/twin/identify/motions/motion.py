@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.open_loop.segments import BEFORE
 from allegro_twin.spec import HandSpec
@@ -42,7 +42,7 @@ class Motion:
     """In the palm frame, (3,), m/s²."""
     weight: Vector
     """At the fingertips, (n,), kg."""
-    calibration: Calibration
+    calibration: HandCalibration
     """With which counts became rad and N·m."""
 
     @property
@@ -92,9 +92,9 @@ def read_motion(path: Path, weight: Vector | None = None) -> Motion:
     )  # fmt: skip
 
 
-def calibration_of(table: Mapping[str, Any]) -> Calibration:
+def calibration_of(table: Mapping[str, Any]) -> HandCalibration:
     """What a recording's metadata say of how counts became rad and N·m."""
-    return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+    return HandCalibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
 
 
 def same_hand(motions: list[Motion]) -> None:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
-from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.hands.description.calibration import Calibration, Version, load_wiring
+from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
+from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
 from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sim.open_loop.segments import Parameters
@@ -44,13 +44,13 @@ def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence
     """Write what is determined into a hand's file, and leave everything else in it as it is; what is to be said of
     that, or nothing. Raises ConfigError for a file that ships, for one of another hand, or one whose calibration
     the recordings were not made with; RecordingError."""
-    with locked(path):
+    with lock_file(path):
         text = read_text(path)
-        content = parse_yaml(text, str(path)) if holds_anything(text) else {}
+        content = parse_yaml(text, str(path)) if has_content(text) else {}
         check(path, content, motions)
-        made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
+        made = replace_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
-        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
+        write_text(path, set_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
     return " ".join(filter(None, (_weakened(path, content), _apart(path, kept, values, motions))))
 
 
@@ -189,7 +189,7 @@ def doubtful(path: Path) -> str:
     return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
 
 
-def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
+def shift(version: Version, used: HandCalibration, encoder_offset: tuple[int, ...]) -> Vector:
     """What positions are too high by, (n,), rad, that were read with one calibration when other encoder offsets,
     counts, are right."""
     right = replace(used, encoder_offset=encoder_offset)
