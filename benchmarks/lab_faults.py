@@ -127,11 +127,11 @@ def cases(kind: str, spec: HandSpec, draws: np.random.Generator) -> Iterator[Cas
             for joint in joints:
                 for degrees in (-3.0, -1.0, 1.0, 3.0):
                     for empty in (False, True):
-                        what = f"{spec.readable[joint]} by {degrees:+.0f}°"
+                        what = f"{spec.joint_labels[joint]} by {degrees:+.0f}°"
                         yield Case(kind, what, "always", empty, joint=joint, by=float(np.radians(degrees)))
         case "dead" | "stuck":
             for joint in joints:
-                yield from (Case(kind, spec.readable[joint], "ClosingHand", empty, joint=joint)
+                yield from (Case(kind, spec.joint_labels[joint], "ClosingHand", empty, joint=joint)
                             for empty in (False, True))  # fmt: skip
         case "taken":
             yield from (Case(kind, "object", state) for state in STATES)

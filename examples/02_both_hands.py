@@ -16,5 +16,5 @@ for side in ("right", "left"):
         hand.move_to("scissors")
         tips[side] = hand.fingertips()["index"].position
         print(side, "index tip", tips[side].round(4))
-assert (right.mirrored(load_posture("scissors", right)) == load_posture("scissors", left)).all()
+assert (right.mirror_posture(load_posture("scissors", right)) == load_posture("scissors", left)).all()
 assert np.allclose(tips["right"], tips["left"] * (1, -1, 1), atol=1e-3)  # m

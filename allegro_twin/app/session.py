@@ -143,7 +143,7 @@ def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     if not far:
         return ""
     name = config.task.posture if isinstance(config.task.posture, str) else "the posture"
-    joints = ", ".join(f"{rig.spec.readable[joint]} {off[joint]:.2f}" for joint in far)
+    joints = ", ".join(f"{rig.spec.joint_labels[joint]} {off[joint]:.2f}" for joint in far)
     early = f"; the motion takes {motion:.1f} s" if last.t < motion else ""
     return f"{name} is not reached at {last.t:.1f} s: rad short: {joints} (more than {REACHED:g}){early}"
 

@@ -182,7 +182,7 @@ class Trial:
         spec = self.backend.spec
         report = judge(
             seen, self.windows, self.rule,
-            parts=self._probe.parts, joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+            parts=self._probe.parts, joints=spec.joint_labels, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
         report = replace(report, observed=self.observed())
         return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
@@ -193,7 +193,7 @@ class Trial:
         begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
         share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
-        full = [name for name, part in zip(self.backend.spec.readable, share, strict=True) if part > 0.5]
+        full = [name for name, part in zip(self.backend.spec.joint_labels, share, strict=True) if part > 0.5]
         loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
         said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
         return [*said, f"{', '.join(full)} at their torque limit"] if full else said

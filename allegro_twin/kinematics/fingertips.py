@@ -103,12 +103,12 @@ class ChainFingertips:
 
     def __init__(self, spec: HandSpec, tree: Tree) -> None:
         self._spec = spec
-        columns = {name: column for column, name in enumerate(spec.moving)}
+        columns = {name: column for column, name in enumerate(spec.all_joints)}
         self._chains = [_chain(tree, finger.tip, columns) for finger in spec.fingers]
 
     def __call__(self, position: Array) -> Array:
         """Motors (..., n), rad → fingertips in the palm frame, in the spec's order, (..., fingers, 3), m."""
-        moved = self._spec.moved(position)
+        moved = self._spec.all_positions(position)
         return np.stack([_tip(chain, moved) for chain in self._chains], axis=-2)
 
 

@@ -231,7 +231,7 @@ class _Coupling:
         return ours if self._direct else ours @ self._slope(position)
 
     def _all(self, position: Vector) -> Vector:
-        return np.concatenate([position[self._known], self._spec.followed(position)])
+        return np.concatenate([position[self._known], self._spec.coupled_positions(position)])
 
     def _slope(self, position: Vector) -> Array:
         lower, upper = self._spec.lower, self._spec.upper

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.spec.coupled_joints import Follower, Way, ways
+from allegro_twin.spec.coupled_joints import CoupledJoint, CoupledTable, coupled_tables
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Array, Vector, frozen
 
@@ -94,7 +94,7 @@ class HandSpec:
     """Simulate this file instead of ours."""
     commands: tuple[CommandKind, ...] = ("torque",)
     """What it takes; a hand that takes torques takes nothing else."""
-    followers: tuple[Follower, ...] = ()
+    followers: tuple[CoupledJoint, ...] = ()
     """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
@@ -118,12 +118,12 @@ class HandSpec:
         return np.minimum(np.maximum(self.lower, 0.0), self.upper)
 
     @property
-    def called(self) -> str:
+    def model_reference(self) -> str:
         """What files call this model of hand: its name, or its card's path."""
         return self.card or self.model
 
     @property
-    def readable(self) -> tuple[str, ...]:
+    def joint_labels(self) -> tuple[str, ...]:
         """A name for each joint, for people: `index_0`, or that of the description where a joint moves several
         fingers."""
         return self.aliases or self.joints
@@ -150,14 +150,14 @@ class HandSpec:
                 return finger
         raise ConfigError(unknown("finger", name, [f.name for f in self.fingers]))
 
-    def followed(self, position: Array) -> Array:
+    def coupled_positions(self, position: Array) -> Array:
         """Where the followers are when nothing is in their way, (..., n) → (..., followers), rad or m: an estimate."""
         found = np.empty((*position.shape[:-1], len(self.followers)))
         for way in _ways(self):
             found[..., way.places] = way.at(position)
         return found
 
-    def following(self, position: Array) -> Array:
+    def coupled_rates(self, position: Array) -> Array:
         """How fast the followers go for each motor's own speed, on the same way, (..., n) → (..., followers)."""
         rates = np.zeros((*position.shape[:-1], len(self.followers)))
         for k, each in enumerate(self.followers):
@@ -168,13 +168,13 @@ class HandSpec:
         return rates
 
     @property
-    def moving(self) -> tuple[str, ...]:
+    def all_joints(self) -> tuple[str, ...]:
         """Names of all that moves: what is driven, then what follows."""
         return self.joints + tuple(each.name for each in self.followers)
 
-    def moved(self, position: Array) -> Array:
+    def all_positions(self, position: Array) -> Array:
         """Where all that moves is, by `moving`, (..., n) → (..., n + followers): an estimate of what follows."""
-        return np.concatenate([position, self.followed(position)], axis=-1) if self.followers else position
+        return np.concatenate([position, self.coupled_positions(position)], axis=-1) if self.followers else position
 
     def vector(self, values: ArrayLike, what: str) -> Vector:
         """One value per joint, read-only, shape (n,); a single number stands for all. Raises ConfigError."""
@@ -191,19 +191,21 @@ class HandSpec:
     def posture(self, values: ArrayLike, what: str = "posture") -> Vector:
         """Joint positions inside the limits, shape (n,), rad. Raises ConfigError naming the joint and the excess."""
         array = self.vector(values, what)
-        if said := self.beyond(array, self.lower, self.upper, 1e-9):
+        if said := self.limit_violation(array, self.lower, self.upper, 1e-9):
             raise ConfigError(f"{what}: {said}")
         return array
 
-    def reachable(self, values: ArrayLike, what: str = "posture") -> Vector:
+    def measured_posture(self, values: ArrayLike, what: str = "posture") -> Vector:
         """As `posture`, for joint positions that were read from a hand: what a joint gives at its stop, GIVE at most,
         is clipped."""
         array = self.vector(values, what)
-        if said := self.beyond(array, self.lower, self.upper, GIVE):
+        if said := self.limit_violation(array, self.lower, self.upper, GIVE):
             raise ConfigError(f"{what}: {said}")
         return frozen(np.clip(array, self.lower, self.upper))
 
-    def beyond(self, posture: Vector, lower: Vector, upper: Vector, give: float, of: str = "outside its limits") -> str:
+    def limit_violation(
+        self, posture: Vector, lower: Vector, upper: Vector, give: float, of: str = "outside its limits"
+    ) -> str:
         """Which joint of a posture, (n,), rad, is furthest beyond two bounds, (n,) each, rad, and by how much, with
         the digits that show it; empty where none is by more than `give`, rad."""
         excess = np.maximum(lower - posture, posture - upper)
@@ -213,14 +215,14 @@ class HandSpec:
             return ""
         digits = 4 if round(over, 6) >= 0.001 else 2 - math.floor(math.log10(over))
         said = (
-            f"{self.readable[worst]} = {value:.{digits}f} rad is {over:.{digits}f} rad {of} "
+            f"{self.joint_labels[worst]} = {value:.{digits}f} rad is {over:.{digits}f} rad {of} "
             f"[{least:.{digits}f}, {most:.{digits}f}]"
         )
         if least <= math.radians(value) <= most and abs(value) > math.pi:
             said += f"; positions are in radians: {value:g}° is {math.radians(value):.4f} rad"
         return said
 
-    def mirrored(self, position: Array) -> Array:
+    def mirror_posture(self, position: Array) -> Array:
         """The same posture on the hand of the other side, shape (..., n), rad."""
         other = np.array(position, dtype=np.float64)
         other[..., list(self.mirror_flips)] *= -1.0
@@ -243,5 +245,5 @@ def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=64)
-def _ways(spec: HandSpec) -> list[Way]:
-    return ways(spec.followers, spec.lower, spec.upper)
+def _ways(spec: HandSpec) -> list[CoupledTable]:
+    return coupled_tables(spec.followers, spec.lower, spec.upper)

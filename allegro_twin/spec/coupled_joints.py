@@ -12,7 +12,7 @@ from allegro_twin.types import Array, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Follower:
+class CoupledJoint:
     """A joint that follows a driven one, wherever nothing is in its way."""
 
     name: str
@@ -23,7 +23,7 @@ class Follower:
     """Where it is, rad or m, for positions of the driven one evenly from its lowest to its highest, shape (k,)."""
 
 
-class Way(NamedTuple):
+class CoupledTable(NamedTuple):
     """How those followers go whose tables are equally long, m of them, as `np.interp` has it for one, to the bit."""
 
     places: list[int]
@@ -48,7 +48,7 @@ class Way(NamedTuple):
         return np.where(part >= 1.0, self.table[:, -1], np.where(part <= 0.0, self.table[:, 0], between))
 
 
-def ways(followers: Sequence[Follower], lower: Vector, upper: Vector) -> list[Way]:
+def coupled_tables(followers: Sequence[CoupledJoint], lower: Vector, upper: Vector) -> list[CoupledTable]:
     """All the ways of a hand whose driven joints go from `lower` to `upper`, (n,), rad."""
     made = []
     for length in sorted({len(each.positions) for each in followers}):
@@ -56,5 +56,5 @@ def ways(followers: Sequence[Follower], lower: Vector, upper: Vector) -> list[Wa
         driven = [followers[k].driven for k in places]
         parts, table = np.linspace(0.0, 1.0, length), np.stack([followers[k].positions for k in places])
         slopes = np.diff(table) / np.diff(parts)
-        made.append(Way(places, driven, lower[driven], (upper - lower)[driven], parts, table, slopes))
+        made.append(CoupledTable(places, driven, lower[driven], (upper - lower)[driven], parts, table, slopes))
     return made

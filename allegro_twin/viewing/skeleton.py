@@ -49,7 +49,7 @@ class Skeleton:
 
     def places(self, position: Array) -> list[tuple[Array, Array]]:
         """For joint positions (k, n), rad, each body's place (k, 3), m, and rotation (k, 3, 3) in the palm's frame."""
-        position, moments = self._spec.moved(position), len(position)
+        position, moments = self._spec.all_positions(position), len(position)
         found: list[tuple[Array, Array]] = []
         for body, turn in zip(self.bodies, self._turns, strict=True):
             place = np.tile(np.array(body.position), (moments, 1))

@@ -73,7 +73,7 @@ def test_gravity_compensation_lets_no_finger_sink(
     spec = load_spec(side=side)
     fingers = (1.0, 0.0, 0.0) if facing[2] else UPRIGHT
     start = step_start(spec, 1.0) + 0.1
-    start = spec.posture(start if side == "right" else spec.mirrored(start))
+    start = spec.posture(start if side == "right" else spec.mirror_posture(start))
     _, position = settle(
         make_sim(spec, facing=facing, fingers=fingers, posture=start), GravityCompensation(gravity_of(spec)), 1.0
     )

@@ -118,7 +118,7 @@ def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, m
     sim = make_sim(soft)
     samples = list(until(4.0, run(sim, PositionControl(Hold(np.array([0.5]))))))
     true = [float(sim.data.joint(each.name).qpos[0]) for each in soft.followers]
-    np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
+    np.testing.assert_allclose(soft.coupled_positions(samples[-1].state.position), true, atol=0.05)
 
 
 def test_a_state_says_where_the_tendon_is_now_and_not_a_step_ago(soft: HandSpec, make_sim: MakeSim) -> None:
@@ -188,7 +188,7 @@ def test_a_spec_survives_the_recording_that_carries_it(name: str, tmp_path: Path
     assert (back.joints, back.commands) == (spec.joints, spec.commands)
     assert [(f.name, f.driven) for f in back.followers] == [(f.name, f.driven) for f in spec.followers]
     middle = (spec.lower + spec.upper) / 2
-    np.testing.assert_array_equal(back.followed(middle), spec.followed(middle))
+    np.testing.assert_array_equal(back.coupled_positions(middle), spec.coupled_positions(middle))
 
 
 def test_the_guard_keeps_positions_inside_the_soft_stops_and_efforts_under_the_ceiling(make_sim: MakeSim) -> None:

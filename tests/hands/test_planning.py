@@ -36,7 +36,7 @@ LITTLE = Effort(guessed=24, closed=8, drawn=3)
 
 
 def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: Effort = LITTLE) -> Search:
-    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.called})
+    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.model_reference})
     return Search(scenario, spec, templates(spec), effort=effort)
 
 
@@ -70,7 +70,7 @@ def test_what_lies_beyond_a_link_that_has_met_the_ball_goes_on(name: str) -> Non
     assert touch.depth.max() < 0.01
     behind = [
         free - float(bench.data.joint(each.name).qpos[0])
-        for each, free in zip(spec.followers, spec.followed(found.close), strict=True)
+        for each, free in zip(spec.followers, spec.coupled_positions(found.close), strict=True)
         if found.closing[each.driven] and np.ptp(each.positions) > 0.5
     ]
     assert max(behind) > 0.1

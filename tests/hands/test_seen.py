@@ -41,5 +41,5 @@ def test_a_view_is_found_by_the_ends_of_tendon_fingers(name: str) -> None:
 @pytest.mark.parametrize("name", HANDS)
 def test_frames_of_a_tendon_hand_are_those_of_all_that_moves(name: str) -> None:
     spec = load_spec(name)
-    moving = {spec.moving[frame.joint] for frame in Frames(spec).moving}
-    assert {each.name for each in spec.followers} <= moving <= set(spec.moving)
+    moving = {spec.all_joints[frame.joint] for frame in Frames(spec).moving}
+    assert {each.name for each in spec.followers} <= moving <= set(spec.all_joints)

@@ -40,7 +40,7 @@ def angle(sim: SimBackend, joint: str) -> float:
 
 def test_five_motors_move_eleven_hinges() -> None:
     assert SPEC.joints == ("thumb_flexion", "index", "middle", "ring_little", "thumb_rotation")
-    assert SPEC.readable == SPEC.joints  # A finger and a place would name no motor.
+    assert SPEC.joint_labels == SPEC.joints  # A finger and a place would name no motor.
     assert len(SPEC.followers) == 10  # And the rotation, which its motor turns itself.
 
 
@@ -121,12 +121,12 @@ def test_only_motors_are_sensed_and_where_the_joints_are_is_an_estimate(sim: Sim
     state = sim.read()
     assert state.position.shape == (5,)
     names = [each.name for each in SPEC.followers]
-    said = dict(zip(names, SPEC.followed(state.position), strict=True))
+    said = dict(zip(names, SPEC.coupled_positions(state.position), strict=True))
     for joint in FINGERS["index"]:
         assert said[joint] == pytest.approx(free[joint], abs=0.1)
     hold(sim, "index_0", 0.4)
     held = closed(sim, SPEC, goal)[-1]
-    said = dict(zip(names, SPEC.followed(sim.read().position), strict=True))
+    said = dict(zip(names, SPEC.coupled_positions(sim.read().position), strict=True))
     assert abs(said["index_0"] - held["index_0"]) > 0.3
 
 

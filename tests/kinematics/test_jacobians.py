@@ -60,10 +60,10 @@ def test_a_turned_palm_turns_the_jacobian_into_the_world(seed: int, side: Side) 
 @given(SEEDS)
 def test_the_left_jacobian_is_the_mirrored_right_one(seed: int) -> None:
     q = posture(seed, "right")
-    right, left = HANDS["right"].jacobian(q), HANDS["left"].jacobian(SPECS["right"].mirrored(q))
+    right, left = HANDS["right"].jacobian(q), HANDS["left"].jacobian(SPECS["right"].mirror_posture(q))
     mirror = np.diag([1.0, -1, 1, -1, 1, -1])  # A spin is a pseudovector.
     for name in right:
-        np.testing.assert_allclose(left[name], SPECS["right"].mirrored(mirror @ right[name]), atol=1e-15)
+        np.testing.assert_allclose(left[name], SPECS["right"].mirror_posture(mirror @ right[name]), atol=1e-15)
 
 
 @settings(max_examples=30, deadline=None)

@@ -68,7 +68,7 @@ class Fence:
         rows = np.array([point.position for point in points])
         least, most = np.minimum(spec.lower, rows[0]), np.maximum(spec.upper, rows[0])
         for row in rows[1:]:  # A joint that rests beyond its limit comes back.
-            if said := spec.beyond(row, least, most, 1e-9):
+            if said := spec.limit_violation(row, least, most, 1e-9):
                 raise CommandError(f"fingers: {said}")
         thin = math.ceil(len(rows) / _LONGEST)
         rows, times = rows[::-thin][::-1], times[::-thin][::-1]

@@ -27,7 +27,8 @@ def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, A
     )  # fmt: skip
     return judge(
         seen, windows, Rule(**{key: rule[key] for key in rule if key != "windows"}),
-        parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+        parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.joint_labels,
+        torque_limit=spec.actuation.torque_limit,
     )  # fmt: skip
 
 

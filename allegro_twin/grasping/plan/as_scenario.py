@@ -26,7 +26,7 @@ def scenario_of(candidate: Candidate, bench: Workbench, scenario: Scenario) -> S
             "fingers": row(candidate.rotation[:, 2]), "retreat": row(candidate.retreat),
         }
     )  # fmt: skip
-    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.called})
+    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference})
 
 
 def grasp_of(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:

@@ -40,7 +40,7 @@ def side_by_side(
     one processor. `progress`: how many have ended. Raises HandError when one of them fails."""
     shared = {
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
-        "hand": search.spec.called, "side": search.spec.side, "kind": search.kind, "n": n,
+        "hand": search.spec.model_reference, "side": search.spec.side, "kind": search.kind, "n": n,
         "budget": {key: value for key, value in asdict(budget).items() if math.isfinite(value)},
         "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
     }  # fmt: skip

@@ -58,7 +58,7 @@ def tries(
 ) -> list[list[Try]]:
     """A row for each version, an element for each draw. Raises HandError."""
     items = [{"version": plain(version, spec), "draw": asdict(draw)} for version in versions for draw in draws]
-    shared = {"hand": spec.called, "side": spec.side, "serial": spec.serial, "protocol": protocol,
+    shared = {"hand": spec.model_reference, "side": spec.side, "serial": spec.serial, "protocol": protocol,
               "folder": str(where.folder.resolve()), "threads": int(where.at_once > 1)}  # fmt: skip
     unit = len(items) if where.at_once == 1 else max(1, min(UNIT, len(items) // where.at_once))
     rows = iter(run(Sweep(TRIED, items, shared, unit), engine=where.engine).to_pylist())

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings, load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing
 from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
-from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.types import frozen
 
 Triple = tuple[float, float, float]
@@ -135,7 +135,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         commands=card.commands,
         apart=card.apart,
         followers=tuple(
-            Follower(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
+            CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),
     )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """What the library stores: postures, grasps and trajectories, each for one hand, and their mirror image for the other.
 
 An entry is stored once, for the side that it was made on. The other side is derived from it whenever it is asked for,
-by `HandSpec.mirrored`: exact, because only signs change. So the two sides cannot differ, whoever edits the file.
+by `HandSpec.mirror_posture`: exact, because only signs change. So the two sides cannot differ, whoever edits the file.
 """
 
 from __future__ import annotations
@@ -191,8 +191,8 @@ def parse_entry(content: Any, source: Where) -> Entry:
 
 def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
     """An entry from joint positions of the spec's hand, shape (n,), rad, which may be as it reports them: clipped by
-    `spec.reachable`. Raises ConfigError outside the limits."""
-    values = spec.reachable(position)
+    `spec.measured_posture`. Raises ConfigError outside the limits."""
+    values = spec.measured_posture(position)
     return PostureFile(description=description, side=spec.side, angles=_angles(values, spec), **_whose(spec))
 
 
@@ -211,8 +211,10 @@ def grasp_entry(
 
 def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, description: str = "") -> TrajectoryFile:
     """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad, which may be as it
-    reports them: clipped by `spec.reachable`. Raises ConfigError outside the limits."""
-    rows = [spec.reachable(row, f"positions[{number}]").tolist() for number, row in enumerate(np.asarray(positions))]
+    reports them: clipped by `spec.measured_posture`. Raises ConfigError outside the limits."""
+    rows = [
+        spec.measured_posture(row, f"positions[{number}]").tolist() for number, row in enumerate(np.asarray(positions))
+    ]
     content = {
         "description": description,
         "side": spec.side,
@@ -240,7 +242,7 @@ def joint_values(entry: Entry, spec: HandSpec, where: str) -> dict[str, Array]:
         for number, row in enumerate(values if many else [values]):
             what = f"{where}: {field}[{number}]" if many else f"{where}: {field}"
             vector = spec.vector(row, what) if many else joint_vector(row, spec, what)
-            rows.append(spec.posture(vector if entry.side == spec.side else spec.mirrored(vector), what))
+            rows.append(spec.posture(vector if entry.side == spec.side else spec.mirror_posture(vector), what))
         found[field] = np.array(rows) if many else rows[0]
     return found
 
@@ -253,9 +255,9 @@ def convert_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
     for field in entry.joint_fields:
         values: Any = getattr(entry, field)
         if isinstance(values, dict):
-            changed[field] = _angles(spec.mirrored(joint_vector(values, spec, where)), spec)
+            changed[field] = _angles(spec.mirror_posture(joint_vector(values, spec, where)), spec)
         else:
-            changed[field] = tuple(tuple(row) for row in spec.mirrored(np.array(values)).tolist())
+            changed[field] = tuple(tuple(row) for row in spec.mirror_posture(np.array(values)).tolist())
     if isinstance(entry, GraspFile):
         changed["grip"] = mirror_grip(entry.grip, spec)
     return entry.model_copy(update=changed)

@@ -60,7 +60,7 @@ def some(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
     """The objects of a task by default. Raises ConfigError for a hand that the package knows no grasps of."""
     if not names:
         raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
-                          f"as allegro-twin plan OBJECT --hand {spec.called} writes them")  # fmt: skip
+                          f"as allegro-twin plan OBJECT --hand {spec.model_reference} writes them")  # fmt: skip
     return names
 
 
@@ -87,8 +87,8 @@ def on_table(given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | N
 def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
     settings, folder = scenario_of(given, known(spec.model))
     if settings.model != spec.model:
-        raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one is "
-                          f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
+        raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one "
+                          f"is {spec.model}: allegro-twin plan OBJECT --hand {spec.model_reference} makes one")  # fmt: skip
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, around, mirror * settings.wrist.retreat

@@ -219,7 +219,7 @@ def _mirrored(right: Held) -> Held:
     """The same states of the left hand."""
     spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
-    return Held(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
+    return Held(spec.mirror_posture(right.position), spec.mirror_posture(right.target), pose, right.size)
 
 
 def _read(path: Path) -> Held:

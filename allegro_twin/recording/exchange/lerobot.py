@@ -68,7 +68,7 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     begin(recordings, folder)
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
-    labels = {name: [f"{what}.{alias}" for alias in first.spec.readable] for name, what in names.items()}
+    labels = {name: [f"{what}.{alias}" for alias in first.spec.joint_labels] for name, what in names.items()}
     with atomic_folder(folder) as temporary:
         origin = Origin(first.spec.name, first.period, labels)
         write_set([Told(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary)

@@ -31,7 +31,7 @@ def to_csv(recording: Recording, path: Path) -> None:
         if values.ndim == 1:
             columns[name] = values
             continue
-        labels = spec.readable if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
+        labels = spec.joint_labels if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
         columns |= {f"{name}.{label}": np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
     with atomic_file(path) as temporary:
         pyarrow.csv.write_csv(pa.table(columns), temporary)

@@ -26,7 +26,7 @@ class Frame(NamedTuple):
     axis: Vector | None
     """Unit, (3,), in the child's frame; None: it does not move."""
     joint: int
-    """Its number in `spec.moving`; -1: none."""
+    """Its number in `spec.all_joints`; -1: none."""
 
 
 def description(spec: HandSpec) -> str:
@@ -53,7 +53,7 @@ class Frames:
 
     def at(self, words: Vocabulary, stamp: int, position: Vector) -> Message:
         """TFMessage of every joint at a posture, (n,), rad."""
-        half = self._spec.moved(position)[self._index, None] / 2.0
+        half = self._spec.all_positions(position)[self._index, None] / 2.0
         turns = _times(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
         return _message(words, stamp, self.moving, turns)
 
@@ -68,10 +68,10 @@ def _frame(joint: ElementTree.Element, spec: HandSpec) -> Frame:
         return "" if found is None else found.get(key, "")
 
     name = str(joint.get("name"))
-    fixed = joint.get("type") == "fixed" or name not in spec.moving
+    fixed = joint.get("type") == "fixed" or name not in spec.all_joints
     xyz, rpy = (np.array((part("origin", key) or "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
     axis = None if fixed else np.array((part("axis", "xyz") or "1 0 0").split(), dtype=float)
-    index = -1 if fixed else spec.moving.index(name)
+    index = -1 if fixed else spec.all_joints.index(name)
     return Frame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
 
 

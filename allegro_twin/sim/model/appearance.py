@@ -55,7 +55,7 @@ def hand_bodies(spec: HandSpec) -> tuple[VisualBody, ...]:
                 parent=-1 if k == root else mine.index(model.body_parentid[k]),
                 position=tuple(model.body_pos[k]) if k != root else (0.0, 0.0, 0.0),
                 quaternion=tuple(model.body_quat[k]) if k != root else (1.0, 0.0, 0.0, 0.0),
-                joint=spec.moving.index(name) if name in spec.moving else -1,
+                joint=spec.all_joints.index(name) if name in spec.all_joints else -1,
                 axis=tuple(model.jnt_axis[joint]) if joint >= 0 else (0.0, 0.0, 1.0),
                 anchor=tuple(model.jnt_pos[joint]) if joint >= 0 else (0.0, 0.0, 0.0),
                 zero=float(model.qpos0[model.jnt_qposadr[joint]]) if joint >= 0 else 0.0,

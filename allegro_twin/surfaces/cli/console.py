@@ -177,7 +177,7 @@ def limits(spec: HandSpec, found: FoundLimits) -> Table:
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
         table.add_column(name, justify="left" if name == "joint" else "right")
     offsets = centring_offsets(found, spec)
-    for k, name in enumerate(spec.readable):
+    for k, name in enumerate(spec.joint_labels):
         row = (found.lower[k], spec.lower[k], found.upper[k], spec.upper[k], offsets[k])
         table.add_row(name, *(f"{value:+.3f}" for value in row))
     return table
@@ -204,7 +204,7 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     for k, name in enumerate(mine.joints):
         limit = (model.lower[k], model.upper[k], mine.lower[k] + margin, mine.upper[k] - margin)
         motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
-        table.add_row(name, mine.readable[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
+        table.add_row(name, mine.joint_labels[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
     return table
 
 

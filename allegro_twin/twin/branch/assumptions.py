@@ -22,7 +22,7 @@ _DEEPER = 0.001  # m. Ours: the shapes are not known better.
 def knowledge(recording: Recording, at: float, seen: Mirrored, driver: Driver, wanted: Wanted) -> Iterator[str]:
     """What is known of the instant, what is estimated, and what assumed."""
     row = int(np.searchsorted(seen.t, at - 1e-9))
-    push, names = seen.disturbance[row], recording.spec.readable
+    push, names = seen.disturbance[row], recording.spec.joint_labels
     most = int(np.abs(push).argmax())
     yield (
         f"Known at {at:g} s: the joints' positions and commands. Estimated by a mirror that has seen all before it: "

@@ -260,4 +260,4 @@ def _play(found: Identified) -> str:
 
 def _joints(found: Identified) -> tuple[str, ...]:
     spec = found.motions[0].spec
-    return spec.readable
+    return spec.joint_labels

@@ -72,7 +72,7 @@ class Anomaly(NamedTuple):
 
 def words(found: Anomaly, spec: HandSpec) -> str:
     """For a person."""
-    joint = spec.readable[found.joint]
+    joint = spec.joint_labels[found.joint]
     match found.name:
         case "weak":
             return f"the motor of {joint} gives {100 * (1 - found.amount):.0f} % of its torque"

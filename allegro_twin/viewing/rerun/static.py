@@ -50,7 +50,7 @@ def draw_arm(stream: rr.RecordingStream, spec: HandSpec, arm: ArmScenery) -> Non
     draw_shapes(stream, "world/flange/look", arm.adapter)
     for name, length in FRAMES.items():
         stream.log(f"world/{name}", rr.TransformAxes3D(length), static=True)
-    for path, names in {"arm/torque": spec.readable, "cell/force": _AXES, "cell/moment": _MOMENTS}.items():
+    for path, names in {"arm/torque": spec.joint_labels, "cell/force": _AXES, "cell/moment": _MOMENTS}.items():
         colors = [_rgb(series_color(k)) for k in range(len(names))]
         stream.log(path, rr.SeriesLines(names=list(names), colors=colors, widths=[1.5]), static=True)
 
@@ -98,7 +98,7 @@ def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[VisualSh
 
 
 def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, scene: Scenery) -> None:
-    names = [spec.readable[joint] for joint in finger.joints]
+    names = [spec.joint_labels[joint] for joint in finger.joints]
     colors = [series_color(k) for k in range(len(names))]
     for kind in ("position", "velocity", "torque", "command", *scene.more):
         lines = rr.SeriesLines(names=names, colors=[_rgb(color) for color in colors], widths=[1.5])

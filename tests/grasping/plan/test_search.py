@@ -82,7 +82,7 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     stored(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, in_words(planned), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
-    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
+    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirror_posture(planned.grasp.squeeze))
 
 
 def grasp_beside(scenario: Path) -> GraspFile:

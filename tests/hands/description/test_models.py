@@ -116,7 +116,7 @@ def test_the_left_hand_is_the_exact_mirror_image(seed: int) -> None:
     position = random_posture(seed, SPECS["right"])
     mirror = np.diag([1.0, -1.0, 1.0])
     right = HANDS["right"].fingertips(position)
-    left = HANDS["left"].fingertips(SPECS["right"].mirrored(position))
+    left = HANDS["left"].fingertips(SPECS["right"].mirror_posture(position))
     for name, pose in right.items():
         np.testing.assert_allclose(left[name].position, mirror @ pose.position, atol=1e-15)
         np.testing.assert_allclose(left[name].rotation, mirror @ pose.rotation @ mirror, atol=1e-14)
@@ -128,8 +128,8 @@ def test_the_left_hand_weighs_on_its_joints_as_the_mirrored_right(seed: int) -> 
     position = random_posture(seed, SPECS["right"])
     gravity = np.random.default_rng(seed).normal(size=3)
     right = HANDS["right"].gravity_torque(position, gravity)
-    left = HANDS["left"].gravity_torque(SPECS["right"].mirrored(position), gravity * (1, -1, 1))
-    np.testing.assert_allclose(left, SPECS["right"].mirrored(right), atol=1e-15)
+    left = HANDS["left"].gravity_torque(SPECS["right"].mirror_posture(position), gravity * (1, -1, 1))
+    np.testing.assert_allclose(left, SPECS["right"].mirror_posture(right), atol=1e-15)
 
 
 def test_masses_are_the_manufacturers_drawing(side: Side) -> None:

@@ -182,7 +182,7 @@ def test_the_mirror_of_a_posture_is_exact_and_its_own_inverse(
     one, other = hands
     entry = posture_entry(position, one)
     mirrored = joint_values(entry, other, "it")["angles"]
-    assert same_bits(mirrored, one.mirrored(position))
+    assert same_bits(mirrored, one.mirror_posture(position))
     rewritten = convert_side(entry, one, other.side, "it")
     assert rewritten.side == other.side
     for hand in hands:
@@ -192,7 +192,7 @@ def test_the_mirror_of_a_posture_is_exact_and_its_own_inverse(
 @given(st.lists(WITHIN, min_size=2, max_size=5))
 def test_the_mirror_of_a_trajectory_is_exact_row_by_row(positions: list[Array]) -> None:
     entry = trajectory_entry(np.arange(len(positions)), np.array(positions), LEFT)
-    np.testing.assert_array_equal(joint_values(entry, RIGHT, "")["positions"], LEFT.mirrored(np.array(positions)))
+    np.testing.assert_array_equal(joint_values(entry, RIGHT, "")["positions"], LEFT.mirror_posture(np.array(positions)))
     assert convert_side(convert_side(entry, LEFT, "right", ""), RIGHT, "left", "") == entry
 
 
@@ -206,7 +206,7 @@ def test_storing_for_the_left_changes_the_entry_whose_file_is_for_the_right(mine
     assert "side: right" in mine.read_text()
     fresh = Library(mine)
     assert same_bits(fresh.posture("wave", LEFT), position)
-    assert same_bits(fresh.posture("wave", RIGHT), LEFT.mirrored(position))
+    assert same_bits(fresh.posture("wave", RIGHT), LEFT.mirror_posture(position))
     assert [listed.name for listed in fresh.list()].count("wave") == 1
 
 
@@ -341,7 +341,7 @@ def test_a_taught_trajectory_is_stored_and_played_on_either_hand(tmp_path: Path,
     hand = load_spec(side=side)
     motion = Library(tmp_path).trajectory("game", hand)
     assert isinstance(Library(tmp_path).get("game", hand), TaughtMotion)
-    expected = rows if side == "right" else RIGHT.mirrored(rows)
+    expected = rows if side == "right" else RIGHT.mirror_posture(rows)
     np.testing.assert_array_equal(motion.positions, expected)
     assert motion.seconds == pytest.approx(1.3)
     start = load_posture("home", hand)

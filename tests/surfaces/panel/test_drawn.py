@@ -78,7 +78,7 @@ def test_a_motor_of_several_fingers_has_one_slider(hand: str, found: dict[str, i
     assert sorted(joint for group in made for joint in group.joints) == list(range(spec.n_joints))
     assert units(spec) == ("rad" if hand == "leap" else "of the motor")
     bars = "".join(group_bars(spec, group, frame(spec, spec.lower)) for group in made)
-    assert all(bars.count(f">{name}<") == 1 for name in spec.readable)
+    assert all(bars.count(f">{name}<") == 1 for name in spec.joint_labels)
 
 
 @pytest.mark.parametrize(("hand", "fingers"), [("leap", 4), ("model_o", 3), ("sih", 5), ("qb_softhand", 5)])

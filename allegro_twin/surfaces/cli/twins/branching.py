@@ -89,7 +89,7 @@ def picture(target: Path, path: Path, found: Branched, at: float) -> None:
     from allegro_twin.viewing.plot import Line, plot
 
     spec, panels, thin, first = found.spec, {}, found.unchanged, _first(found, at)
-    names = spec.readable
+    names = spec.joint_labels
     for finger in spec.fingers:
         was = [Line("", found.recorded[:, j], lighten(series_color(k)), 4) for k, j in enumerate(finger.joints)]
         would = [Line(names[j], found.branched[:, j], series_color(k)) for k, j in enumerate(finger.joints)]
@@ -151,7 +151,7 @@ def _at(off: Array, row: int, joints: tuple[int, ...]) -> float:
 def _sizes(found: Branched, at: float) -> str:
     """Over all joints and all rows from the instant on."""
     rest = _first(found, at)
-    (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.readable
+    (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.joint_labels
     off, moved = (1000.0 * float(np.sqrt(np.square(each).mean())) for each in (model, effect))
     worst = np.abs(model).max(axis=0)
     said = f"Without the change the model is off by {off:.2f} mrad rms (at most {1000.0 * worst.max():.2f}, "

@@ -173,4 +173,4 @@ def _cell(value: Value, joint: int, by: float) -> str:
 
 
 def _name(spec: HandSpec, joint: int) -> str:
-    return spec.readable[joint]
+    return spec.joint_labels[joint]

@@ -178,7 +178,7 @@ def lines(found: Mirrored, spec: HandSpec) -> list[str]:
     """The touches, and what is wrong."""
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
-        + (f", on the link of {spec.readable[each.joint]} or further out" if each.joint >= 0 else "")
+        + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
         for each in found.contacts
     ]
     said = said or ["Nothing touched it."]

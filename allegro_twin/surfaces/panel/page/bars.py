@@ -68,7 +68,7 @@ def banner(lines: Sequence[tuple[str, str]]) -> str:
 
 def name_of(spec: HandSpec, joint: int) -> str:
     """That a person reads."""
-    return spec.readable[joint]
+    return spec.joint_labels[joint]
 
 
 def hexed(number: int) -> str:

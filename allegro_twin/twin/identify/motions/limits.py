@@ -99,7 +99,7 @@ def centred(found: FoundLimits, model: HandSpec, codec: Codec) -> Centred:
 
 
 def _check(found: FoundLimits, model: HandSpec) -> None:
-    for k, name in enumerate(model.readable):
+    for k, name in enumerate(model.joint_labels):
         low, high = found.lower[k], found.upper[k]
         short = model.upper[k] - model.lower[k] - (high - low)
         if short > BEYOND or min(low - model.lower[k], model.upper[k] - high) < _MET - BEYOND:

@@ -207,7 +207,7 @@ def _offsets(motion: Motion, offset: Vector) -> list[int]:
 
 
 def _joint(spec: HandSpec, number: int) -> str:
-    return spec.readable[number]
+    return spec.joint_labels[number]
 
 
 def _plain(row: Vector) -> list[float]:
