@@ -88,7 +88,8 @@ def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
     settings, folder = scenario_of(given, known(spec.model))
     if settings.model != spec.model:
         raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one "
-                          f"is {spec.model}: allegro-twin plan OBJECT --hand {spec.model_reference} makes one")  # fmt: skip
+                          f"is {spec.model}: allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
+        )  # fmt: skip
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, around, mirror * settings.wrist.retreat
