@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.library.library import load_posture, posture_names
+from allegro_twin.hands import load_posture, load_spec, posture_names
 from allegro_twin.surfaces.hand import Hand
 
 print("postures:", ", ".join(posture_names()))

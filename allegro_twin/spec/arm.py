@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec.hand import HandSpec
 from allegro_twin.types import Vector, frozen
 
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.version import __version__
 
 _FEW = 4

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError, HandError, unknown
-from allegro_twin.files.fingerprint import source_fingerprint
+from allegro_twin.files.fingerprints import source_fingerprint
 from allegro_twin.sweep.jobs import Item, Result, Sweep, versions
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.sweep.jobs import Sweep
 from studies.preemption.draws import block, case, object_of

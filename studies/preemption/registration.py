@@ -16,7 +16,7 @@ from typing import Any
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from studies.preemption.protocol import Study, named
 
 EXPLORATORY = "none (exploratory)"

@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, together
 from allegro_twin.grasping.controller import Timed, performer
 from allegro_twin.grasping.interchange.to_trial import foreign

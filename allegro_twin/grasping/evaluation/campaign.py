@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.trials import Case, case_of, hand_of
 from allegro_twin.grasping.evaluation.inputs import InputsOf
 from allegro_twin.grasping.interchange.to_trial import grasps_in

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.trials import Case
 from allegro_twin.grasping.scenario import ObjectSettings, Scenario
 from allegro_twin.grasping.timeline import stage

@@ -11,8 +11,9 @@ from pydantic import Field, model_validator
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings, load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing
-from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.coupled_joints import CoupledJoint
+from allegro_twin.spec.hand import aliases
 from allegro_twin.types import frozen
 
 Triple = tuple[float, float, float]

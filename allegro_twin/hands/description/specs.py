@@ -14,8 +14,9 @@ from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.hands.description import arms, facts
 from allegro_twin.hands.description.calibration import HIDDEN, NOMINAL, NOTHING, Version, load_wiring
 from allegro_twin.hands.description.card import spec_from_card
-from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.spec.hand import aliases
 from allegro_twin.types import Vector, frozen
 
 _MOTOR = ("damping", "armature", "frictionloss")

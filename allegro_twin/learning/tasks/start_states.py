@@ -12,7 +12,7 @@ from allegro_twin.control import laws
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import cache_folder, data_root
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics

@@ -11,7 +11,7 @@ from typing import Any
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import gains_names, load_gains

@@ -14,7 +14,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import cache_folder
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.sim.objects.meshes import Mesh, hull_of
 from allegro_twin.types import Array
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.spec import GIVE, HandSpec
+from allegro_twin.spec import HandSpec
+from allegro_twin.spec.hand import GIVE
 from allegro_twin.types import Vector, frozen
 
 _ROUNDING = 1e-9  # rad.

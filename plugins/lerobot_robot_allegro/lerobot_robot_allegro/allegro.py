@@ -11,7 +11,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, SelfCollision
-from allegro_twin.hands.description.specs import hand_side, load_spec
+from allegro_twin.hands import hand_side, load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import Outside
