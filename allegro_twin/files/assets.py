@@ -1,4 +1,4 @@
-"""Where the files that ship with the package are, and how its YAML is read."""
+"""Files that ship with the package, YAML files, and the user's cache."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def find_file(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *
 
 
 def _other(name: str) -> str:
-    """What ships under a name: `a posture`; empty for nothing."""
+    """The kind of what ships under a name, such as `a posture`; empty for nothing."""
     for folder, kind in _KINDS.items():
         if any(file.stem == name for file in (data_root() / folder).rglob("*.yaml")):
             return f"a {kind}"
@@ -89,7 +89,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=256)
 def _parsed(text: str) -> bytes:
-    """What a YAML text holds, kept so that every reader has an object of its own in a fortieth of the time."""
+    """The pickled content of a YAML text: every reader unpickles an object of its own, in a fortieth of the time."""
     return pickle.dumps(yaml.load(text, Loader=_LOADER))
 
 

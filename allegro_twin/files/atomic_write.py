@@ -1,4 +1,4 @@
-"""Files and folders that are whole or not there: written beside their place and moved into it."""
+"""Files and folders that are complete or absent: written under a temporary name and moved into place."""
 
 from __future__ import annotations
 
@@ -64,5 +64,5 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 
 def write_error(path: Path, error: OSError) -> RecordingError:
-    """What the disk has against a file or folder."""
+    """The error of a file or folder that the disk refuses."""
     return RecordingError(f"cannot write {path}: {error.strerror or error}")

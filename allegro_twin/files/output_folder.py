@@ -1,4 +1,4 @@
-"""Output folders: one writer at a time, and the files of one run or of none."""
+"""Output folders with one writer at a time, whose files are all of one run."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from allegro_twin.files.atomic_write import atomic_file, write_error
 UNFINISHED = "unfinished"
 """The folder in an output folder where a run writes until it ends; what an interrupted run has written stays there."""
 FILES = "run.json"
-"""Which files of an output folder its run wrote: the next run replaces these and no others."""
+"""List of the files that a run wrote into an output folder: the next run replaces these and no others."""
 _TRIES = 100
-"""To lock a folder that its last writer removes, empty, at the same moment."""
+"""Attempts to lock a folder that its last writer removes, empty, at the same moment."""
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)]
 
 
@@ -178,6 +178,6 @@ def _list(folder: Path, names: list[str]) -> None:
 
 
 def _files(staging: Path) -> list[str]:
-    """What a run has written, by its path from there."""
+    """Paths of the files that a run has written, relative to the folder."""
     found = (each.relative_to(staging).as_posix() for each in staging.rglob("*") if each.is_file())
     return sorted(name for name in found if name != FILES)

@@ -1,4 +1,4 @@
-"""How YAML becomes typed settings: strict models, and one-line errors with file, path, value and nearest key."""
+"""YAML as typed settings: strict models, errors in one line with file, key and nearest name, and JSON Schema."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Where: TypeAlias = str | Callable[[tuple[int | str, ...]], str]
 """The source that an error names: fixed, or made from the keys that lead to what is wrong, with its line say."""
 
 PerJoint = float | list[float]
-"""One value for every joint, or one each."""
+"""One value for all joints, or one for each."""
 Positive = Annotated[float, Field(gt=0)]
 Vector3 = tuple[float, float, float]
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -50,7 +50,7 @@ def parse_settings(model: type[S], content: dict[str, Any], where: Where) -> S:
 
 
 _SHOWN = 5
-"""So many mistakes are named; the rest are counted."""
+"""Mistakes that are named in an error; the rest are counted."""
 
 
 def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
@@ -108,8 +108,8 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def json_schema(model: type[Settings], title: str) -> dict[str, Any]:
-    """Of a file that is read into a model. It knows keys, types and ranges; what the model checks beyond them is said
-    when the file is read."""
+    """The JSON Schema of a file that is read into a model: keys, types and ranges. What the model checks beyond them is
+    reported when the file is read."""
     schema = model.model_json_schema()
     known = {each.__name__: each for each in _family(Settings)}
     for name, part in [(model.__name__, schema), *schema.get("$defs", {}).items(), *_inlined(schema)]:

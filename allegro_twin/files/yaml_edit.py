@@ -139,7 +139,7 @@ ENTRIES = "entries"
 
 @contextmanager
 def lock_file(path: Path) -> Iterator[None]:
-    """Nobody else who asks for this file's lock has it during the block. The lock is `.<name>.lock` beside the file,
+    """Hold a file's lock during the block. The lock is `.<name>.lock` next to the file,
     and the system frees it when its holder dies. Raises RecordingError when the folder cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -293,7 +293,7 @@ def _checked(text: str, expected: Mapping[str, Any], where: str) -> str:
 
 
 def _canonical(content: Any) -> str:
-    """One text for equal content, exact to the bit; an `entries` without any is the same as an empty one."""
+    """The same text for equal content, exact to the bit; `entries` without a value counts as empty."""
     if isinstance(content, dict) and ENTRIES in content:
         content = {**content, ENTRIES: content[ENTRIES] or {}}
     return json.dumps(content, sort_keys=True, default=str)

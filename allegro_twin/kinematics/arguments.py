@@ -1,4 +1,4 @@
-"""Arrays from outside, read: as numbers of the shape that a function needs, or refused in one line."""
+"""Checks of array arguments: numbers of the shape that a function needs, or a ConfigError in one line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHORT.maxother = _SHORT.maxstring = 60
 
 
 def numbers(what: str, value: ArrayLike | None) -> Array:
-    """As doubles. Raises ConfigError for what is no array of real numbers."""
+    """A value as doubles. Raises ConfigError for what is no array of real numbers."""
     try:
         if isinstance(value, np.ndarray | np.generic) and np.iscomplexobj(value):
             raise TypeError

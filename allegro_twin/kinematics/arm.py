@@ -1,4 +1,4 @@
-"""An arm in Pinocchio: where its tool is, how it moves, and what its own dynamics ask for, in the base's frame."""
+"""Kinematics and dynamics of an arm with its tool and load, in the base's frame, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ArmModel:
     """Rigid-body kinematics and dynamics of an arm with its load. Joint vectors have shape (n,), lists included;
     every method raises ConfigError for other shapes, and for numbers that are not finite.
 
-    `tool` is the frame that poses and Jacobians are of, on the flange; by default the flange itself.
+    `tool` is the frame of poses and Jacobians, on the flange; by default the flange itself.
     """
 
     def __init__(self, spec: ArmSpec, tool: ToolFrame = FLANGE) -> None:
@@ -57,11 +57,11 @@ class ArmModel:
         self._data = self._model.createData()
 
     def pose(self, position: ArrayLike) -> Pose:
-        """Of the tool."""
+        """Pose of the tool."""
         return self._pose(self._frame, position)
 
     def flange(self, position: ArrayLike) -> Pose:
-        """Of the flange."""
+        """Pose of the flange."""
         return self._pose(self._flange, position)
 
     def _pose(self, frame: int, position: ArrayLike) -> Pose:
@@ -117,7 +117,7 @@ class ArmModel:
             if np.abs(error).max() < tolerance * 0.1:
                 break
             inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + _DAMPING * np.eye(6))
-            # What is free goes back to where it began.
+            # The redundant motion returns to the start.
             step = inverse @ error + 0.1 * ((start - at) - inverse @ (jacobian @ (start - at)))
             at = np.clip(at + step * min(1.0, _STEP / max(float(np.abs(step).max()), 1e-9)), spec.lower, spec.upper)
         place, axes, _ = self.motion(at)

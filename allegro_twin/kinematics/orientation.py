@@ -1,4 +1,4 @@
-"""Orientations: unit quaternions, matrices, Euler angles, rotation vectors, and which way gravity then points.
+"""Orientations: unit quaternions, matrices, Euler angles and rotation vectors, and gravity in a turned frame.
 
 A quaternion is (w, x, y, z); q and -q are one orientation. Euler angles are roll, pitch and yaw about the fixed axes x,
 y and z, in that order, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll). A rotation vector is the axis times the angle. The
@@ -100,12 +100,12 @@ def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def quaternion_conjugate(quaternion: ArrayLike) -> Array:
-    """The turn back, (..., 4)."""
+    """The inverse rotation, (..., 4)."""
     return rows("quaternions", quaternion, 4) * (1.0, -1.0, -1.0, -1.0)
 
 
 def mirror_quaternion(quaternion: ArrayLike) -> Array:
-    """What a left hand's x-z plane makes of an orientation, (..., 4)."""
+    """The mirror image of an orientation in the x-z plane, for a left hand, (..., 4)."""
     return rows("quaternions", quaternion, 4) * (1.0, -1.0, 1.0, -1.0)
 
 
@@ -134,7 +134,7 @@ def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def angle_between_quaternions(first: ArrayLike, second: ArrayLike) -> Array:
-    """Likewise of quaternions (..., 4) of any length: Kahan's angle of two vectors, of which the turn is twice."""
+    """The angle between quaternions (..., 4) of any length, rad: twice Kahan's angle of two vectors."""
     one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
     p, q = one / _length(one)[..., None], other / _length(other)[..., None]
     apart, along, xp = _length(p - q), _length(p + q), array_namespace(one)
@@ -185,7 +185,7 @@ def entries_of_matrix(rotation: ArrayLike) -> Entries[Array]:
 
 
 def entries_of_quaternion(w: T, x: T, y: T, z: T) -> Entries[T]:
-    """Of a unit quaternion."""
+    """The matrix of a unit quaternion, row by row."""
     return (
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
@@ -233,7 +233,7 @@ def _matrix(entries: Entries[Array]) -> Array:
 
 
 def _length(vector: Array) -> Array:
-    """Of vectors (..., k), shape (...)."""
+    """The length of vectors (..., k), shape (...)."""
     return as_array(array_namespace(vector).sqrt((vector * vector).sum(axis=-1)))
 
 

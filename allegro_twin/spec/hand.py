@@ -1,4 +1,4 @@
-"""Which hand it is: names, fingers, limits and actuation. Nothing outside a hand's own files assumes sixteen joints."""
+"""Spec of a hand: names, fingers, limits and actuation. Nothing outside a hand's own files assumes sixteen joints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from allegro_twin.types import Array, Vector, frozen
 Side: TypeAlias = Literal["right", "left"]
 SIDES: tuple[Side, Side] = ("right", "left")
 CommandKind: TypeAlias = Literal["torque", "position", "limited_position", "timed_position"]
-"""What a hand can be told: torques; positions; these with an effort that is not to be exceeded, or in a given time."""
+"""What a hand takes: torques; positions; positions with a limited effort, or in a given time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +34,20 @@ class Finger:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actuation:
-    """What drives each joint. Arrays of shape (m,), one value per actuator."""
+    """Motors and friction of the joints. Arrays of shape (m,), one value per actuator."""
 
     torque_limit: Vector
     """The largest torque that the driver lets through, N·m."""
     damping: Vector
-    """Back-EMF of the motor seen at the joint, N·m·s/rad."""
+    """Back-EMF of the motor at the joint, N·m·s/rad."""
     armature: Vector
-    """Rotor inertia seen at the joint, kg·m²."""
+    """Rotor inertia at the joint, kg·m²."""
     frictionloss: Vector
     """Dry friction, N·m."""
     stiffness: Vector | None = None
-    """Of the loop that the hand's firmware closes, N·m/rad; None for a hand that takes torques."""
+    """Stiffness of the loop that the hand's firmware closes, N·m/rad; None for a hand that takes torques."""
     velocity_limit: Vector | None = None
-    """The fastest that the maker lets a joint turn, rad/s; None: nobody says."""
+    """The maker's limit of joint speed, rad/s; None: unknown."""
     torque_rate: Vector | None = None
     """The fastest that a commanded torque may change, N·m/s; None: at once."""
 
@@ -72,7 +72,7 @@ class ForeignModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandSpec:
-    """A hand's identity card, shared by every backend."""
+    """Everything that identifies a hand, shared by every backend."""
 
     model: str
     side: Side
@@ -93,13 +93,13 @@ class HandSpec:
     foreign: ForeignModel | None = None
     """Simulate this file instead of ours."""
     commands: tuple[CommandKind, ...] = ("torque",)
-    """What it takes; a hand that takes torques takes nothing else."""
+    """Commands that it takes; a hand that takes torques takes nothing else."""
     followers: tuple[CoupledJoint, ...] = ()
-    """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
+    """Coupled joints, which no sensor measures: tendons, linkages and springs move them with the driven ones."""
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     drive: Drive | None = None
-    """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
+    """Effects of its drive beyond `actuation`; None: none."""
     card: str = ""
     """The path of the card that describes it, where no name does."""
 
@@ -109,7 +109,7 @@ class HandSpec:
 
     @property
     def root(self) -> str:
-        """The body that everything else hangs on, in whose frame a state tells gravity."""
+        """The root body, in whose frame a state reports gravity."""
         return "palm_link"
 
     @property
@@ -119,7 +119,7 @@ class HandSpec:
 
     @property
     def model_reference(self) -> str:
-        """What files call this model of hand: its name, or its card's path."""
+        """The reference to this model of hand in files: its name, or its card's path."""
         return self.card or self.model
 
     @property
@@ -151,14 +151,14 @@ class HandSpec:
         raise ConfigError(unknown("finger", name, [f.name for f in self.fingers]))
 
     def coupled_positions(self, position: Array) -> Array:
-        """Where the followers are when nothing is in their way, (..., n) → (..., followers), rad or m: an estimate."""
+        """Positions of coupled joints with nothing in their way, (..., n) → (..., followers), rad or m: an estimate."""
         found = np.empty((*position.shape[:-1], len(self.followers)))
         for way in _ways(self):
             found[..., way.places] = way.at(position)
         return found
 
     def coupled_rates(self, position: Array) -> Array:
-        """How fast the followers go for each motor's own speed, on the same way, (..., n) → (..., followers)."""
+        """Speed of each coupled joint per speed of its motor, (..., n) → (..., followers)."""
         rates = np.zeros((*position.shape[:-1], len(self.followers)))
         for k, each in enumerate(self.followers):
             lower, steps = self.lower[each.driven], len(each.positions) - 1
@@ -169,11 +169,11 @@ class HandSpec:
 
     @property
     def all_joints(self) -> tuple[str, ...]:
-        """Names of all that moves: what is driven, then what follows."""
+        """Names of all joints: driven ones, then coupled ones."""
         return self.joints + tuple(each.name for each in self.followers)
 
     def all_positions(self, position: Array) -> Array:
-        """Where all that moves is, by `moving`, (..., n) → (..., n + followers): an estimate of what follows."""
+        """Positions of `all_joints`, (..., n) → (..., n + followers): estimates for the coupled ones."""
         return np.concatenate([position, self.coupled_positions(position)], axis=-1) if self.followers else position
 
     def vector(self, values: ArrayLike, what: str) -> Vector:
@@ -196,8 +196,8 @@ class HandSpec:
         return array
 
     def measured_posture(self, values: ArrayLike, what: str = "posture") -> Vector:
-        """As `posture`, for joint positions that were read from a hand: what a joint gives at its stop, GIVE at most,
-        is clipped."""
+        """As `posture`, for joint positions read from a hand: an excess of GIVE at most, by which a stop yields, is
+        clipped."""
         array = self.vector(values, what)
         if said := self.limit_violation(array, self.lower, self.upper, GIVE):
             raise ConfigError(f"{what}: {said}")

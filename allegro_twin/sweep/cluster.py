@@ -1,4 +1,4 @@
-"""The engine for more than one computer: Ray, of which only its core is used."""
+"""A sweep on several computers: Ray Core as the engine."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class RayCluster:
                 ray.cancel(waiting, force=True)
 
     def _at_once(self) -> int:
-        """As nodes come and go."""
+        """Units in flight, for the cluster's present size."""
         return _AHEAD * max(1, int(self._ray.cluster_resources().get("CPU", 1) // self._cores))
 
     def _got(self, ready: Any, what: str) -> list[Result]:

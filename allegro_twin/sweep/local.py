@@ -1,4 +1,4 @@
-"""The engine that is always there: processes on this computer's cores, or none but this one."""
+"""A sweep on this computer: worker processes on its cores, or this process alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from allegro_twin.sweep.units import compute, unit_task
 from allegro_twin.sweep.workers import UnitDone, UnitFailed, WorkerLost, Workers
 
 RETRIES = 2
-"""How often a unit whose process was killed is tried again."""
+"""Retries of a unit whose process was killed."""
 _GIVE_BACK = {"MALLOC_MMAP_THRESHOLD_": "131072"}
 """For glibc, bytes: what is larger goes back to the system when it is freed. Its own way keeps more with every unit:
 trials of a 64 took 390 MB a process in the first and 670 MB in the tenth, now 240 and 270."""

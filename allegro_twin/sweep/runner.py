@@ -1,4 +1,4 @@
-"""A sweep from start to end: what is not there yet is computed, kept as it comes, and handed back in order."""
+"""Runs a sweep: computes the rows that are missing, stores them as they come, and returns all in order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from allegro_twin.sweep.store import MemoryStore, Store
 from allegro_twin.sweep.table import ordered_table, unit_table
 
 Progress = Callable[[int, int], None]
-"""Told how many items are done, and of how many."""
+"""Called with the number of items that are done, and of all."""
 
 
 def run(

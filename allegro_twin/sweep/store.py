@@ -1,4 +1,4 @@
-"""Results in a folder: a manifest that says of which sweep they are, and Parquet parts that are whole or not there."""
+"""A folder with a sweep's rows: a manifest of the question, and Parquet parts that are complete or absent."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NAMES = 5
 
 
 class StoreContent(NamedTuple):
-    """What a folder holds."""
+    """Content of a folder."""
 
     shared: dict[str, Any]
     stamps: dict[str, str]
@@ -128,7 +128,7 @@ class Store:
             self._hold(temporary, held)  # A lock is on the file, whatever it is called.
 
     def keys(self) -> set[str]:
-        """Of all rows that are there. Raises RecordingError."""
+        """Keys of all rows in the folder. Raises RecordingError."""
         return {key for path in self._parts() for key in _part(path, [KEY])[KEY].to_pylist()}
 
     def add(self, table: Any) -> None:
@@ -138,11 +138,11 @@ class Store:
             pq.write_table(table, temporary)
 
     def tables(self) -> list[Any]:
-        """All parts. Raises RecordingError."""
+        """Tables of all parts. Raises RecordingError."""
         return [_part(path) for path in self._parts()]
 
     def content(self) -> StoreContent:
-        """What is there, of whichever sweep. Raises RecordingError where there is none, or it cannot be read."""
+        """The content, of any sweep. Raises RecordingError where there is none, or it cannot be read."""
         path = self.folder / _MANIFEST
         if not path.exists():
             raise RecordingError(f"{self.folder}: no {_MANIFEST}: nothing was swept into it")

@@ -1,4 +1,4 @@
-"""Rows as Arrow tables: of a unit, and of a whole sweep in the order of its items."""
+"""Results as Arrow tables: of a unit, of a whole sweep in the order of its items, and as Parquet files."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def read_results(path: Path) -> tuple[Any, dict[str, str]]:
 
 
 def latest_rows(tables: Sequence[Any], by: str) -> Any:
-    """One table: of each value in the column `by` the rows of the last table that has it."""
+    """One table: for each value in the column `by` the rows of the last table that has it."""
     last = {value: number for number, table in enumerate(tables) for value in table[by].unique().to_pylist()}
     kept = [
         table.filter(pc.is_in(table[by], pa.array([value for value, at in last.items() if at == number], pa.string())))

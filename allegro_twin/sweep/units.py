@@ -1,4 +1,4 @@
-"""One unit computed, wherever it may be: in this process, in another, on another computer."""
+"""Computation of one unit: in this process, in another, or on another computer."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def find_function(name: str) -> Callable[..., Any]:
 
 
 class UnitTask(NamedTuple):
-    """What all units of a sweep share."""
+    """The part of a task that all units of a sweep share."""
 
     function: str
     shared: Mapping[str, Any]
     versions: Mapping[str, str]
-    """Of the computer that asks: those of the one that computes must be the same."""
+    """Versions on the computer that asks; those on the one that computes must be equal."""
 
 
 def unit_task(sweep: Sweep, *, elsewhere: bool = False) -> UnitTask:
@@ -55,7 +55,7 @@ def compute(work: UnitTask, items: Sequence[Item]) -> list[Result]:
 
 
 def compute_in_worker(work: UnitTask, items: Sequence[Item], tell: Callable[[object], None]) -> list[Result]:
-    """`compute` as the task of a process; it tells nothing."""
+    """`compute` as the task of a worker process, without messages."""
     return compute(work, items)
 
 

@@ -1,4 +1,4 @@
-"""Processes that do a named function's tasks, one each at a time, and end with the program that started them."""
+"""Worker processes: each runs one task of a named function at a time, and ends with the program that started it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from typing import Any, NamedTuple
 from allegro_twin.errors import HandError
 
 _DEAF = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
-"""What a terminal sends to all of a program's processes: its first process decides, and tells the others to end."""
+"""Signals that a terminal sends to all processes of a program: the first process decides, and ends the others."""
 _PATIENCE = 10.0
 """s that a process has for closing its files before it is killed."""
 
 
 class WorkerEvent(NamedTuple):
-    """What the function of a task said while it ran."""
+    """A message of a task's function while it runs."""
 
     task: int
     message: Any
 
 
 class UnitDone(NamedTuple):
-    """What the function of a task gave back."""
+    """The result of a task's function."""
 
     task: int
     result: Any
@@ -91,7 +91,7 @@ class Workers:
             pass  # It has died; `events` says so.
 
     def events(self) -> Iterator[WorkerEvent | UnitDone | UnitFailed | WorkerLost]:
-        """What has happened, after waiting until something has."""
+        """Waits for events and returns them."""
         pipes: list[Any] = [each.pipe for each in self._processes if each.task is not None]
         ready = wait(pipes)
         for process in [each for each in self._processes if each.pipe in ready]:

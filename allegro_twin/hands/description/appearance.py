@@ -1,4 +1,4 @@
-"""The colours of everything: objects by name, fingers and joints by number. One place, whoever draws."""
+"""Appearance: colours of objects, fingers and joints, and the shapes that are drawn of rigid bodies."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _PATTERNS = ("plain", "band", "lines", "halves", "faces")
 
 @dataclass(frozen=True, slots=True)
 class ObjectHandle:
-    """A loop on an object's side that is seen and never touched."""
+    """A loop on an object's side that is drawn and never touched."""
 
     height: float
-    """Of the loop, m."""
+    """Height of the loop, m."""
     reach: float
     """How far it stands out, m."""
     thick: float
@@ -43,7 +43,7 @@ class ObjectHandle:
 
 @dataclass(frozen=True, slots=True)
 class ObjectAppearance:
-    """What an object looks like."""
+    """Colours, pattern and handle of an object."""
 
     color: Color
     second: Color
@@ -79,7 +79,7 @@ class ObjectAppearance:
 
 
 def parse_color(text: str) -> Color:
-    """Of `#rrggbb`. Raises ConfigError."""
+    """The colour of `#rrggbb`. Raises ConfigError."""
     try:
         red, green, blue = bytes.fromhex(text.removeprefix("#"))
     except ValueError:
@@ -89,7 +89,7 @@ def parse_color(text: str) -> Color:
 
 @cache
 def object_appearance(name: str) -> ObjectAppearance:
-    """What an object looks like: as conf/appearance says, or in a calm colour that stays with its name."""
+    """The appearance of an object: by conf/appearance, else in a calm colour that depends on its name."""
     row = _table().get(name)
     if row is None:
         hue = (sum(ord(c) * (i + 7) for i, c in enumerate(name)) * 0.6180339887) % 1.0
@@ -104,14 +104,14 @@ def object_appearance(name: str) -> ObjectAppearance:
 
 
 def series_color(number: int) -> Color:
-    """Of a joint by its place in its finger, of a finger by its place in the hand: any number of them."""
+    """The colour of a joint by its place in its finger, or of a finger by its place in the hand; for any number."""
     if number < len(_SERIES):
         return parse_color(_SERIES[number])
     return colorsys.hsv_to_rgb((number * 0.6180339887) % 1.0, 0.75, 0.7)
 
 
 def lighten(color: Color) -> Color:
-    """Half way to white: the target of what has the colour."""
+    """The colour half way to white, for the target of what has the colour."""
     red, green, blue = ((1.0 + part) / 2 for part in color)
     return (red, green, blue)
 
@@ -138,7 +138,7 @@ class VisualShape:
     paint: str = ""
     """The object whose pattern it wears."""
     vertices: Array | None = None
-    """Of a mesh, (k, 3), m."""
+    """Vertices of a mesh, (k, 3), m."""
     triangles: NDArray[np.int64] | None = None
     """(f, 3)."""
 
@@ -167,21 +167,21 @@ class VisualShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualBody:
-    """A link: its place on its parent, the joint that moves it there, and what is seen of it."""
+    """A link for drawing: its place on its parent, the joint that moves it, and its shapes."""
 
     name: str
     parent: int
-    """In the list of bodies, parents first; -1 for the palm, which stands where the hand does."""
+    """Index in the list of bodies, parents first; -1 for the palm, which stands where the hand does."""
     position: tuple[float, ...]
     quaternion: tuple[float, ...]
     """On the parent at joint position zero, m; w, x, y, z."""
     joint: int = -1
-    """In the hand's order; -1: fixed."""
+    """Index in the hand's order; -1: fixed."""
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     anchor: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Of the joint, in the body's own frame; a hinge."""
+    """Position of the joint, a hinge, in the body's own frame, m."""
     zero: float = 0.0
-    """Joint position at which the body is where it is said to be, rad."""
+    """Joint position at which `position` and `quaternion` hold, rad."""
     shapes: tuple[VisualShape, ...] = ()
 
     def to_json(self) -> dict[str, Any]:

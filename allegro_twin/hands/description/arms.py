@@ -1,4 +1,4 @@
-"""An arm's table of facts, models/arms/<model>.yaml, as a chain of links and as an ArmSpec."""
+"""The table of facts of an arm, models/arms/<model>.yaml, as a chain of links and as an ArmSpec."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Rod:
     end: Triple
     radius: float
     color: str = ""
-    """Empty for what is touched and not seen."""
+    """Empty for a shape that is touched and not drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class ArmLinkFacts:
     joint: str
     """Empty for the base."""
     xyz: Triple
-    """In the frame of the link before, m."""
+    """Position in the frame of the link before, m."""
     roll: float
     """About the x axis of the link before, rad."""
     lower: float
@@ -53,19 +53,19 @@ class ArmFacts:
     name: str
     links: tuple[ArmLinkFacts, ...]
     flange: float
-    """From the last joint along its axis, m."""
+    """Distance of the flange from the last joint along its axis, m."""
     never_collide: tuple[tuple[int, int], ...]
     """Links by their places in the chain."""
     colors: dict[str, tuple[float, ...]]
 
     @property
     def driven(self) -> tuple[ArmLinkFacts, ...]:
-        """All but the base."""
+        """All links but the base."""
         return self.links[1:]
 
 
 def arm_names() -> list[str]:
-    """Every arm whose facts are here."""
+    """Names of all arms with a table of facts."""
     return sorted(path.stem for path in (data_root() / "models" / "arms").glob("*.yaml"))
 
 
@@ -85,7 +85,7 @@ def load_arm_facts(model: str) -> ArmFacts:
 
 
 def load_arm_spec(model: str, load: Load | None = None) -> ArmSpec:
-    """The spec of an arm that was told what it carries. Raises ConfigError with the nearest names."""
+    """The spec of an arm with its load. Raises ConfigError with the nearest names."""
     table = _table(model)
     joints, n = table["joints"], len(table["joints"])
     motor = table["actuation"]

@@ -1,4 +1,4 @@
-"""What lies between a count on the wire and a joint: encoders, motors, and how much PWM a driver lets through."""
+"""Calibration of an Allegro on CAN: encoder counts to joint positions, torques to PWM, and the PWM limits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PWM_LIMIT: dict[Version, tuple[int, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class HandCalibration:
-    """What turns counts into joint positions and torques on one hand: 16 values, index to thumb, palm outward.
+    """The values that turn counts into joint positions and torques on one hand: 16 each, index to thumb, palm outward.
 
     Raises ConfigError for a wrong number of values, a direction that is not ±1, a constant or limit that is not
     positive.
@@ -74,7 +74,7 @@ class HandCalibration:
         return tuple(min(limit, int(FULL_SCALE[version])) for limit in limits)
 
     def torque_limit(self, version: Version) -> tuple[float, ...]:
-        """What these counts are, N·m: count limit / full scale · torque constant, for each joint."""
+        """The torque at these counts, N·m: count limit / full scale · torque constant, for each joint."""
         full, doubled = FULL_SCALE[version], double_geared_joints(version)
         return tuple(
             limit / full * constant * (2.0 if joint in doubled else 1.0)
@@ -104,11 +104,11 @@ _ONLY = {**dict.fromkeys(("encoder_direction", "motor_direction", "convention"),
 """Keys that only some versions have a use for."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 HIDDEN = "truth"
-"""What overrides a hand's file, in errors."""
+"""Name in errors of the values that override a hand's file."""
 
 
 class Wiring(NamedTuple):
-    """One hand's electronics; None where no file says."""
+    """Electronics of one hand; None where no file says it."""
 
     version: Version | None
     side: Side | None
@@ -132,7 +132,7 @@ def load_wiring(model: str = "allegro", serial: str = "", over: Mapping[str, Any
 
 
 def _block(path: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """What one file says, each value checked by itself."""
+    """The `wire` block of one file, each value checked."""
     block = table.get("wire", {})
     if not isinstance(block, dict):
         raise ConfigError(f"{path}: wire must hold keys and values, not {type(block).__name__}")
@@ -154,7 +154,7 @@ def _word(path: str, key: str, given: object) -> str:
 
 
 def _row(path: str, key: str, given: object) -> tuple[float, ...]:
-    """One value for every joint, or sixteen."""
+    """One value for all joints, or sixteen."""
     row = given if isinstance(given, list) else [given] * N_JOINTS
     kind, name = (int, "whole number") if key in _WHOLE else (int | float, "number")
     for value in row:

@@ -1,4 +1,4 @@
-"""The table of facts, read into a tree of links; and the mirror rule that turns a right hand into a left one."""
+"""The table of facts of a hand, models/<model>.yaml, as a tree of links; and the mirror rule for the other side."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TipFacts:
 
 @dataclass(frozen=True, slots=True)
 class VisualFacts:
-    """What is seen and never touched: a rounded box (half-sizes) or a cylinder along y (radius, half-length)."""
+    """A shape that is drawn, never touched: a rounded box (half-sizes) or a cylinder along y (radius, half-length)."""
 
     kind: str
     size: tuple[float, ...]
@@ -84,7 +84,7 @@ class HandFacts:
 
     @property
     def joints(self) -> tuple[JointFacts, ...]:
-        """In the order of the joints' numbers."""
+        """All joints, in the order of their numbers."""
         found = [link.joint for link in self.links if link.joint is not None]
         return tuple(sorted(found, key=lambda joint: joint.number))
 

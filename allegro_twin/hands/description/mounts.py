@@ -1,4 +1,4 @@
-"""How a hand hangs on an arm's flange: conf/mounts/<name>.yaml."""
+"""Mounts of a hand on an arm's flange, with adapter, camera and load: conf/mounts/<name>.yaml."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ class MountCameraSettings(Settings):
     looks: Triple
     """Where it looks."""
     up: Triple
-    """What is up in its picture; as near to it as can be."""
+    """Up in its picture, as nearly as possible."""
 
 
 class LoadSettings(Settings):
-    """What the arm is told that it carries; `arm.tool.identified` finds it by poses."""
+    """The load that the arm compensates; `arm.tool.identified` measures it by poses."""
 
     mass: Positive
     """kg."""
     centre: Triple
-    """Of mass, in the flange's frame, m."""
+    """Centre of mass in the flange's frame, m."""
 
 
 class MountSettings(Settings):
@@ -77,14 +77,14 @@ class HandMount:
 
     name: str
     position: Array
-    """Of the palm, (3,), m."""
+    """Position of the palm, (3,), m."""
     quaternion: Array
-    """Of the palm, w x y z."""
+    """Orientation of the palm, w x y z."""
     adapter: AdapterSettings
     camera_position: Array
     """(3,), m."""
     camera_quaternion: Array
-    """Of its optical frame: z ahead, x to the right of the picture, y down."""
+    """Orientation of its optical frame: z ahead, x to the right of the picture, y down."""
     load: Load
 
 

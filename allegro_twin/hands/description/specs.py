@@ -1,4 +1,4 @@
-"""From a hand's files to its HandSpec: the table of facts, and the calibration in conf/hands."""
+"""HandSpec of a hand from its files: the table of facts, and what was measured on it in conf/hands."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _by_card(model: str, side: Side, serial: str) -> HandSpec:
 
 
 def hand_side(serial: str) -> Side | None:
-    """Which hand a file in conf/hands is of, where it says. Raises ConfigError."""
+    """The side of the hand in a file in conf/hands, where the file says it. Raises ConfigError."""
     return load_wiring(serial=serial).side
 
 
@@ -163,7 +163,7 @@ def load_actuation(
 
 
 def _nominal(model: str) -> Path:
-    """What is written of every hand of a model."""
+    """The file that holds for every hand of a model."""
     return data_root() / "conf" / "hands" / f"{model}.yaml"
 
 
@@ -194,7 +194,7 @@ def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
 
 
 def _own(serial: str, over: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """What is said of one hand, by its file and over it, each with its source."""
+    """The blocks for one hand, of its file and of what overrides it, each with its source."""
     if serial:
         path = find_file(serial, "hand", "conf/hands")
         yield str(path), read_yaml(path)

@@ -20,7 +20,7 @@ from allegro_twin.spec import SIDES
 
 
 def files() -> dict[Path, str]:
-    """Every generated file of every hand and arm whose facts are here, by its path under models/."""
+    """All generated files of all hands and arms with a table of facts, by their paths under models/."""
     made: dict[Path, str] = {}
     for model, side in product(sorted(path.stem for path in (data_root() / "models").glob("*.yaml")), SIDES):
         hand = facts.load_facts(model, side)

@@ -1,4 +1,4 @@
-"""An arm as MJCF: torque motors, a flange that feels what hangs on it, and capsules under a visual layer."""
+"""An arm as MJCF: torque motors, a force sensor at the flange, and capsules under a visual layer."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def _motor(actuators: Element, joint: JointFacts, actuation: Actuation) -> None:
 
 
 def options(root: Element) -> None:
-    """Of the simulation; docs/models.md#contact: what each was measured to do."""
+    """Options of the simulation; docs/models.md#contact has measurements of each."""
     SubElement(
         root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="100", jacobian="dense",
         noslip_iterations="2",
@@ -59,7 +59,7 @@ def options(root: Element) -> None:
 
 
 def defaults(root: Element) -> None:
-    """What a hand's joints and shapes have in common."""
+    """Defaults of a hand's joints and shapes."""
     top = SubElement(SubElement(root, "default"), "default", {"class": "hand"})
     # A hard stop: 0.3 N·m press a joint 2 mrad into it; MuJoCo's own default lets it give by 60.
     SubElement(top, "joint", solreflimit="0.004 1", solimplimit="0.95 0.99 0.001")

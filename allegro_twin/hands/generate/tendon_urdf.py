@@ -32,7 +32,7 @@ def tendon_urdf(mjcf: str) -> str:
 
 
 def _motors(hand: Element) -> dict[str, str]:
-    """What moves each joint."""
+    """The motor of each joint."""
     found = {each.attrib["joint"]: each.attrib["name"] for each in hand.findall("actuator/*[@joint]")}
     for tendon in hand.findall("tendon/fixed"):
         found |= {each.attrib["joint"]: tendon.attrib["name"] for each in tendon.findall("joint")}
@@ -138,7 +138,7 @@ def _mass(geom: Element) -> inertia.MassProperties:
 
 
 def _ends(geom: Element) -> tuple[float, float]:
-    """Of a capsule, which lies along its link's z, m."""
+    """Length of a capsule, which lies along its link's z, m."""
     _, _, start, _, _, end = _floats(geom, "fromto")
     return start, end
 

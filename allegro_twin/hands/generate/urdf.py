@@ -95,7 +95,7 @@ def joint_between(
 
 
 def inertial(element: Element, properties: inertia.MassProperties) -> None:
-    """What a link weighs."""
+    """Mass, centre and inertia of a link."""
     part = SubElement(element, "inertial")
     SubElement(part, "origin", xyz=numbers(properties.center), rpy="0 0 0")
     SubElement(part, "mass", value=number(properties.mass))

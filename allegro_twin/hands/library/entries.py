@@ -1,4 +1,4 @@
-"""What the library stores: postures, grasps and trajectories, each for one hand, and their mirror image for the other.
+"""Library entries: postures, grasps and trajectories, each stored for one side and mirrored for the other.
 
 An entry is stored once, for the side that it was made on. The other side is derived from it whenever it is asked for,
 by `HandSpec.mirror_posture`: exact, because only signs change. So the two sides cannot differ, whoever edits the file.
@@ -48,7 +48,7 @@ class EnvelopGrip(Settings):
     stiffness: Annotated[float, Field(ge=0)] = 4.0
     """Against a motion of the wrapped object, N·m/rad."""
     closing: Annotated[float, Field(gt=0, le=1)] = 0.3
-    """Of the torques before the squeeze."""
+    """Scale of the torques before the squeeze."""
 
 
 Grip: TypeAlias = Annotated[CentroidGrip | EnvelopGrip, Field(discriminator="kind")]
@@ -59,7 +59,7 @@ Angles: TypeAlias = dict[str, list[float]]
 moves several fingers."""
 EntryKind: TypeAlias = Literal["posture", "grasp", "trajectory"]
 HAND = "allegro"
-"""Whose an entry is that does not say."""
+"""The hand of an entry that does not name one."""
 
 
 class PostureFile(Settings):
@@ -71,7 +71,7 @@ class PostureFile(Settings):
     hand: str = HAND
     """The model of hand that it is of."""
     side: Side = "right"
-    """Which hand the angles are for; the other hand uses their mirror image."""
+    """The side that the angles are for; the other hand uses their mirror image."""
     angles: Angles
 
 
@@ -89,7 +89,7 @@ class PlanRecord(Settings):
     protocol: str
     """Name and version of what it was judged under."""
     uncertainty: str
-    """What was drawn, in half-widths: m, degrees, fractions."""
+    """The perturbations, in half-widths: m, degrees, fractions."""
 
 
 class GraspFile(Settings):
@@ -105,9 +105,9 @@ class GraspFile(Settings):
     observed: ObservedType | None = None
     """The type that the contacts of its trial (`evidence`) show; None: nobody has looked."""
     object_size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
-    """Smallest and largest width between the fingers of the objects that it is for, m; None: not said."""
+    """Smallest and largest width between the fingers of the objects that it is for, m; None: unknown."""
     side: Side = "right"
-    """Which hand the angles are for; the other hand uses their mirror image."""
+    """The side that the angles are for; the other hand uses their mirror image."""
     speed: Annotated[float, Field(gt=0)] = 1.0
     """Peak speed while closing of the joint that travels furthest, rad/s."""
     profile: Profile = "minimum_jerk"
@@ -116,11 +116,11 @@ class GraspFile(Settings):
     squeeze: Angles
     """Inside the object: the difference to where the fingers are stopped, times the stiffness, is the torque."""
     grip: Grip | None = None
-    """How it holds on; None: by position alone, at the squeeze."""
+    """How the force is controlled; None: by position alone, at the squeeze."""
     evidence: str = ""
     """The scenario in which it holds an object, or `posture: ` and why it is only a posture."""
     planned: PlanRecord | None = None
-    """Of what `plan` found."""
+    """Record of the search, of a grasp that `plan` found."""
 
     @model_validator(mode="after")
     def _ordered(self) -> GraspFile:
@@ -149,7 +149,7 @@ class TrajectoryFile(Settings):
     hand: str = HAND
     """The model of hand that it is of."""
     side: Side = "right"
-    """Which hand the positions are for; the other hand uses their mirror image."""
+    """The side that the positions are for; the other hand uses their mirror image."""
     times: Annotated[tuple[float, ...], Field(min_length=2)]
     """Ascending, s; the motion begins at the first."""
     positions: tuple[tuple[float, ...], ...]
@@ -276,7 +276,7 @@ def mirror_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
 
 
 def joint_vector(angles: Mapping[str, list[float]], spec: HandSpec, what: str) -> Vector:
-    """From angles by finger to one vector in the spec's order, shape (n,), rad. Raises ConfigError."""
+    """One vector in the spec's order, shape (n,), rad, from angles by finger. Raises ConfigError."""
     values = np.full(spec.n_joints, np.nan)
     for name, row in angles.items():
         joints = spec.finger(name).joints if spec.aliases else (spec.joint(name),)
@@ -291,7 +291,7 @@ def _whose(spec: HandSpec) -> dict[str, Any]:
 
 
 def _angles(values: Vector, spec: HandSpec) -> Angles:
-    """By finger; by joint, where one joint moves several fingers."""
+    """Angles by finger; by joint, where one joint moves several fingers."""
     if not spec.aliases:
         return {name: [value] for name, value in zip(spec.joints, values.tolist(), strict=True)}
     return {finger.name: values[list(finger.joints)].tolist() for finger in spec.fingers}

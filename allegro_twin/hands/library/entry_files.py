@@ -1,4 +1,4 @@
-"""Where entries come from: the files that ship, and the files of the user."""
+"""Files with library entries: those that ship with the package, and the user's."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def shipped_entries(kind: EntryKind | None = None) -> dict[str, Path]:
 
 
 def read_shipped_entry(name: str) -> LibraryEntry:
-    """One of those that ship."""
+    """An entry that ships with the package, by its name."""
     return read_single_entry(shipped_entries()[name])._replace(shipped=True)
 
 
 def read_single_entry(path: Path) -> LibraryEntry:
-    """The entry of a file that holds one, or that of several which is named as the file. Raises ConfigError."""
+    """The only entry of a file, or the one that has the file's name. Raises ConfigError."""
     content = read_yaml(path)
     if ENTRIES in content:
         for listed in read_file(path):

@@ -1,4 +1,4 @@
-"""A grasp for one hand: the taxonomy's type, the postures that the hand goes through, and how it holds on."""
+"""A grasp for one hand: its type in the taxonomy, its postures, and its grip."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Library:
         self._added: dict[str, _Added] = {}
 
     def get(self, name: str, spec: HandSpec) -> Vector | Grasp | TaughtMotion:
-        """What a name stands for, on the spec's hand. Raises ConfigError: the nearest names, or the joint outside."""
+        """A named entry for the spec's hand. Raises ConfigError with the nearest names, or the joint out of limits."""
         return _built(self._found(name, spec), spec)
 
     def posture(self, name: str | Path, spec: HandSpec) -> Vector:
@@ -242,7 +242,7 @@ def filter_entries(
     fingers: int | None,
     object_size: float | tuple[float, float] | None,
 ) -> Iterator[LibraryEntry]:
-    """Those that pass every filter that is not None; see `Library.list`. Raises ConfigError."""
+    """Entries that pass every filter that is not None; see `Library.list`. Raises ConfigError."""
     if taxonomy is not None:
         check_type(taxonomy)
     for listed in entries:
@@ -298,7 +298,7 @@ def load_posture(name: str | Path, spec: HandSpec) -> Vector:
 
 
 def posture_names(model: str = HAND) -> list[str]:
-    """Every posture of a model of hand that ships with the package."""
+    """Names of all postures of a model of hand that ship with the package."""
     return _names("posture", model)
 
 
@@ -313,7 +313,7 @@ def load_trajectory(name: str | Path, spec: HandSpec) -> TaughtMotion:
 
 
 def grasp_names(model: str = HAND) -> list[str]:
-    """Every grasp of a model of hand that ships with the package."""
+    """Names of all grasps of a model of hand that ship with the package."""
     return _names("grasp", model)
 
 

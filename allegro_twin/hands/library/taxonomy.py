@@ -29,7 +29,7 @@ class GraspType(NamedTuple):
     type: Control
     opposition: Opposition
     fingers: str
-    """Of virtual finger 2, counted from the thumb: 2 is the index, 5 the little finger."""
+    """Fingers of virtual finger 2, counted from the thumb: 2 is the index, 5 the little finger."""
     thumb: Thumb
 
 
@@ -81,7 +81,7 @@ class ClaimedType(Settings):
     type: Control | None = None
     opposition: Opposition | None = None
     virtual_fingers: str = ""
-    """What acts against what."""
+    """The surfaces that oppose each other."""
 
     @model_validator(mode="after")
     def _as_in_the_paper(self) -> ClaimedType:
@@ -107,11 +107,11 @@ class ObservedType(Settings):
     opposition: Opposition | None = None
     """None where nothing acts against anything else, as with a single digit."""
     virtual_fingers: str = ""
-    """What acts against what."""
+    """The surfaces that oppose each other."""
     carries: str = ""
     """Each surface that carries, with its share of the hand's normal force."""
     why: str = ""
-    """Of what is none of the 33: what it lacks."""
+    """Why it is none of the 33 types."""
 
     def __str__(self) -> str:
         return self.name if self.number is None else f"{self.number} {self.name}"
