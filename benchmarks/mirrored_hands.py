@@ -62,7 +62,7 @@ def hand(seed: int, *, mismatched: bool = False) -> HandSpec:
     if mismatched:
         ranges = {"stiction": (1.2, 1.8), "stribeck_speed": (0.08, 0.2), "bristle": (5e-4, 2e-3)}
         drive |= {name: rng.uniform(*ends, N).tolist() for name, ends in ranges.items()} | {"load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made(drive, N))
+    return replace(spec, actuation=own, drive=Drive.from_values(drive, N))
 
 
 def simulated(spec: HandSpec, seed: int) -> SimBackend:

@@ -39,7 +39,7 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
     drive = content.get("drive")
     kind = HandSpec if "arm" not in content else partial(ArmSpec, **_arm_from(content["arm"]))
     return kind(
-        drive=None if drive is None else Drive.made(drive, len(content["joints"])),
+        drive=None if drive is None else Drive.from_values(drive, len(content["joints"])),
         model=content["model"],
         side=content["side"],
         serial=content["serial"],

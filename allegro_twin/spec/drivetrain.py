@@ -45,7 +45,7 @@ class Drive:
     """Seed of the noise."""
 
     @classmethod
-    def made(cls, given: Mapping[str, Any], n: int) -> Self:
+    def from_values(cls, given: Mapping[str, Any], n: int) -> Self:
         """A drive from plain values, one number or `n` each. The message of a ConfigError follows the block's name."""
         names = [field.name for field in fields(cls)]
         for key in given:
@@ -56,7 +56,7 @@ class Drive:
         return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
 
     def plain(self) -> dict[str, Any]:
-        """As `made` takes it."""
+        """Plain values, as `from_values` takes them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 

@@ -65,7 +65,7 @@ class Sweep:
         shared = _digest(_canonical(self.shared, "shared data"))
         return {"function": self.function, "shared": shared, **self.stamps}
 
-    def made_of(self) -> dict[str, str]:
+    def fingerprints(self) -> dict[str, str]:
         """Fingerprints of what answers are made of: engine, package, the function's code, and all inputs by name."""
         found: dict[str, set[str]] = {}
         for each in {id(each): each for each in self.inputs}.values():
@@ -73,9 +73,9 @@ class Sweep:
                 found.setdefault(name, set()).add(digest)
         return self._common() | {name: _joined(found[name]) for name in sorted(found)}
 
-    def stamped(self) -> dict[str, str]:
+    def all_stamps(self) -> dict[str, str]:
         """All that the rows depend on, except the items."""
-        return self.question() | self.made_of()
+        return self.question() | self.fingerprints()
 
     def keys(self) -> list[str]:
         """For each item the SHA-256 of what its row depends on. Raises ConfigError for an item that is not plain."""

@@ -28,7 +28,7 @@ def run(
     one they are kept in memory. Raises HandError; what was finished before stays in the store.
     """
     keys = sweep.keys()
-    with store.opened(sweep) if store is not None else nullcontext(MemoryStore()) as kept:
+    with store.open_for(sweep) if store is not None else nullcontext(MemoryStore()) as kept:
         units = sweep.units(keys, kept.keys())
         total = len(set(keys))
         done = total - sum(len(unit.keys) for unit in units)

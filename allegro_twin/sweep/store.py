@@ -70,11 +70,11 @@ class Store:
         self.folder, self._tell = Path(folder), tell
 
     @contextmanager
-    def opened(self, sweep: Sweep) -> Iterator[RowStore]:
+    def open_for(self, sweep: Sweep) -> Iterator[RowStore]:
         """The folder for that sweep, and for this program alone. Rows that are made of other inputs are put aside, into
         a folder of their own below this one. Raises ConfigError when it is of another sweep, or another program is at
         it, and RecordingError when the disk does not let it."""
-        question, made_of = {"format": _FORMAT, **sweep.question()}, sweep.made_of()
+        question, made_of = {"format": _FORMAT, **sweep.question()}, sweep.fingerprints()
         content = question | {_MADE_OF: made_of, _DATA: dict(sweep.shared)}
         path = self.folder / _MANIFEST
         if not path.exists():

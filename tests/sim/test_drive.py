@@ -22,7 +22,7 @@ TORQUE = np.tile([0.02, 0.1, 0.08, 0.05], 4)
 
 
 def driven(spec: HandSpec, **drive: Any) -> HandSpec:
-    return replace(spec, drive=Drive.made(drive, 16))
+    return replace(spec, drive=Drive.from_values(drive, 16))
 
 
 def moved(backend: SimBackend, periods: int, torque: np.ndarray = TORQUE) -> list[HandState]:

@@ -187,10 +187,10 @@ def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
     for where, table in _own(serial, over):
         values |= _block(where, table, "drive", None)
         try:
-            Drive.made(values, n_joints)
+            Drive.from_values(values, n_joints)
         except ConfigError as error:
             raise ConfigError(f"{where}: drive{error}") from error
-    return Drive.made(values, n_joints) if values else None
+    return Drive.from_values(values, n_joints) if values else None
 
 
 def _own(serial: str, over: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

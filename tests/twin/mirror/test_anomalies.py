@@ -63,7 +63,7 @@ def late(row: Array) -> Array:
 @pytest.fixture(name="sticky")
 def _sticky(spec: HandSpec) -> HandSpec:
     """A hand whose friction breaks away."""
-    return replace(spec, drive=Drive.made({"stiction": 1.5, "stribeck_speed": 0.1, "bristle": 1e-3}, N))
+    return replace(spec, drive=Drive.from_values({"stiction": 1.5, "stribeck_speed": 0.1, "bristle": 1e-3}, N))
 
 
 def test_a_free_motion_has_no_name(spec: HandSpec) -> None:

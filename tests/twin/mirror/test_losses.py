@@ -63,7 +63,7 @@ def losses(share: float, longest: int, seed: int = 0) -> dict[int, int]:
 
 
 def noisy(spec: HandSpec, noise: float) -> HandSpec:
-    return replace(spec, drive=Drive.made({"encoder_noise": noise, "quantisation": 8.9e-5, "seed": 1}, N))
+    return replace(spec, drive=Drive.from_values({"encoder_noise": noise, "quantisation": 8.9e-5, "seed": 1}, N))
 
 
 def motion(spec: HandSpec, make_sim: MakeSim, lost: dict[int, int], push: Vector | None = None) -> Iterator[Sample]:
@@ -213,7 +213,7 @@ def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_l
 def test_an_error_in_speed_grows_in_a_gap_as_falling_friction_makes_it_grow(spec: HandSpec) -> None:
     own = replace(spec.actuation, frictionloss=np.full(N, 0.04))
     shape = {"stiction": 1.7, "stribeck_speed": 0.14, "bristle": 1e-3}
-    breaking = replace(spec, actuation=own, drive=Drive.made(shape, N))
+    breaking = replace(spec, actuation=own, drive=Drive.from_values(shape, N))
 
     def gap(speed: float) -> Array:
         """Of a middle joint, period by period: rad/s, and what is left of an error in it, (20, 2)."""

@@ -221,7 +221,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
 
 @pytest.mark.slow
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
-    off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
+    off = replace(spec, drive=Drive.from_values({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_of(off, ONE, np.full(N, 0.05))
     each = Mirror(spec, Observer(spec, drive, 0.003), ONE)
     hand = make_sim(off, posture=(spec.lower + spec.upper) / 2.0)
@@ -261,7 +261,9 @@ def sticky(spec: HandSpec) -> HandSpec:
     """Its friction breaks away, and its encoders are noisy."""
     own = replace(spec.actuation, frictionloss=np.full(N, 0.05))
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3, "load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N))
+    return replace(
+        spec, actuation=own, drive=Drive.from_values({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N)
+    )
 
 
 def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tuple[Vector, Array, Mirror]:

@@ -94,7 +94,7 @@ def told(
             console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
     if out is not None:
         (out / "report.html").unlink(missing_ok=True)  # Until the new one is there, none says what other trials were.
-        write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
+        write_results(out / "results.parquet", trials.table, trials.sweep.all_stamps(),
                       with_draws(targets, trials.sweep.items))  # fmt: skip
         if rrd is not None:
             record(targets, rows, rrd, out / "recordings")
@@ -113,7 +113,7 @@ def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep,
         for number in chosen:
             _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
             bar.advance(task)
-    stamps = sweep.stamped()
+    stamps = sweep.all_stamps()
     write_page(out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")})
 
 
