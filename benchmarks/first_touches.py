@@ -24,7 +24,7 @@ from allegro_twin.grasping.uncertainty import Uncertainty, draws
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, TorqueCommand
 from benchmarks.mirror import learned
@@ -72,7 +72,7 @@ def prepared(spec: HandSpec, above: Array, grasp: str, thing: str, seed: int) ->
     trial = bench.trial(case)
     controller = bench.controller(trial)
     assert isinstance(controller, CentroidGrasp)
-    calm = Calm(above, np.full(len(spec.fingers), np.inf))
+    calm = Thresholds(above, np.full(len(spec.fingers), np.inf))
     return trial, controller, Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
 
 
@@ -83,7 +83,7 @@ def closed(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror
     links = [{int(model.joint(name).bodyid[0]) for name in names[list(row)]} for row in controller.joints]
     fingers = [next(k for k, f in enumerate(spec.fingers) if row[0] in f.joints) for row in controller.joints]
     said, old = np.full((4, len(fingers)), np.inf), np.ones(len(fingers), dtype=bool)
-    for sample in trial.watched(each.watched(heard(until(trial.seconds, run(trial.backend, watched)), spec))):
+    for sample in trial.watched(each.watch(heard(until(trial.seconds, run(trial.backend, watched)), spec))):
         t = sample.state.t
         if t < controller.close_at:
             continue
@@ -104,7 +104,7 @@ def held(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror, 
     names = [next(f.name for f in spec.fingers if row[0] in f.joints) for row in controller.joints]
     if by_mirror:
         controller = replace(controller, felt=lambda: np.array([name in each.contacts for name in names]))
-    for _ in trial.watched(each.watched(heard(until(trial.seconds, run(trial.backend, controller)), spec))):
+    for _ in trial.watched(each.watch(heard(until(trial.seconds, run(trial.backend, controller)), spec))):
         pass
     return trial.report().held
 

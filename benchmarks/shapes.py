@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.learning.tasks.scenes import known
+from allegro_twin.learning.tasks.scenes import known_scenarios
 from allegro_twin.sim.objects.catalogue import catalogue
 
 SEED, FACTOR = 20261124, (0.88, 1.12)
@@ -22,7 +22,7 @@ SEED, FACTOR = 20261124, (0.88, 1.12)
 def drawn(count: int, seed: int) -> list[dict[str, Any]]:
     """As a recipe has them, sizes in whole mm."""
     rng = np.random.default_rng(seed)
-    templates = [name for name in known() if name in catalogue()]
+    templates = [name for name in known_scenarios() if name in catalogue()]
     return [_like(name, rng) for name in sorted(rng.choice(templates, count, replace=False).tolist())]
 
 

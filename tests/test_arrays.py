@@ -60,13 +60,13 @@ def test_the_noise_of_a_key_is_the_same_numbers_on_both(xp: TensorNamespace) -> 
 
 def test_episodes_that_are_counted_are_the_same_on_both_and_all_different(xp: TensorNamespace) -> None:
     key, episode = np.arange(4, dtype=np.uint64), np.ones(4, np.int64)
-    ours = Draws.counted(key, episode)
-    theirs = Draws.counted(xp.asarray(key), xp.asarray(episode))
-    np.testing.assert_allclose(to_numpy(theirs.within(0.0, 1.0, 8)), ours.within(0.0, 1.0, 8), atol=1e-6)
-    np.testing.assert_array_equal(to_numpy(theirs.key()), ours.key().astype(np.int64))
-    assert len(np.unique(ours.within(0.0, 1.0, 8))) == 32
-    again = Draws.counted(key, episode + 1).within(0.0, 1.0, 8)
-    assert not np.isin(again, Draws.counted(key, episode).within(0.0, 1.0, 8)).any()
+    ours = Draws.from_counters(key, episode)
+    theirs = Draws.from_counters(xp.asarray(key), xp.asarray(episode))
+    np.testing.assert_allclose(to_numpy(theirs.uniform(0.0, 1.0, 8)), ours.uniform(0.0, 1.0, 8), atol=1e-6)
+    np.testing.assert_array_equal(to_numpy(theirs.keys()), ours.keys().astype(np.int64))
+    assert len(np.unique(ours.uniform(0.0, 1.0, 8))) == 32
+    again = Draws.from_counters(key, episode + 1).uniform(0.0, 1.0, 8)
+    assert not np.isin(again, Draws.from_counters(key, episode).uniform(0.0, 1.0, 8)).any()
 
 
 class Pair(NamedTuple):
@@ -81,7 +81,7 @@ def test_what_is_fetched_from_a_device_comes_in_one_copy(xp: TensorNamespace, mo
         copies.append(x)
         return x.numpy()
 
-    monkeypatch.setattr("allegro_twin.array_api.host", counted)
+    monkeypatch.setattr("allegro_twin.array_api.to_numpy", counted)
     numbers = xp.arange(ROWS)
     tree = ({"x": xp.ones((ROWS, 2)), "deep": {"y": xp.zeros((ROWS, 2, 3))}}, Pair(numbers, numbers > 2))
     (first, second) = fetch(tree)

@@ -160,9 +160,9 @@ class _With:
 
 
 def _late(path: Path) -> list[Sample]:
-    from allegro_twin.recording.replay import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, replay_samples
 
-    return list(samples_of(ReplayBackend(load(path))))
+    return list(replay_samples(ReplayBackend(load(path))))
 
 
 def test_a_picture_is_taken_in_the_end_and_the_camera_is_let_go_of(tmp_path: Path, fakes: list[Fake]) -> None:

@@ -13,7 +13,7 @@ from allegro_twin.drivers.can.tools.log import samples_of_log
 from allegro_twin.drivers.can.tools.samples import Found
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.version import __version__
 
 
@@ -33,6 +33,6 @@ def make_recording(config: RunConfig, log: Path, target: Path, bus: str | None =
     }
     samples = samples_of_log(log, codec, host_settings(settings, config.period), found, bus)
     with atomic_file(target) as temporary:
-        for _ in recorded(samples, temporary, spec, config.period, meta=meta):
+        for _ in record(samples, temporary, spec, config.period, meta=meta):
             pass
     return found

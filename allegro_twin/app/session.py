@@ -171,10 +171,10 @@ def _kept(
 ) -> Iterator[Sample]:
     if outputs.record is None:
         return samples
-    from allegro_twin.recording.recorder import recorded
+    from allegro_twin.recording.recorder import record
 
     meta = recording_meta(rig, config)
-    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
+    return record(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 
 def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:

@@ -12,14 +12,14 @@ pytest.importorskip("rerun", reason="needs the extra view")
 
 from allegro_twin.cell.run import Report
 from allegro_twin.recording.events import DeviceSample, session_events
-from allegro_twin.recording.reader import Tracks
+from allegro_twin.recording.reader import CellRecording
 from allegro_twin.surfaces.cli.main import app
 from allegro_twin.viewing.rerun.viewer import viewer_of, write_events
 from tests.viewing.test_viewer import Rows, rows_of
 
 
 @pytest.fixture(scope="module")
-def drawn(run: tuple[Tracks, Report], tmp_path_factory: pytest.TempPathFactory) -> Rows:
+def drawn(run: tuple[CellRecording, Report], tmp_path_factory: pytest.TempPathFactory) -> Rows:
     path = tmp_path_factory.mktemp("view") / "lab.rrd"
     write_events(session_events(run[0]), viewer_of(run[0]), path)
     return rows_of(path)
@@ -36,7 +36,9 @@ def test_the_scene_has_the_arm_the_hand_the_thing_the_cloud_and_every_frame(draw
 
 
 @pytest.mark.slow
-def test_the_arms_last_link_carries_the_hand_where_the_encoders_say(drawn: Rows, run: tuple[Tracks, Report]) -> None:
+def test_the_arms_last_link_carries_the_hand_where_the_encoders_say(
+    drawn: Rows, run: tuple[CellRecording, Report]
+) -> None:
     """Links are drawn by their own chain; flange and palm by another: they agree."""
     chain = np.eye(4)
     chain[:3, 3] = drawn["world/arm"][0][1]["translation"][0]
@@ -52,7 +54,7 @@ def test_the_arms_last_link_carries_the_hand_where_the_encoders_say(drawn: Rows,
 
 
 def test_states_are_marked_at_their_times_with_the_end_and_a_log_of_reasons(
-    drawn: Rows, run: tuple[Tracks, Report]
+    drawn: Rows, run: tuple[CellRecording, Report]
 ) -> None:
     marks = [(t, row["state"][0]) for t, row in drawn["cell/state"]]
     assert [name for _, name in marks][:3] == ["ToSecurityPose", "Look", "ToTargetPose"]
@@ -64,7 +66,9 @@ def test_states_are_marked_at_their_times_with_the_end_and_a_log_of_reasons(
     assert words[-1] == "Done — held"
 
 
-def test_the_force_is_smoothed_and_says_the_weight_after_the_lift(drawn: Rows, run: tuple[Tracks, Report]) -> None:
+def test_the_force_is_smoothed_and_says_the_weight_after_the_lift(
+    drawn: Rows, run: tuple[CellRecording, Report]
+) -> None:
     samples = [each for each in session_events(run[0]) if isinstance(each, DeviceSample) and each.device == "arm"]
     noise = float(np.std([each.extras["force"][2] for each in samples[-100:]]))
     smooth = [row["scalars"][2] for _, row in drawn["cell/force"][-15:]]
@@ -75,7 +79,9 @@ def test_the_force_is_smoothed_and_says_the_weight_after_the_lift(drawn: Rows, r
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_file_for_rerun_and_a_track_for_tables(run: tuple[Tracks, Report], tmp_path: Path) -> None:
+def test_the_command_writes_a_file_for_rerun_and_a_track_for_tables(
+    run: tuple[CellRecording, Report], tmp_path: Path
+) -> None:
     done = CliRunner().invoke(app, ["export", str(run[0].path), str(tmp_path / "a.rrd")])
     assert done.exit_code == 0, done.output
     assert rows_of(tmp_path / "a.rrd")["cell/state"]

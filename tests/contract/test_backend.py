@@ -25,7 +25,7 @@ from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
@@ -84,7 +84,7 @@ def replayed(make_sim: MakeSim, tmp_path_factory: pytest.TempPathFactory) -> Cal
                 if torques
                 else PositionControl(Hold((spec.lower + spec.upper) / 2))
             )
-            for _ in recorded(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
+            for _ in record(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
                 pass
         return ReplayBackend(load(path))
 

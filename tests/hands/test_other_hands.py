@@ -22,7 +22,7 @@ from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import Recorder
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.model.parts import part_names, parts_of
@@ -272,7 +272,7 @@ def test_a_recording_keeps_every_part_of_a_command(tmp_path: Path, make_sim: Mak
         for command in commands:
             recorder.add(Sample(state, command))
             state = sim.read()
-    back = [sample.command for sample in samples_of(ReplayBackend(load(path)))]
+    back = [sample.command for sample in replay_samples(ReplayBackend(load(path)))]
     for before, after in zip(commands, back, strict=True):
         assert isinstance(after, PositionCommand)
         assert (after.limp, after.duration) == (before.limp, before.duration)

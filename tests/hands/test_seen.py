@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.recording.messages.frames import Frames
+from allegro_twin.recording.messages.frames import LinkFrames
 from allegro_twin.sim.model.postures import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.viewing.skeleton import Skeleton, bodies_of
@@ -41,5 +41,5 @@ def test_a_view_is_found_by_the_ends_of_tendon_fingers(name: str) -> None:
 @pytest.mark.parametrize("name", HANDS)
 def test_frames_of_a_tendon_hand_are_those_of_all_that_moves(name: str) -> None:
     spec = load_spec(name)
-    moving = {spec.all_joints[frame.joint] for frame in Frames(spec).moving}
+    moving = {spec.all_joints[frame.joint] for frame in LinkFrames(spec).moving}
     assert {each.name for each in spec.followers} <= moving <= set(spec.all_joints)

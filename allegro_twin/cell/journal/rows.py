@@ -15,16 +15,16 @@ from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.target import Target, target
 from allegro_twin.cell.states import Now
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.journal import Kind
+from allegro_twin.recording.journal import FieldKind
 from allegro_twin.types import Array
 
-EVENTS: dict[str, Kind] = {
+EVENTS: dict[str, FieldKind] = {
     "t": "number", "state": "word", "tries": "count", "grasp": "word", "palm": "numbers", "before": "numbers",
     "weight": "number", "torque": "number", "end": "word", "reason": "word", "sentence": "word",
 }  # fmt: skip
 """When each state began, s, at which try; from ToTargetPose on the grasp that was chosen, where the palm is to be for
 it and before it, (7,), world; what the check said, kg and N·m; and how it ended."""
-PERCEPTION: dict[str, Kind] = {
+PERCEPTION: dict[str, FieldKind] = {
     "t": "number", "number": "count", "known": "count", "verdict": "word", "sentence": "word", "others": "count",
     "shape": "word", "pose": "numbers", "size": "numbers", "error": "number", "sigma": "number", "table": "numbers",
     "target": "numbers", "width": "number", "points": "array",
@@ -32,7 +32,7 @@ PERCEPTION: dict[str, Kind] = {
 """Of the picture taken at `t`, s: how many of its points are known; `found`, or why not; of the thing the shape, pose
 (7,), size (3,), m, the fit's error and the camera's scatter, m; the table's normal and height, (4,); the target frame
 (7,) and its width, m; the thing's own points, (k, 3), float32, m. All in the world."""
-PICTURES: dict[str, Kind] = {
+PICTURES: dict[str, FieldKind] = {
     "t": "number", "number": "count", "camera": "numbers", "lens": "numbers", "colour": "array", "depth": "array",
 }  # fmt: skip
 """Taken at `t`, s, from a pose (7,), world; fx, fy, cx, cy of the depth picture; colour (rows, columns, RGB); depth

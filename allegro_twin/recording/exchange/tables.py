@@ -1,4 +1,4 @@
-"""From a recording to formats that other programs read: Parquet and CSV."""
+"""Recordings as tables: Parquet and CSV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from allegro_twin.recording.reader import Recording
 
 
 def to_parquet(recording: Recording, path: Path) -> None:
-    """One column of lists per quantity, as in the recording; the metadata goes along as JSON."""
+    """Write one column of lists per quantity, as in the recording; the metadata goes along as JSON."""
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     table = pa.table(arrays).replace_schema_metadata({"allegro_twin": json.dumps(dict(recording.meta))})
     with atomic_file(path) as temporary:
@@ -24,7 +24,7 @@ def to_parquet(recording: Recording, path: Path) -> None:
 
 
 def to_csv(recording: Recording, path: Path) -> None:
-    """One column per number, named `position.index_0`; vectors that are not per joint are numbered."""
+    """Write one column per number, named `position.index_0`; vectors that are not per joint are numbered."""
     spec = recording.spec
     columns = {}
     for name, values in recording.columns.items():

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.validate import Planned
     from allegro_twin.grasping.verdict import Report
     from allegro_twin.learning.training.evaluation import Evaluation
-    from allegro_twin.learning.training.report import Compared
+    from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
     from allegro_twin.spec import HandSpec
     from allegro_twin.surfaces.hand.grasps import Grasped
@@ -208,7 +208,7 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     return table
 
 
-def compared(found: Sequence[Compared], recipe: Recipe, seed: int) -> Table:
+def compared(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Table:
     """Success of a policy in each set of episodes, those of the seeds from `seed` on, and without any action, with
     where the rate lies."""
     from allegro_twin.learning.tasks import task_type
@@ -217,16 +217,16 @@ def compared(found: Sequence[Compared], recipe: Recipe, seed: int) -> Table:
     title = f"success in the same episodes, seeds from {seed} (95 % interval)"
     table = Table(title=title, title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
-    more = [f"{kind.counted}, {kind.unit}: mean (quartiles)"] if kind.counted else []
-    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.shares]
+    more = [f"{kind.count_term}, {kind.count_unit}: mean (quartiles)"] if kind.count_term else []
+    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.share_terms]
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
         shares = [share(each.policy), share(each.still)]
-        if (counted := each.policy.counted) is not None:
+        if (counted := each.policy.counts) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
-        for name in kind.shares:
+        for name in kind.share_terms:
             shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table

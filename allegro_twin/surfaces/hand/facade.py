@@ -86,9 +86,9 @@ class Hand:
     def mirror(self) -> Mirror:
         """The model that runs beside a hand on a bus from the first time that one asks: `external_torque`, `contacts`,
         `anomaly`; docs/mirror.md. Raises ConfigError for a hand that is not on a bus."""
-        from allegro_twin.twin.mirror.for_hand import beside  # It needs SciPy, which a hand alone does not.
+        from allegro_twin.twin.mirror.on_rig import mirror_rig  # It needs SciPy, which a hand alone does not.
 
-        return beside(self._rig, self.listen)
+        return mirror_rig(self._rig, self.listen)
 
     @property
     def state(self) -> HandState:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from allegro_twin.recording.messages.vocabulary import named, vocabulary
+from allegro_twin.recording.messages.message_types import ros_types, ros_types_by_name
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros.bridge import Bridge
 from allegro_twin.surfaces.ros.topics import NAMESPACE, NODE
@@ -33,7 +33,7 @@ def open_bridge(
     for without a time; `network`: beyond this machine; `told` hears what was refused. Raises ConfigError, LinkError."""
     from allegro_twin.surfaces.ros.node import Node
 
-    words = named(distro)
+    words = ros_types_by_name(distro)
     node = Node(words, NODE, namespace, domain, network=network)
     try:
         bridge = Bridge(hand, node, words, rate=rate, speed=speed, told=told)
@@ -55,7 +55,7 @@ def open_ros1(
     """The same on ROS 1, by rospy, at the master of ROS_MASTER_URI."""
     from allegro_twin.surfaces.ros.ros1 import Ros1Node
 
-    words = vocabulary()
+    words = ros_types()
     node = Ros1Node(words, NODE, namespace)
     try:
         yield Bridge(hand, node, words, rate=rate, speed=speed, told=told)

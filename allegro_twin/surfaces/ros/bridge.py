@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 
 from allegro_twin.errors import ConfigError, HandError, LinkError, MotionStalled
-from allegro_twin.recording.messages.vocabulary import Vocabulary
+from allegro_twin.recording.messages.message_types import RosTypes
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros.control_lock import QUIET, Drivers
 from allegro_twin.surfaces.ros.node_api import Received, Wire
@@ -27,7 +27,7 @@ class Bridge:
     """One hand on one node. The hand turns its own loop; what happens here delays it by a queue's `put`."""
 
     def __init__(
-        self, hand: Hand, node: Wire, words: Vocabulary, *, rate: float = 100.0, speed: float = 2.0,
+        self, hand: Hand, node: Wire, words: RosTypes, *, rate: float = 100.0, speed: float = 2.0,
         told: Callable[[str], None] = log.warning,
     ) -> None:  # fmt: skip
         """`rate`: Hz, of what is published; `speed`: rad/s, of what is asked for without a time; `told`: hears every

@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.cell_reports import CellReports
 from allegro_twin.surfaces.ros.control_lock import QUIET, Drivers
@@ -34,7 +34,7 @@ _DECIDES = "the state machine leads the cell; begin it with --follow to lead it 
 class CellBridge:
     """One cell on one node. The loop turns elsewhere; what happens here delays it by a queue's `put`."""
 
-    def __init__(self, room: Room, node: Wire, words: v.Vocabulary, *, rate: float = 100.0) -> None:
+    def __init__(self, room: Room, node: Wire, words: v.RosTypes, *, rate: float = 100.0) -> None:
         """`rate`: Hz, of what is published. Raises ConfigError for one that is not positive."""
         if not 0.0 < rate <= 1000.0:
             raise ConfigError(f"the rate must be above 0 and at most 1000 Hz, not {rate:g}")
@@ -166,7 +166,7 @@ def open_cell(
     """Put a cell on ROS 2, on this machine alone. Raises ConfigError, LinkError."""
     from allegro_twin.surfaces.ros.node import Node
 
-    words = v.named(distro)
+    words = v.ros_types_by_name(distro)
     node = Node(words, NODE, namespace, domain)
     try:
         bridge = CellBridge(room, node, words, rate=rate)

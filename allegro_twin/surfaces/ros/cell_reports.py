@@ -11,8 +11,8 @@ from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.camera.intrinsics import Intrinsics
 from allegro_twin.recording.events import DeviceSample
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.frames import Frames
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.frames import LinkFrames
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.publishers import Report
 from allegro_twin.types import Array
@@ -25,8 +25,8 @@ _INFO, _WARN = 20, 30  # rcl_interfaces/Log.
 class CellReports:
     """Makes them."""
 
-    def __init__(self, room: Room, words: v.Vocabulary) -> None:
-        self._words, self._arm, self._hand = words, Frames(room.cell.spec), Frames(room.hand.spec)
+    def __init__(self, room: Room, words: v.RosTypes) -> None:
+        self._words, self._arm, self._hand = words, LinkFrames(room.cell.spec), LinkFrames(room.hand.spec)
         self._specs, self._foot, self._name = (
             (room.cell.spec, room.hand.spec),
             room.cell.base.position,

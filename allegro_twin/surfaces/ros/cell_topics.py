@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node_api import Quality
 from allegro_twin.surfaces.ros.topics import TRAJECTORY, Entry
 

@@ -10,7 +10,7 @@ from cyclonedds.idl.types import array, float32, float64, int8, int16, int32, in
 from cyclonedds.idl.types import uint64 as uint64
 from rosbags.interfaces import Nodetype
 
-from allegro_twin.recording.messages.vocabulary import Vocabulary
+from allegro_twin.recording.messages.message_types import RosTypes
 
 _BASE = {
     "bool": bool, "byte": uint8, "char": uint8, "octet": uint8, "string": str, "float32": float32, "float64": float64,
@@ -26,7 +26,7 @@ def dds_name(kind: str) -> str:
 
 
 @cache
-def struct(words: Vocabulary, kind: str) -> type[IdlStruct]:
+def struct(words: RosTypes, kind: str) -> type[IdlStruct]:
     """The type with its fields, which Cyclone DDS can read and write by itself."""
     fields = {name: _field(words, shape) for name, shape in words.fields(kind)}
     made: type[IdlStruct] = make_idl_struct(kind.split("/")[-1], dds_name(kind).replace("::", "."), fields)
@@ -34,7 +34,7 @@ def struct(words: Vocabulary, kind: str) -> type[IdlStruct]:
 
 
 @cache
-def wire(words: Vocabulary, kind: str) -> type[Any]:
+def wire(words: RosTypes, kind: str) -> type[Any]:
     """The same type, whose samples are CDR bytes that nobody takes apart."""
     inner = struct(words, kind)
 
@@ -53,7 +53,7 @@ def wire(words: Vocabulary, kind: str) -> type[Any]:
     return Wire
 
 
-def _field(words: Vocabulary, shape: tuple[Any, Any]) -> Any:
+def _field(words: RosTypes, shape: tuple[Any, Any]) -> Any:
     node, args = shape
     if node == Nodetype.BASE:
         return _BASE[args[0]]

@@ -16,7 +16,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from allegro_twin.errors import ConfigError, LinkError
-from allegro_twin.recording.messages.vocabulary import NODES, Message, Vocabulary
+from allegro_twin.recording.messages.message_types import NODES, Message, RosTypes
 from allegro_twin.surfaces.ros.idl import wire
 from allegro_twin.surfaces.ros.node_api import NAME, PLAIN, Quality, Received, checked, full
 
@@ -47,7 +47,7 @@ class Node:
     """One participant with one node. Nothing waits here but `wait`. Raises ConfigError for a name or a domain that ROS
     does not allow, LinkError where the network does not let it."""
 
-    def __init__(self, words: Vocabulary, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
+    def __init__(self, words: RosTypes, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
         self.words, self.name, self.namespace = words, name, checked(namespace)
         if not 0 <= domain <= HIGHEST:
             raise ConfigError(f"ROS_DOMAIN_ID must be 0 to {HIGHEST}, not {domain}")

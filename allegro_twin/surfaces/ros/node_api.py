@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 from uuid import UUID
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.recording.messages.vocabulary import Message
+from allegro_twin.recording.messages.message_types import Message
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 

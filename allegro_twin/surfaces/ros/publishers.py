@@ -8,8 +8,8 @@ import numpy as np
 
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.frames import Frames, description
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.frames import LinkFrames, urdf_text
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros.topics import WRENCH
 from allegro_twin.types import Sample, Vector
@@ -21,14 +21,14 @@ Report = tuple[str, v.Message]
 class Reports:
     """Makes them. The model is its own: that of the hand works in another thread."""
 
-    def __init__(self, hand: Hand, words: v.Vocabulary) -> None:
+    def __init__(self, hand: Hand, words: v.RosTypes) -> None:
         self._hand, self._words, self._spec = hand, words, hand.spec
-        self._frames, self._model = Frames(hand.spec), hand_kinematics(hand.spec)
+        self._frames, self._model = LinkFrames(hand.spec), hand_kinematics(hand.spec)
         self._missed, self._tick = 0, -1
 
     def at_first(self, stamp: int) -> Iterator[Report]:
         """What is said once, for whoever comes later too."""
-        yield "robot_description", self._words.make(v.STRING, data=description(self._spec))
+        yield "robot_description", self._words.make(v.STRING, data=urdf_text(self._spec))
         yield "/tf_static", self._frames.still(self._words, stamp)
 
     def of(self, stamp: int, sample: Sample) -> Iterator[Report]:

@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 from allegro_twin.errors import ConfigError, LinkError
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node_api import PLAIN, Quality, Received, checked, full
 
 HINT = "apt-get install python3-rospy, in an environment made with --system-site-packages; docs/ros.md"
@@ -18,7 +18,7 @@ TF = "tf2_msgs/msg/TFMessage"
 class Ros1Node:
     """One node at a master. Raises ConfigError without rospy, LinkError without a master."""
 
-    def __init__(self, words: v.Vocabulary, name: str, namespace: str) -> None:
+    def __init__(self, words: v.RosTypes, name: str, namespace: str) -> None:
         self.words, self.name, self.namespace = words, name, checked(namespace)
         self._ros, graph = _rospy()
         if not graph.is_master_online():

@@ -10,8 +10,8 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.library.library import grasp_names, posture_names
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.build import in_order, row
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.build import joint_order, joint_values
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import Outside
 from allegro_twin.surfaces.ros.timing import timing
@@ -28,7 +28,7 @@ WORDS = (OFF, "gravcomp", "save", "pdControl")
 class Wishes:
     """Carries out messages, one after the other. What it refuses raises ConfigError before anything moves."""
 
-    def __init__(self, hand: Hand, words: v.Vocabulary, clock: Callable[[], int], *, speed: float = 2.0) -> None:
+    def __init__(self, hand: Hand, words: v.RosTypes, clock: Callable[[], int], *, speed: float = 2.0) -> None:
         """`clock`: ns since 1970; `speed`: rad/s, of what is asked for without a time."""
         self._hand, self._words, self._clock, self._speed = hand, words, clock, speed
         self._outside = Outside(hand, speed)
@@ -57,8 +57,8 @@ class Wishes:
         if 0 < stamp < last:
             raise ConfigError(f"joint_cmd: its stamp is {(last - stamp) / 1e9:.3f} s before that of the one before it")
         spec = self._hand.spec
-        order = in_order(spec, message.name, "joint_cmd")
-        self._outside.track(row(spec, message.position, order, "joint_cmd"))
+        order = joint_order(spec, message.name, "joint_cmd")
+        self._outside.track(joint_values(spec, message.position, order, "joint_cmd"))
         self._stamps[sender] = stamp
         return 0.0
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.build import in_order, row
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.build import joint_order, joint_values
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -35,14 +35,14 @@ class Timing(NamedTuple):
 def timing(message: Any, spec: HandSpec, clock: Callable[[], int]) -> Timing:
     """Of a message with points; `clock`: ns since 1970. Raises ConfigError for one that is not of this hand."""
     points = message.points
-    order = in_order(spec, message.joint_names or ["(none)"], _WHAT)
+    order = joint_order(spec, message.joint_names or ["(none)"], _WHAT)
     late = _wait(v.nanoseconds(message.header.stamp), clock)
     times = np.array([v.nanoseconds(point.time_from_start) / 1e9 for point in points])
-    postures = np.array([row(spec, point.positions, order, f"{_WHAT} positions") for point in points])
+    postures = np.array([joint_values(spec, point.positions, order, f"{_WHAT} positions") for point in points])
     with_speed = [len(point.velocities) > 0 for point in points]
     rates = None
     if all(with_speed):
-        rates = np.array([row(spec, point.velocities, order, f"{_WHAT} velocities") for point in points])
+        rates = np.array([joint_values(spec, point.velocities, order, f"{_WHAT} velocities") for point in points])
     elif any(with_speed):
         raise ConfigError(f"{_WHAT}: either all of its points have velocities, or none")
     return Timing(times, postures, rates, late)

@@ -14,7 +14,7 @@ import rerun as rr
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.events import DeviceSample, SessionEvent
-from allegro_twin.recording.reader import Tracks
+from allegro_twin.recording.reader import CellRecording
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample
 from allegro_twin.viewing.rerun import server
@@ -141,7 +141,7 @@ class Viewer:
             draw_arm(self._stream, self._arm, self._scene.arm)
 
 
-def viewer_of(recording: Tracks, *, live: bool = False) -> Viewer:
+def viewer_of(recording: CellRecording, *, live: bool = False) -> Viewer:
     """A viewer for a recording of a cell. Raises RecordingError where it has no arm or no hand."""
     hand = recording.device("hand").spec
     return Viewer(hand, scenery(hand, recording.meta), arm=recording.device("arm").spec, live=live)

@@ -20,7 +20,7 @@ from allegro_twin.kinematics.arm import ArmModel, ToolFrame
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, violation
@@ -127,7 +127,7 @@ def test_a_recording_of_an_arm_is_that_arm_again_bit_for_bit(tmp_path: Path) -> 
     arm, path = rig(), tmp_path / "arm.arrow"
     arm.target.move(Pose(arm.home.position + np.array([0.0, 0.1, 0.0]), arm.home.rotation))
     law = Impedance(arm.model, arm.target)
-    first = list(recorded(until(0.3, run(arm.guard, law)), path, arm.model.spec, 0.001))
+    first = list(record(until(0.3, run(arm.guard, law)), path, arm.model.spec, 0.001))
     backend = ReplayBackend(load(path))
     again = list(to_the_end(run(backend, law)))
     assert backend.spec.name == "fer"

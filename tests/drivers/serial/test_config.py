@@ -23,8 +23,8 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.branch import branch
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.branch.what_if import branch_recording
 from tests.drivers.serial.rigs import MODEL_O, config_of
 
 
@@ -76,7 +76,7 @@ def test_a_recording_says_what_its_ticks_were_worth(tmp_path: Path) -> None:
     config = config_of()
     rig = assemble(config)
     meta = recording_meta(rig, config)
-    for _ in recorded(until(0.2, run(rig.backend, rig.controller)), tmp_path / "r.arrow", rig.spec, 0.02, meta=meta):
+    for _ in record(until(0.2, run(rig.backend, rig.controller)), tmp_path / "r.arrow", rig.spec, 0.02, meta=meta):
         pass
     rig.backend.close()
     table = load(tmp_path / "r.arrow").meta["calibration"]
@@ -90,10 +90,10 @@ def test_a_recording_of_a_virtual_hand_goes_on_as_it_did(tmp_path: Path) -> None
     config = config_of(servos=servos, faults={"lose": 0.0, "script": script})
     rig = assemble(config)
     samples = until(0.3, run(rig.backend, rig.controller))
-    for _ in recorded(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
+    for _ in record(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
         pass
     rig.backend.close()
-    both = branch(tmp_path / "r.arrow", 0.1, {})
+    both = branch_recording(tmp_path / "r.arrow", 0.1, {})
     np.testing.assert_array_equal(both.branched, both.recorded)
 
 

@@ -17,8 +17,8 @@ from allegro_twin.errors import ConfigError, LinkError, LinkTimeout
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.branch import branch
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.branch.what_if import branch_recording
 from tests.drivers.serial.polled_rigs import polled_config
 
 HANDS = {"qb_softhand": "qb", "sih": "schunk"}
@@ -65,13 +65,13 @@ def test_a_recording_says_what_its_ticks_were_worth_and_goes_on_as_it_did(hand: 
     config = polled_config(hand, HANDS[hand], faults={"script": [{"at": 9.0, "what": "torn_tendon"}]})
     rig = assemble(config)
     samples = until(0.3, run(rig.backend, rig.controller))
-    for _ in recorded(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
+    for _ in record(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
         pass
     rig.backend.close()
     table = load(tmp_path / "r.arrow").meta["calibration"]
     assert table["most"] in (19_000, 65_535)
     assert len(table["per_milliampere"]) == rig.spec.n_actuators
-    both = branch(tmp_path / "r.arrow", 0.1, {})
+    both = branch_recording(tmp_path / "r.arrow", 0.1, {})
     np.testing.assert_array_equal(both.branched, both.recorded)
 
 

@@ -17,14 +17,14 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_posture
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings, read_settings
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.controller import PolicyController
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.policy.script import closing
-from allegro_twin.learning.tasks.scripted_closing import Closing
+from allegro_twin.learning.policy.script import closing_moves
+from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from tests.learning.environments.test_batch import rows_of, same
@@ -101,9 +101,9 @@ def test_doing_nothing_is_the_scripted_player(hand: str) -> None:
     env = HandEnv("Lift", **given("Lift", hand))
     env.reset(seed=0)
     task = env.engine.task
-    assert isinstance(task, Closing)
+    assert isinstance(task, ScriptedClosingTask)
     scene = task.scenes[0]
-    path = PositionControl(closing(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
+    path = PositionControl(closing_moves(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
     told: list[Any] = []
     task.worlds.tell = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
     for _ in range(60):
@@ -144,7 +144,7 @@ def test_a_policy_on_a_backend_sees_what_it_saw_in_training(hand: str) -> None:
 @pytest.mark.parametrize("hand", ["leap", "model_o"])
 def test_an_episode_as_a_backend_is_the_one_of_the_environment(hand: str) -> None:
     more = given("Grasp", hand)
-    env, episode = HandEnv("Grasp", **more), Episode("Grasp", EnvSettings(**more), seed=5)
+    env, episode = HandEnv("Grasp", **more), EpisodeBackend("Grasp", EnvSettings(**more), seed=5)
     seen = [env.reset(seed=5)[0]]
     rows: list[Any] = []
 
@@ -336,5 +336,5 @@ def test_a_policy_for_another_hand_is_refused_in_one_line() -> None:
 
 def test_a_card_without_a_hand_is_of_the_hand_that_cards_were_of_before_they_said_it() -> None:
     card = HandEnv("Reach").engine.task.card()
-    old = Card.model_validate(card.model_dump(exclude={"hand"}))
+    old = PolicyCard.model_validate(card.model_dump(exclude={"hand"}))
     assert old == card

@@ -13,9 +13,9 @@ from allegro_twin.kinematics.orientation import angle_between_quaternions, quate
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.base import Goals
+from allegro_twin.learning.tasks.base import GoalTask
 from allegro_twin.learning.tasks.reorient import NEAREST, REACHED
-from allegro_twin.learning.tasks.start_states import Held, file_name, held
+from allegro_twin.learning.tasks.start_states import StartStates, file_name, load_start_states
 from allegro_twin.learning.tasks.vectors import tilt, twist
 from allegro_twin.sim.objects import catalogue
 
@@ -205,7 +205,7 @@ def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
 def test_to_wait_beside_a_goal_for_ten_seconds_is_worth_less_than_to_reach_it() -> None:
     for decimation in (5, 20):
         task = batch("Reorient", decimation=decimation).engine.task
-        assert isinstance(task, Goals)
+        assert isinstance(task, GoalTask)
         goal = np.array([[1.0, 0.0, 0.0, 0.0]])
         beside = rotate_quaternion(goal, np.array([[0.0, 0.0, REACHED + 0.001]]))
         waiting, there = (float(task.reward(where, goal, np.zeros(1))[0]) for where in (beside, goal))
@@ -248,8 +248,8 @@ def test_a_wanted_size_is_begun_with_and_one_that_nobody_has_tried_is_refused() 
 def test_the_package_brings_the_states_that_its_search_would_find() -> None:
     cube = catalogue.named("rubiks_cube")
     assert (data_root() / "conf" / "starts" / file_name(cube)).is_file()
-    right, left = (held(cube, side) for side in ("right", "left"))
-    assert isinstance(right, Held)
+    right, left = (load_start_states(cube, side) for side in ("right", "left"))
+    assert isinstance(right, StartStates)
     assert len(right.size) >= 1000
     assert tilt(right.pose[:, 3:]).max() < np.radians(8.0)
     np.testing.assert_array_equal(right.pose[:, 1], -left.pose[:, 1])
@@ -262,4 +262,4 @@ def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pyt
     monkeypatch.setattr(module, "MOST", 1)
     thing = catalogue.Thing("anvil", "box", (0.057, 0.057, 0.057), 25.0)
     with pytest.raises(ConfigError, match="no grasp of the fingertips was found that holds anvil above the palm"):
-        module.searched(thing, module.SEARCH, 1)
+        module.search_start_states(thing, module.SEARCH, 1)

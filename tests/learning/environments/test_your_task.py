@@ -43,7 +43,7 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
         ("no_such_module:Stack", "task 'no_such_module:Stack': no module 'no_such_module' can be imported"),
         (
             "allegro_twin.errors:Stack",
-            "'Stack' in allegro_twin.errors is no class of allegro_twin.learning.tasks.base.Task",
+            "'Stack' in allegro_twin.errors is no subclass of allegro_twin.gym.Task",
         ),
     ],
 )

@@ -33,8 +33,8 @@ def content(folder: Path) -> dict[str, bytes]:
 HOLDER = """
 import sys
 from pathlib import Path
-from allegro_twin.files.output_folder import locked
-with locked(Path(sys.argv[1])):
+from allegro_twin.files.output_folder import lock_folder
+with lock_folder(Path(sys.argv[1])):
     print(1, flush=True)
     sys.stdin.read()
 """

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.types import Vector
@@ -37,7 +37,7 @@ class Peer:
     """A program on ROS that hears and says things to one hand."""
 
     node: Node
-    words: v.Vocabulary
+    words: v.RosTypes
     namespace: str
     heard: list[tuple[str, Any]] = field(default_factory=list)
 
@@ -97,8 +97,8 @@ def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> b
 
 
 @pytest.fixture(scope="session")
-def words() -> v.Vocabulary:
-    return v.vocabulary()
+def words() -> v.RosTypes:
+    return v.ros_types()
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def namespace() -> str:
 
 
 @pytest.fixture
-def make_peer(words: v.Vocabulary, namespace: str) -> Iterator[Callable[[], Peer]]:
+def make_peer(words: v.RosTypes, namespace: str) -> Iterator[Callable[[], Peer]]:
     made: list[Peer] = []
 
     def make() -> Peer:

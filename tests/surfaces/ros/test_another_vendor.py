@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.cell_reports import CAMERA
 from allegro_twin.surfaces.ros.idl import dds_name
@@ -63,7 +63,7 @@ def echoing(
 
 
 def test_five_hundred_of_five_hundred_messages_come_back_from_fast_dds(
-    echo: Path, peer: Peer, words: v.Vocabulary
+    echo: Path, peer: Peer, words: v.RosTypes
 ) -> None:
     peer.hear("pong", v.JOINT_STATE)
     with echoing(echo, peer.full("ping"), peer.full("pong")):
@@ -149,7 +149,7 @@ def test_fast_dds_hears_all_that_a_cell_says(
 def test_fast_dds_leads_the_palm_and_the_fingers_of_a_cell_and_hears_why_not(
     echo: Path,
     peer: Peer,
-    words: v.Vocabulary,
+    words: v.RosTypes,
     again: Callable[..., Any],
     cell: Served,  # noqa: F811  # The fixture of that name.
 ) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.library.library import load_posture
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros import open_bridge
@@ -34,7 +34,7 @@ def hand(namespace: str) -> Iterator[Hand]:
 
 
 def trajectory(
-    words: v.Vocabulary, spec: HandSpec, times: list[float], postures: Array, velocities: Array | None = None,
+    words: v.RosTypes, spec: HandSpec, times: list[float], postures: Array, velocities: Array | None = None,
     *, names: list[str] | None = None, stamp: int = 0,
 ) -> Any:  # fmt: skip
     points = [
@@ -85,7 +85,7 @@ def test_who_comes_late_still_gets_the_description_and_the_frames_that_do_not_mo
 
 
 def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
-    hand: Hand, peer: Peer, namespace: str, words: v.Vocabulary
+    hand: Hand, peer: Peer, namespace: str, words: v.RosTypes
 ) -> None:
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
     from cyclonedds.sub import DataReader
@@ -176,7 +176,7 @@ def test_joint_cmd_leads_the_hand_no_faster_than_the_speed(hand: Hand, peer: Pee
 @pytest.mark.slow
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
-    namespace: str, peer: Peer, words: v.Vocabulary, home: Vector, smooth: bool
+    namespace: str, peer: Peer, words: v.RosTypes, home: Vector, smooth: bool
 ) -> None:
     config = can_config("v4", identify=True)
     with bridged(config, namespace) as (hand, _):
@@ -187,7 +187,7 @@ def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
         assert waited(there(hand, home, 0.04), "the end was not reached", 20.0)
 
 
-def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:
+def bad(words: v.RosTypes, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:
     """Trajectories that are refused, and in which words."""
     nan, far = home.copy(), home.copy()
     nan[3], far[3] = np.nan, 3.0
@@ -210,7 +210,7 @@ def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[An
 
 
 def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
-    hand: Hand, peer: Peer, words: v.Vocabulary, home: Vector
+    hand: Hand, peer: Peer, words: v.RosTypes, home: Vector
 ) -> None:
     import re
 
@@ -297,7 +297,7 @@ def test_one_drives_until_it_was_quiet_or_its_motion_is_over() -> None:
     assert drivers.may(a, 10.5)
 
 
-def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.Vocabulary) -> None:
+def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.RosTypes) -> None:
     """0.3 N·m that lead the third joint of the index finger back are what so many newtons at its tip do."""
     peer.lib_cmd("home")
     waited(there(hand, load_posture("home", hand.spec)), "home was not reached")
@@ -343,7 +343,7 @@ def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: P
     assert "rad/s" in last.status[0].message
 
 
-def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.Vocabulary, namespace: str) -> None:
+def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.RosTypes, namespace: str) -> None:
     assert checked("a/b/") == "/a/b"
     assert checked("/") == "/"
     for wrong in ("a b", "1st", "a//b", "/a/ü"):
@@ -352,4 +352,4 @@ def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.Vocabula
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be 0 to 232, not 233"):
         Node(words, "n", "/", 233)
     with pytest.raises(ConfigError, match="no ROS 2 distribution named 'jazy'; did you mean 'jazzy'"):
-        v.named("jazy")
+        v.ros_types_by_name("jazy")

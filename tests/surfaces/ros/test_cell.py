@@ -17,7 +17,7 @@ from allegro_twin.cell.remote.remote_control import Led, follow
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.cell import CellBridge, open_cell
 from allegro_twin.surfaces.ros.node_api import Quality
@@ -67,7 +67,7 @@ def cell(namespace: str) -> Iterator[Served]:
     room.close()
 
 
-def target(words: v.Vocabulary, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
+def target(words: v.RosTypes, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
     """A target_frame with the palm's own orientation where it waits."""
     pose = np.concatenate([place, cell.room.security.quaternion if turn is None else turn])
     return build.pose(words, 0, frame, pose)
@@ -116,7 +116,7 @@ def test_points_wrench_pose_and_frames_are_where_the_cell_has_them(cell: Served,
     assert -0.01 < world[2] < 0.09
 
 
-def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: Peer, words: v.Vocabulary) -> None:
+def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: Peer, words: v.RosTypes) -> None:
     wanted = np.array([-0.15, 0.1, 0.38])
     peer.say(topics.TARGET, target(words, cell, wanted))
     assert waited(lambda: bool(np.linalg.norm(cell.palm - wanted) < 0.01), "not there", 20.0)
@@ -139,7 +139,7 @@ def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: P
     ],
 )  # fmt: skip
 def test_a_target_that_cannot_be_is_refused_in_a_sentence_and_the_arm_stands(
-    cell: Served, peer: Peer, words: v.Vocabulary, place: Any, frame: str, turn: Any, said: str
+    cell: Served, peer: Peer, words: v.RosTypes, place: Any, frame: str, turn: Any, said: str
 ) -> None:
     import re
 
@@ -155,7 +155,7 @@ def test_a_target_that_cannot_be_is_refused_in_a_sentence_and_the_arm_stands(
 
 
 def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
-    cell: Served, peer: Peer, words: v.Vocabulary
+    cell: Served, peer: Peer, words: v.RosTypes
 ) -> None:
     spec, hand = cell.room.hand.spec, cell.room.cell.hand_sim
     peer.hear("/rosout", v.LOG, LOG)
@@ -179,7 +179,7 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     assert there()
 
 
-def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, words: v.Vocabulary) -> None:
+def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, words: v.RosTypes) -> None:
     room = room_of()
     with open_cell(room, namespace=namespace, domain=DOMAIN) as bridge:
         peer.hear("/rosout", v.LOG, LOG)
@@ -188,7 +188,7 @@ def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Pe
     room.close()
 
 
-def test_a_pose_comes_back_from_its_message(words: v.Vocabulary) -> None:
+def test_a_pose_comes_back_from_its_message(words: v.RosTypes) -> None:
     turn = np.array([0.5, -0.5, 0.5, 0.5])
     message = build.pose(words, 7, "world", np.array([1.0, 2.0, 3.0, *turn]))
     found = build.pose_in(words.decode(words.encode(message), v.POSE), "x")

@@ -22,7 +22,7 @@ from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
+from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, limit_sweep, limits_in_samples
 
 if TYPE_CHECKING:
     from allegro_twin.drivers.can.codec.codec import Codec
@@ -40,7 +40,7 @@ def find_limits(
     rig = assemble(_searching(config))
     gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
     rest = load_posture("calibrate", rig.spec)
-    moves = sweep(rig.spec, rest)
+    moves = limit_sweep(rig.spec, rest)
     controller: Controller[object]
     if by_hand is None:
         # From rest it takes as long as from anywhere, but for the way there.
@@ -57,7 +57,7 @@ def find_limits(
                 advance(sample.state.t, seconds)
                 yield sample
 
-        found = observed(watched())  # type: ignore[arg-type]  # A generator.
+        found = limits_in_samples(watched())  # type: ignore[arg-type]  # A generator.
     return load_spec(config.hand.model, config.hand.side), found
 
 
@@ -101,9 +101,9 @@ def store_limits(path: Path, found: FoundLimits, note: str) -> None:
 def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec, note: str) -> None:
     """Write encoder offsets that centre what was found, and the limits as the hand then reads them, likewise. The file
     also says of which version and side the hand is. Raises ConfigError for a joint that was not at both its ends."""
-    from allegro_twin.twin.identify.motions.limits import centred
+    from allegro_twin.twin.identify.motions.limits import encoder_offsets
 
-    right = centred(found, model, codec)
+    right = encoder_offsets(found, model, codec)
     own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}
     with lock_file(path):
         text, content = _read(path)

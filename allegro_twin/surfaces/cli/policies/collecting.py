@@ -51,8 +51,8 @@ def collect(
 ) -> None:
     """Keep episodes of an environment as a data set of LeRobot or Minari, with rewards and success."""
     from allegro_twin.errors import ConfigError
-    from allegro_twin.learning.environments.collect import collected
-    from allegro_twin.learning.training.evaluation import keywords
+    from allegro_twin.learning.environments.collect import collect_episodes
+    from allegro_twin.learning.training.evaluation import env_keywords
     from allegro_twin.learning.training.settings import load_recipe
     from allegro_twin.recording.exchange.environment_episodes import to_lerobot, to_minari
     from allegro_twin.surfaces.cli import console
@@ -61,7 +61,7 @@ def collect(
         raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
     recipe = load_recipe(task, hand=hand, side=side)
     actor, period, robot = _actor(policy, recipe)
-    found = collected(actor, recipe.task, keywords(recipe.environment), episodes, seed=seed)
+    found = collect_episodes(actor, recipe.task, env_keywords(recipe.environment), episodes, seed=seed)
     held = [episode for episode in found if episode.success[-1]]
     kept = held if only else found
     if not kept:
@@ -78,15 +78,15 @@ def collect(
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
     """Who acts, how long a step is, s, and on which hand. Raises ConfigError."""
     from allegro_twin.files.assets import find_file
-    from allegro_twin.learning.policy.controller import Still
+    from allegro_twin.learning.policy.controller import ZeroPolicy
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.evaluation import fitting
+    from allegro_twin.learning.training.evaluation import check_card
 
     task = make_task(recipe.task, recipe.environment, 1, 1)
     seconds, robot = task.interface.seconds, task.spec.name
     if policy == NOTHING:
-        return Still(task.spec.n_joints), seconds, robot
+        return ZeroPolicy(task.spec.n_joints), seconds, robot
     loaded = load_policy(find_file(policy, "policy", "conf/policies", ".onnx"))
-    fitting(loaded.card, task.card())
+    check_card(loaded.card, task.card())
     return loaded.policy, seconds, robot

@@ -87,30 +87,30 @@ def evaluate_policy(
     from allegro_twin.files.assets import find_file
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe
-    from allegro_twin.learning.training.report import SEED, compare, filmed, overlap, sets
+    from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
     from allegro_twin.surfaces.cli import console
 
     if not 0 <= can <= episodes:
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
     loaded = load_recipe(recipe, hand=hand, side=side)
     first = SEED if seed is None else seed
-    if used := overlap(loaded, first, episodes):
+    if used := seeds_overlap(loaded, first, episodes):
         told = (
             f"seeds {first} to {first + episodes - 1}: some are those of {used}: the rates are not of unseen episodes"
         )
         console.errors.print(f"[yellow]{told}[/]", soft_wrap=True)
     path = find_file(policy, "policy", "conf/policies", ".onnx")
     if film is not None:
-        filmed(load_policy(path).policy, loaded, film, seed=first)
-    console.console.print(console.compared(compare(path, loaded, episodes, first), loaded, first))
+        film_policy(load_policy(path).policy, loaded, film, seed=first)
+    console.console.print(console.compared(compare_policy(path, loaded, episodes, first), loaded, first))
     if can:
         from allegro_twin.learning.tasks import task_type
-        from allegro_twin.learning.training.deployment import over_can
+        from allegro_twin.learning.training.deployment import evaluate_on_can
 
-        for name, settings in sets(loaded).items():
-            driven = over_can(path, loaded.task, settings, can, seed=first)
+        for name, settings in evaluation_sets(loaded).items():
+            driven = evaluate_on_can(path, loaded.task, settings, can, seed=first)
             share = console.share(driven)
-            more = "" if driven.counted is None else f", {driven.counted.mean():.1f} {task_type(loaded.task).unit}"
+            more = "" if driven.counts is None else f", {driven.counts.mean():.1f} {task_type(loaded.task).count_unit}"
             more += "".join(f", {part.replace('_', ' ')} {share.mean():.0%}" for part, share in driven.shares.items())
             console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes{more}")
 
@@ -120,12 +120,12 @@ def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bo
     from allegro_twin.learning.training import report
     from allegro_twin.surfaces.cli import console
 
-    compared = report.compare(policy, recipe, episodes, report.SELECTION)
-    report.write(compared, folder / EVALUATION)
+    compared = report.compare_policy(policy, recipe, episodes, report.SELECTION)
+    report.write_report(compared, folder / EVALUATION)
     console.console.print(console.compared(compared, recipe, report.SELECTION))
     if not video:
         return
     try:
-        report.filmed(load_policy(policy).policy, recipe, folder / FILM, seed=report.SELECTION)
+        report.film_policy(load_policy(policy).policy, recipe, folder / FILM, seed=report.SELECTION)
     except ConfigError as error:
         console.errors.print(f"[yellow]no film: {error}[/]")  # The policy is what was asked for.

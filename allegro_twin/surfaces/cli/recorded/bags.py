@@ -11,7 +11,7 @@ from allegro_twin.errors import ConfigError
 def unpacked(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand; its rows. Raises RecordingError, ConfigError."""
     from allegro_twin.hands.description.specs import load_spec
-    from allegro_twin.recording.exchange.episodes import write
+    from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.rosbag import from_bag as read
 
     if target.suffix != ".arrow":
@@ -21,5 +21,5 @@ def unpacked(path: Path, target: Path, config: str | None) -> int:
     if settings is not None:
         spec = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
     recording = read(path, spec, 0.003 if settings is None else settings.period)
-    write(recording, target)
+    write_arrow(recording, target)
     return len(recording)

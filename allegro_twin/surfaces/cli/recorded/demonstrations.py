@@ -11,7 +11,7 @@ FORMATS = ("lerobot", "minari", "rosbag2")
 
 def packed(recordings: list[Path], folder: Path, kind: str, *, partial: bool) -> int:
     """Write a data set; the number of its rows. Raises ConfigError or RecordingError."""
-    from allegro_twin.recording.exchange.episodes import begin
+    from allegro_twin.recording.exchange.episodes import check_recordings
     from allegro_twin.recording.exchange.lerobot import to_lerobot
     from allegro_twin.recording.exchange.minari import to_minari
     from allegro_twin.recording.exchange.rosbag import to_rosbag2
@@ -23,7 +23,7 @@ def packed(recordings: list[Path], folder: Path, kind: str, *, partial: bool) ->
         raise ConfigError(f"{len(recordings)} recordings are as many bags: give one with --format rosbag2")
     loaded = [load(path, partial=partial) for path in recordings]
     if kind == "rosbag2":
-        begin(loaded, folder)
+        check_recordings(loaded, folder)
         to_rosbag2(loaded[0], folder)
     else:
         (to_lerobot if kind == "lerobot" else to_minari)(loaded, folder)
@@ -32,12 +32,12 @@ def packed(recordings: list[Path], folder: Path, kind: str, *, partial: bool) ->
 
 def unpacked(folder: Path, target: Path, episode: int) -> int:
     """Write an episode of a data set as a recording; the number of its rows. Raises ConfigError or RecordingError."""
-    from allegro_twin.recording.exchange.episodes import write
+    from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.lerobot import from_lerobot
     from allegro_twin.recording.exchange.minari import DATA, from_minari
 
     if target.suffix != ".arrow":
         raise ConfigError(f"{target}: an episode becomes a recording again, which ends in .arrow")
     recording = from_minari(folder, episode) if (folder / DATA).exists() else from_lerobot(folder, episode)
-    write(recording, target)
+    write_arrow(recording, target)
     return len(recording)

@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 def recording_in(path: Path) -> Path | None:
     """A cell's recording: the file itself, or the one in a run's folder. None: it is something else."""
     from allegro_twin.cell.journal.pictures import RECORDING
-    from allegro_twin.recording.reader import is_shared
+    from allegro_twin.recording.reader import is_cell_recording
 
     if path.is_dir():
         return path / RECORDING if (path / RECORDING).is_file() else None
-    return path if path.is_file() and is_shared(path) else None
+    return path if path.is_file() and is_cell_recording(path) else None
 
 
 def show(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
     """Play a cell's recording into a Rerun viewer. The viewer, whose page lives as long as it, and the page's
     address."""
     from allegro_twin.recording.events import session_events
-    from allegro_twin.recording.reader import load_tracks
+    from allegro_twin.recording.reader import load_cell
 
-    recording = load_tracks(path, partial=partial)
+    recording = load_cell(path, partial=partial)
     viewer = _rerun().viewer_of(recording)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
     if not web:
@@ -42,9 +42,9 @@ def show(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
 def to_rrd(path: Path, target: Path, *, partial: bool) -> int:
     """Write a cell's recording for Rerun; how many events it has."""
     from allegro_twin.recording.events import session_events
-    from allegro_twin.recording.reader import load_tracks
+    from allegro_twin.recording.reader import load_cell
 
-    recording = load_tracks(path, partial=partial)
+    recording = load_cell(path, partial=partial)
     found = list(session_events(recording))
     _rerun().write_events(found, _rerun().viewer_of(recording), target)
     return len(found)

@@ -103,7 +103,7 @@ def show(
     """Play a recording into a Rerun viewer. The viewer, whose page lives as long as it, and the page's address."""
     from allegro_twin.app.session import rerun_stage
     from allegro_twin.recording.reader import load
-    from allegro_twin.recording.replay import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, replay_samples
 
     recording = load(path, partial=partial)
     total(len(recording))
@@ -115,7 +115,7 @@ def show(
     if not web:
         viewer.spawn()
     backend = ReplayBackend(recording)
-    for _ in shown(samples_of(backend), viewer, backend.extras):
+    for _ in shown(replay_samples(backend), viewer, backend.extras):
         advance()
     _concluded(viewer, recording)
     viewer.flush()
@@ -168,7 +168,7 @@ def _csv(recording: Any, target: Path) -> None:
 
 def _rrd(recording: Any, target: Path) -> None:
     from allegro_twin.app.session import rerun_stage
-    from allegro_twin.recording.replay import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, replay_samples
 
     viewer_of, shown = rerun_stage()
     from allegro_twin.files.atomic_write import atomic_file
@@ -178,7 +178,7 @@ def _rrd(recording: Any, target: Path) -> None:
     with atomic_file(target) as temporary:
         viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary)
         with closing(viewer):
-            for _ in shown(samples_of(backend), viewer, backend.extras):
+            for _ in shown(replay_samples(backend), viewer, backend.extras):
                 pass
             _concluded(viewer, recording)
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
-    from allegro_twin.twin.branch import Beside, Branched, Wanted
+    from allegro_twin.twin.branch.result import BranchOptions, BranchResult, ReferenceColumns
     from allegro_twin.types import Array, Sample
 
 _AFTER = (0.0, 0.1, 0.3, 1.0, 3.0)  # s
@@ -29,46 +29,47 @@ class Kept(NamedTuple):
     rrd: Path | None = None
 
 
-def doubts(path: Path, wanted: Wanted) -> Iterator[str]:
+def doubts(path: Path, wanted: BranchOptions) -> Iterator[str]:
     """What speaks against the model that is to go on; nothing where a simulation is repeated. Raises HandError."""
     from allegro_twin.recording.reader import load
-    from allegro_twin.twin.branch import by_model
+    from allegro_twin.twin.branch.what_if import needs_model
 
     recording = load(path)
-    if not by_model(recording, wanted):
+    if not needs_model(recording, wanted):
         return
     from allegro_twin.surfaces.cli.twins import identifying
 
     identifying.check_scipy()
-    from allegro_twin.twin.identify.results.hand_file import doubtful
-    from allegro_twin.twin.mirror.for_hand import left_out
+    from allegro_twin.twin.identify.results.hand_file import mismatch_warning
+    from allegro_twin.twin.mirror.factory import describe_backlash
 
     spec, hand = recording.spec, wanted.hand or recording.spec.serial
     if "torque" not in spec.commands:
         return
     if hand:
-        yield doubtful(identifying.hand_file(hand))
+        yield mismatch_warning(identifying.hand_file(hand))
     else:
         yield f"no --hand: {path} goes on with the nominal {spec.name}, not with its own hand"
-    yield left_out(spec, wanted.hand)
+    yield describe_backlash(spec, wanted.hand)
 
 
-def branched(path: Path, at: float, texts: list[str], kept: Kept, wanted: Wanted) -> Branched:
+def branched(path: Path, at: float, texts: list[str], kept: Kept, wanted: BranchOptions) -> BranchResult:
     """The branch, recorded and drawn where that is wanted, with where the recording's joints were as `target`. Raises
     HandError."""
     from allegro_twin.app.session import rerun_stage
     from allegro_twin.recording.reader import load
-    from allegro_twin.recording.recorder import recorded
-    from allegro_twin.twin.branch import branch, changes_of
+    from allegro_twin.recording.recorder import record
+    from allegro_twin.twin.branch.overrides import parse_changes
+    from allegro_twin.twin.branch.what_if import branch_recording
 
-    changes, origin = changes_of(texts), load(path)
+    changes, origin = parse_changes(texts), load(path)
     with ExitStack() as stack:
 
-        def through(samples: Iterator[Sample], beside: Beside) -> Iterator[Sample]:
+        def through(samples: Iterator[Sample], beside: ReferenceColumns) -> Iterator[Sample]:
             if kept.record is not None:
                 meta = {k: value for k, value in origin.meta.items() if k in ("allegro_twin", "engine", "look")}
                 meta["branch"] = {"of": path.name, "at": at, "set": changes, "hand": wanted.hand}
-                samples = recorded(samples, kept.record, origin.spec, origin.period, meta=meta, extras=beside)
+                samples = record(samples, kept.record, origin.spec, origin.period, meta=meta, extras=beside)
             if kept.rrd is not None:
                 viewer_of, shown = rerun_stage()
                 from allegro_twin.viewing.scenery import scenery
@@ -79,10 +80,10 @@ def branched(path: Path, at: float, texts: list[str], kept: Kept, wanted: Wanted
             return samples
 
         temporary = stack.enter_context(atomic_file(kept.rrd)) if kept.rrd is not None else path
-        return branch(path, at, changes, through, wanted)
+        return branch_recording(path, at, changes, through, wanted)
 
 
-def picture(target: Path, path: Path, found: Branched, at: float) -> None:
+def picture(target: Path, path: Path, found: BranchResult, at: float) -> None:
     """All futures in a PNG, a panel a finger: pale as it was, dark as it would have been, and thin as the model has it
     without a change. Raises HandError."""
     from allegro_twin.hands.description.appearance import lighten, series_color
@@ -99,7 +100,7 @@ def picture(target: Path, path: Path, found: Branched, at: float) -> None:
     plot(target, found.t, panels, mark=at, title=f"{path.name}, otherwise from {at:g} s on; pale: as it was{also}")
 
 
-def table(path: Path, found: Branched, at: float) -> Table:
+def table(path: Path, found: BranchResult, at: float) -> Table:
     """How far apart the futures are, finger by finger, at some moments: of a simulation, the recorded one and the
     branch; of a model, how far it is off without the change, and what the change does."""
     model = found.unchanged is not None
@@ -118,10 +119,10 @@ def table(path: Path, found: Branched, at: float) -> Table:
     return made
 
 
-def lines(found: Branched, at: float) -> Iterator[str]:
+def lines(found: BranchResult, at: float) -> Iterator[str]:
     """Whether anything changed, what that rests on, and what became of a grasp."""
     if found.unchanged is not None:
-        yield from found.said
+        yield from found.notes
         yield _sizes(found, at)
         return
     same = bool((found.branched == found.recorded[: len(found.branched)]).all())
@@ -131,7 +132,7 @@ def lines(found: Branched, at: float) -> Iterator[str]:
         yield f"The grasp of the branch: {held}"
 
 
-def _compared(found: Branched) -> list[tuple[Array, Array]]:
+def _compared(found: BranchResult) -> list[tuple[Array, Array]]:
     """What is compared with what, over the same rows."""
     if found.unchanged is None:
         return [(found.branched, found.recorded[: len(found.branched)])]
@@ -139,7 +140,7 @@ def _compared(found: Branched) -> list[tuple[Array, Array]]:
     return [(found.unchanged[:both], found.recorded[:both]), (found.branched[:both], found.unchanged[:both])]
 
 
-def _first(found: Branched, at: float) -> int:
+def _first(found: BranchResult, at: float) -> int:
     """The row of the instant."""
     return int(np.searchsorted(found.t, at - 1e-9))
 
@@ -148,7 +149,7 @@ def _at(off: Array, row: int, joints: tuple[int, ...]) -> float:
     return float(off[row, list(joints)].max())
 
 
-def _sizes(found: Branched, at: float) -> str:
+def _sizes(found: BranchResult, at: float) -> str:
     """Over all joints and all rows from the instant on."""
     rest = _first(found, at)
     (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.joint_labels

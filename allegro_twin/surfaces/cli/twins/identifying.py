@@ -19,9 +19,9 @@ from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
     from allegro_twin.twin.identify.fitting.fit import Friction
-    from allegro_twin.twin.identify.pipeline import Identified, Weight
+    from allegro_twin.twin.identify.pipeline import Identification, KnownWeight
     from allegro_twin.twin.identify.results.gap import Gap
-    from allegro_twin.twin.identify.results.uncertainty import Value
+    from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
 
 _HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/rad", "friction/k\nmN·m", "offset\nmrad")
 _SHOWN = (1.0, 1e3, 1e3, 1e3, 1e3)
@@ -38,24 +38,24 @@ def hand_file(name: str) -> Path:
 
 def identified(
     recordings: Sequence[Path],
-    weights: Sequence[Weight],
+    weights: Sequence[KnownWeight],
     path: Path | None,
     known: bool,
     friction: Friction,
     tell: Callable[[str], None],
-) -> Identified:
+) -> Identification:
     """Raises HandError. A file of another hand is refused before the work."""
     if path is not None:
         refuse_shipped(path)
     check_scipy()
     from allegro_twin.twin.identify.motions.motion import read_motion
-    from allegro_twin.twin.identify.pipeline import identify
-    from allegro_twin.twin.identify.results.hand_file import check
+    from allegro_twin.twin.identify.pipeline import identify_hand
+    from allegro_twin.twin.identify.results.hand_file import check_hand_file
 
     if path is not None:
         text = read_text(path)
-        check(path, parse_yaml(text, str(path)) if has_content(text) else {}, [read_motion(recordings[0])])
-    return identify(recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, tell=tell)
+        check_hand_file(path, parse_yaml(text, str(path)) if has_content(text) else {}, [read_motion(recordings[0])])
+    return identify_hand(recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, tell=tell)
 
 
 def check_scipy() -> None:
@@ -64,11 +64,11 @@ def check_scipy() -> None:
         raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'")
 
 
-def keep(path: Path, found: Identified) -> str:
+def keep(path: Path, found: Identification) -> str:
     """Write what is determined into the hand's file; what is to be said of that, or nothing. Raises HandError."""
-    from allegro_twin.twin.identify.results.hand_file import store
+    from allegro_twin.twin.identify.results.hand_file import write_hand_file
 
-    return store(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
+    return write_hand_file(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
 
 
 def write_page(path: Path, text: str) -> None:
@@ -77,7 +77,7 @@ def write_page(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def table(found: Identified) -> Table:
+def table(found: Identification) -> Table:
     """One row a joint: value ± half of its 95 % interval, a dash where it is not determined."""
     from allegro_twin.twin.identify.results.uncertainty import VALUES
 
@@ -102,7 +102,7 @@ def table(found: Identified) -> Table:
     return made
 
 
-def lines(found: Identified) -> Iterator[str]:
+def lines(found: Identification) -> Iterator[str]:
     """Where N·m come from, and what is not determined and why: joints with the same reason on one line."""
     from allegro_twin.twin.identify.results.hand_file import SCALE
 
@@ -116,8 +116,8 @@ def lines(found: Identified) -> Iterator[str]:
         for why, joints in reasons.items():
             yield f"{name.replace('_', ' ')} of {', '.join(joints)}: not determined, because {why}"
     offset = found.values["offset"]
-    if np.isfinite(found.stops).all() and offset.determined.any():
-        apart = np.where(offset.determined, np.abs(offset.value - found.stops), 0.0)
+    if np.isfinite(found.end_stop_offsets).all() and offset.determined.any():
+        apart = np.where(offset.determined, np.abs(offset.value - found.end_stop_offsets), 0.0)
         most, usual = int(apart.argmax()), float(np.median(apart[offset.determined]))
         yield (
             f"Encoder offsets by weight and by end stops are {1000 * usual:.1f} mrad apart "
@@ -152,7 +152,7 @@ def gap_table(gap: Gap) -> Table:
     return made
 
 
-def _backlash(found: Identified) -> str:
+def _backlash(found: Identification) -> str:
     """Of the median joint and the worst, where there is any."""
     if not found.fit.loose:
         return "none seen"
@@ -164,7 +164,7 @@ def _backlash(found: Identified) -> str:
     return f"{said} ({_name(spec, most)})"
 
 
-def _cell(value: Value, joint: int, by: float) -> str:
+def _cell(value: IdentifiedValue, joint: int, by: float) -> str:
     if value.reason[joint]:
         return "–"
     half = by * value.half[joint]

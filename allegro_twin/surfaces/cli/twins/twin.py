@@ -14,7 +14,7 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
-    from allegro_twin.twin.identify.pipeline import Weight
+    from allegro_twin.twin.identify.pipeline import KnownWeight
 
 
 class Laws(StrEnum):
@@ -55,17 +55,17 @@ def excite(
     from allegro_twin.twin.identify import record_excitation
 
     settings = on_hand(load_config(config), other)
-    todo = record_excitation.task_of(settings, pose, seconds, seed, out)
+    todo = record_excitation.remaining_run(settings, pose, seconds, seed, out)
     if todo is None:
         console.console.print(f"{pose} is recorded in {out}/", soft_wrap=True)
         return
-    ready = record_excitation.laid(settings, todo.pose)
-    console.errors.print(f"{pose}: {todo.pose.words}. It will move every finger for {todo.seconds:.0f} s.")
+    ready = record_excitation.pose_config(settings, todo.pose)
+    console.errors.print(f"{pose}: {todo.pose.instruction}. It will move every finger for {todo.seconds:.0f} s.")
     if not yes and sys.stdin.isatty() and sys.stderr.isatty():
         typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
     with console.progress() as bar:
         job = bar.add_task(pose, total=todo.seconds)
-        record_excitation.play(ready, todo, lambda t: bar.update(job, completed=t))
+        record_excitation.record_run(ready, todo, lambda t: bar.update(job, completed=t))
     console.console.print(f"{todo.file}: {todo.seconds:.0f} s, {pose}", soft_wrap=True)
 
 
@@ -106,9 +106,9 @@ def identify(
     for line in identifying.lines(found):
         console.console.print(line, soft_wrap=True, highlight=False)
     if report is not None:
-        from allegro_twin.twin.identify.report import page
+        from allegro_twin.twin.identify.report import report_page
 
-        identifying.write_page(report, page(found))
+        identifying.write_page(report, report_page(found))
         console.console.print(f"Report: {report}", soft_wrap=True)
     if path is not None:
         console.warn(identifying.keep(path, found))
@@ -127,11 +127,11 @@ def gap(
     from allegro_twin.surfaces.cli.twins import identifying
 
     identifying.check_scipy()
-    from allegro_twin.twin.identify.pipeline import gaps
-    from allegro_twin.twin.identify.results.hand_file import doubtful
+    from allegro_twin.twin.identify.pipeline import measure_gaps
+    from allegro_twin.twin.identify.results.hand_file import mismatch_warning
 
-    console.warn(doubtful(identifying.hand_file(hand)) if hand else "")
-    for each in gaps(recordings, hand or ""):
+    console.warn(mismatch_warning(identifying.hand_file(hand)) if hand else "")
+    for each in measure_gaps(recordings, hand or ""):
         console.console.print(identifying.gap_table(each))
 
 
@@ -168,27 +168,27 @@ def mirror(
     from allegro_twin.surfaces.cli.twins import identifying, mirroring
 
     identifying.check_scipy()
-    from allegro_twin.twin.mirror.for_hand import left_out
+    from allegro_twin.twin.mirror.factory import describe_backlash
 
     down = None if gravity is None else mirroring.vector(gravity)
     if Path(target).suffix == ".arrow":
         from allegro_twin.recording.reader import load
-        from allegro_twin.twin.mirror.for_hand import mirrored
+        from allegro_twin.twin.mirror.on_recording import mirror_recording
 
         if stop_on or record is not None or rrd is not None or view or web:
             raise ConfigError(
                 f"{target} is a recording: --stop-on, --record, --rrd, --view and --web are for a hand that runs"
             )
         spec = load(Path(target)).spec
-        console.warn(left_out(spec, hand or ""))
-        found = mirrored(Path(target), hand or "", free, down)
+        console.warn(describe_backlash(spec, hand or ""))
+        found = mirror_recording(Path(target), hand or "", free, down)
     else:
         from allegro_twin.app.config import load_config
         from allegro_twin.app.rig import spec_of
 
         config = load_config(target)
         spec = spec_of(config)
-        console.warn(left_out(spec, hand or ""))
+        console.warn(describe_backlash(spec, hand or ""))
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
             stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
@@ -202,15 +202,15 @@ def mirror(
         console.console.print(line, highlight=False)
 
 
-def weight_of(text: str) -> Weight:
+def weight_of(text: str) -> KnownWeight:
     """`tip=0.050@REC`. Raises ConfigError."""
-    from allegro_twin.twin.identify.pipeline import Weight
+    from allegro_twin.twin.identify.pipeline import KnownWeight
 
     at, equals, rest = text.partition("=")
     mass, sign, recording = rest.partition("@")
     try:
         if equals and sign and recording and 0.0 < float(mass) < 1.0:
-            return Weight(at, float(mass), Path(recording).name)
+            return KnownWeight(at, float(mass), Path(recording).name)
     except ValueError:
         pass  # Said below.
     raise ConfigError(f"--known-mass {text}: say where, kg below 1, and in which recording: tip=0.050@REC")

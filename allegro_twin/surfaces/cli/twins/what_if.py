@@ -60,10 +60,10 @@ def branch(
     own error."""
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.twins import branching, mirroring
-    from allegro_twin.twin.branch import Wanted
+    from allegro_twin.twin.branch.result import BranchOptions
 
     down = None if gravity is None else mirroring.vector(gravity)
-    wanted = Wanted(hand or "", disturbance.value, open_loop, down)
+    wanted = BranchOptions(hand or "", disturbance.value, open_loop, down)
     found = branching.branched(recording, at, change or [], branching.Kept(record, rrd), wanted)
     for line in branching.doubts(recording, wanted):
         console.warn(line)

@@ -13,18 +13,18 @@ from allegro_twin.learning.tasks import TASKS
 from tests.learning.environments.test_batch import kwargs_of
 
 pytest.importorskip("stable_baselines3", reason="the adapter is for Stable-Baselines3: extra rl")
-from allegro_twin.learning.training.sb3.env import StableEnv
+from allegro_twin.learning.training.sb3.env import Sb3VecEnv
 
 N = 6
 FEW: dict[str, Any] = {"objects": ("tennis_ball", "lemon")}
 
 
-def adapted(task: str = "Grasp", **kwargs: Any) -> StableEnv:
+def adapted(task: str = "Grasp", **kwargs: Any) -> Sb3VecEnv:
     given = FEW | kwargs if task == "Grasp" else kwargs
-    return StableEnv(HandVectorEnv(task, N, autoreset="disabled", threads=1, **given))
+    return Sb3VecEnv(HandVectorEnv(task, N, autoreset="disabled", threads=1, **given))
 
 
-def uncut(env: StableEnv) -> StableEnv:
+def uncut(env: Sb3VecEnv) -> Sb3VecEnv:
     """With whole episodes from the beginning."""
     env._cut[:] = env.env.limit
     return env

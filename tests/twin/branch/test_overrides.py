@@ -5,19 +5,19 @@ from __future__ import annotations
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.twin.branch.overrides import changes_of
+from allegro_twin.twin.branch.overrides import parse_changes
 
 
 def test_physics_are_numbers_and_a_controllers_keys_are_as_in_a_config() -> None:
     texts = ["friction=0.5", "strength=0", "damping=2", "controller.gains=v4", "controller.kp=[1, 2]"]
-    assert changes_of(texts) == {
+    assert parse_changes(texts) == {
         "friction": 0.5,
         "strength": 0,
         "damping": 2,
         "controller.gains": "v4",
         "controller.kp": [1, 2],
     }
-    assert changes_of([]) == {}
+    assert parse_changes([]) == {}
 
 
 @pytest.mark.parametrize(
@@ -36,4 +36,4 @@ def test_physics_are_numbers_and_a_controllers_keys_are_as_in_a_config() -> None
 )
 def test_what_cannot_be_is_named(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=f"^--set {text}: .*{said}"):
-        changes_of([text])
+        parse_changes([text])

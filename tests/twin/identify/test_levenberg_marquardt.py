@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import LONGEST, Descended, descend
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import LONGEST, DescentResult, descend
 from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
@@ -66,7 +66,7 @@ class Toy:
         return found
 
 
-def found(toy: Toy, *, anew: bool = False) -> tuple[Vector, Descended]:
+def found(toy: Toy, *, anew: bool = False) -> tuple[Vector, DescentResult]:
     last = descend(cast(Problem, toy), cast(Any, np.zeros(3)), 4, 0.01, anew=anew)
     return cast(Vector, last.drive), last
 

@@ -17,16 +17,17 @@ from allegro_twin.hands.description.calibration import HandCalibration
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.sim.observer.observer import NOISE, Observer, kalman
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.cli.twins.mirroring import unnamed
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.factory import encoder_noise, make_mirror
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.faults import NAMES
-from allegro_twin.twin.mirror.for_hand import Mirrored, make_mirror, mirrored, noise_in
 from allegro_twin.twin.mirror.mirror import BLIND, DIM, Mirror
+from allegro_twin.twin.mirror.on_recording import MirrorResult, mirror_recording
 from allegro_twin.types import Array, HandState, Sample, Vector, frozen
 from tests.conftest import MakeSim
 from tests.twin.mirror.test_mirror import N, mirror
@@ -80,7 +81,7 @@ def motion(spec: HandSpec, make_sim: MakeSim, lost: dict[int, int], push: Vector
 def watch(spec: HandSpec, samples: Iterator[Sample], above: float = LEARNED) -> tuple[Mirror, list[tuple[float, str]]]:
     """The mirror afterwards, and every finger that it called touched, and when."""
     each, touches = mirror(spec, np.full(N, above)), []
-    for sample in each.watched(samples):
+    for sample in each.watch(samples):
         touches += [(sample.state.t, name) for name in each.contacts]
     return each, touches
 
@@ -89,7 +90,7 @@ def watch(spec: HandSpec, samples: Iterator[Sample], above: float = LEARNED) -> 
 def test_lost_periods_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim, share: float, longest: int) -> None:
     each, touches = watch(spec, motion(spec, make_sim, losses(share, longest)))
     assert not touches
-    assert each.anomaly is None
+    assert each.fault is None
 
 
 @pytest.mark.parametrize("late", [0.0, 0.9])
@@ -107,7 +108,7 @@ def test_a_period_of_which_a_host_heard_nothing_is_no_touch_before_its_clock_cou
 
     each, touches = watch(spec, heard())
     assert not touches
-    assert each.anomaly is None
+    assert each.fault is None
 
 
 def test_rows_that_a_recording_lacks_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim) -> None:
@@ -115,13 +116,13 @@ def test_rows_that_a_recording_lacks_are_no_touch_and_no_fault(spec: HandSpec, m
     whole = [sample for sample in motion(spec, make_sim, {}) if sample.state.tick == 0 or rng.random() > 0.1]
     each, touches = watch(spec, iter(whole), above=0.02)
     assert not touches
-    assert each.anomaly is None
+    assert each.fault is None
 
 
 def test_a_lost_period_moves_what_is_expected_on_by_two(spec: HandSpec, make_sim: MakeSim) -> None:
     each, off = mirror(spec), []
-    for sample in each.watched(motion(spec, make_sim, losses(0.05, 2))):
-        off.append(sample.state.position - each.latest()["predicted"])
+    for sample in each.watch(motion(spec, make_sim, losses(0.05, 2))):
+        off.append(sample.state.position - each.columns()["predicted"])
     assert np.abs(np.array(off)[350:]).max() < 2e-4  # At 1 rad/s a period is 3 mrad.
 
 
@@ -135,7 +136,7 @@ def test_a_finger_whose_report_alone_is_lost_is_expected_where_it_went(spec: Han
 
     each, touches = watch(spec, without(motion(spec, make_sim, {})))
     assert not touches
-    assert each.anomaly is None
+    assert each.fault is None
     assert np.isfinite(each.external_torque).all()
 
 
@@ -146,7 +147,7 @@ def test_noisy_encoders_are_no_touch_and_no_fault_even_where_no_file_says_so(
 ) -> None:
     each, touches = watch(noisy(spec, noise), motion(noisy(spec, noise), make_sim, losses(0.01, 2)), above=0.02)
     assert not touches
-    assert each.anomaly is None
+    assert each.fault is None
     assert each.observer.noise == pytest.approx(np.full(N, max(noise, NOISE)), rel=0.3)
 
 
@@ -172,7 +173,7 @@ def test_a_mirror_that_hears_nothing_for_long_begins_again_and_says_nothing_mean
     each = mirror(spec, np.full(N, LEARNED))
     blind = [
         sample.state.tick
-        for sample in each.watched(motion(spec, make_sim, {600: long}))
+        for sample in each.watch(motion(spec, make_sim, {600: long}))
         if np.isnan(each.external_torque).any()
     ]
     assert blind == [0, 600 + long]
@@ -185,11 +186,11 @@ def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_pat
     each = make_mirror(spec, str(path), "v4", HandCalibration(), 0.003)
     np.testing.assert_array_equal(each.observer.noise, np.full(N, 3e-4))
     own = load_spec(serial=str(path))
-    assert noise_in(str(path), noisy(own, 4e-4))[0] == pytest.approx(np.hypot(4e-4, 8.9e-5 / np.sqrt(12.0)))
-    assert (noise_in("", spec) == 0.0).all()
+    assert encoder_noise(str(path), noisy(own, 4e-4))[0] == pytest.approx(np.hypot(4e-4, 8.9e-5 / np.sqrt(12.0)))
+    assert (encoder_noise("", spec) == 0.0).all()
     path.write_text("identified: {noise: loud}\n")
     with pytest.raises(ConfigError, match=r"identified\.noise needs a number of rad from 0 for each of 16 joints"):
-        noise_in(str(path), own)
+        encoder_noise(str(path), own)
 
 
 def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_last_bit() -> None:
@@ -217,7 +218,7 @@ def test_an_error_in_speed_grows_in_a_gap_as_falling_friction_makes_it_grow(spec
 
     def gap(speed: float) -> Array:
         """Of a middle joint, period by period: rad/s, and what is left of an error in it, (20, 2)."""
-        each = Observer(breaking, drive_of(breaking, np.ones(N), np.zeros(N)), 0.003, bristly=True)
+        each = Observer(breaking, drive_parameters(breaking, np.ones(N), np.zeros(N)), 0.003, bristly=True)
         each.reset((spec.lower + spec.upper) / 2.0)
         player, data, kept, rows = each._player, each._data, 1.0, []
         data.qvel[player.dofs][5] = speed
@@ -256,29 +257,29 @@ def test_a_hand_is_stopped_by_a_touch_and_by_no_lost_report(spec: HandSpec, make
     push[9] = 0.06
     lost = losses(0.03, 2)
     stops = ("contact", *NAMES)
-    for _ in mirror(spec, np.full(N, LEARNED), stops).watched(motion(spec, make_sim, lost)):
+    for _ in mirror(spec, np.full(N, LEARNED), stops).watch(motion(spec, make_sim, lost)):
         pass
     with pytest.raises(HandFault, match="something touches ring"):
-        list(mirror(spec, np.full(N, LEARNED), stops).watched(motion(spec, make_sim, lost, push)))
+        list(mirror(spec, np.full(N, LEARNED), stops).watch(motion(spec, make_sim, lost, push)))
     meta = {"calibration": {"version": "v4", "torque_constant": [1.0] * N}}
-    for _ in recorded(motion(spec, make_sim, lost), tmp_path / "free.arrow", spec, 0.003, meta=dict(meta)):
+    for _ in record(motion(spec, make_sim, lost), tmp_path / "free.arrow", spec, 0.003, meta=dict(meta)):
         pass
-    found = mirrored(tmp_path / "free.arrow", "", None)
+    found = mirror_recording(tmp_path / "free.arrow", "", None)
     assert not found.contacts
-    assert found.anomaly is None
+    assert found.fault is None
 
 
 def test_thresholds_go_out_with_what_noise_alone_makes_now(spec: HandSpec) -> None:
     above, one = np.full((2, N), 0.01), np.ones(N)
-    observer = Observer(spec, drive_of(spec, one, np.zeros(N)), 0.003)
-    calm = Calm(above, np.full(4, np.inf), observer.spread)
+    observer = Observer(spec, drive_parameters(spec, one, np.zeros(N)), 0.003)
+    calm = Thresholds(above, np.full(4, np.inf), observer.spread)
     each = Mirror(spec, observer, one, calm)
-    np.testing.assert_array_equal(each.above, above[0])
+    np.testing.assert_array_equal(each.thresholds, above[0])
     observer.noisier(np.full(N, 4e-4))
     heard = np.ones(N, dtype=bool)
     for _ in range(100):
         observer._kalman.gains(heard)
-    assert (each.above > 0.011).all()
+    assert (each.thresholds > 0.011).all()
 
 
 def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, make_sim: MakeSim) -> None:
@@ -288,19 +289,21 @@ def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, m
             yield Sample(replace(state, position=frozen(state.position + off)), command)
 
     each, _ = watch(spec, jumps(motion(spec, make_sim, {799: 2})))
-    assert each.anomaly is not None
-    assert (each.anomaly.name, each.anomaly.joint) == ("encoder_step", 6)
+    assert each.fault is not None
+    assert (each.fault.name, each.fault.joint) == ("encoder_step", 6)
 
 
 def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec) -> None:
     shapes = ("weak", "friction", "payload", "wrong_file")
-    assert mirror(spec).unnamed == shapes
+    assert mirror(spec).unchecked_faults == shapes
     free, none = 0.002 * np.random.default_rng(0).standard_normal((8000, N)), np.zeros((8000, N), dtype=bool)
     rng = np.random.default_rng(1)
     for looks, off in ((79, shapes), (80, ())):
-        calm = Calm.of(free, none, np.zeros(N), 1e-6 * rng.exponential(size=(looks, 4)), 0.003, spec)
-        assert calm.unnamed == off
-    found = Mirrored(np.zeros(2), none, none, none, (), None, shapes)
+        calm = Thresholds.from_free_motion(
+            free, none, np.zeros(N), 1e-6 * rng.exponential(size=(looks, 4)), 0.003, spec
+        )
+        assert calm.unchecked_faults == off
+    found = MirrorResult(np.zeros(2), none, none, none, (), None, shapes)
     assert "weak, friction, payload and wrong_file are not looked for, because there is no --free" in unnamed(
         found, None
     )

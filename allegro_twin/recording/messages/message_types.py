@@ -1,4 +1,4 @@
-"""The message types of a ROS 2 distribution: made, turned into bytes and back, and named as DDS and ROS name them."""
+"""Message types of a ROS 2 distribution: makes, encodes and decodes messages."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ LOG = "rcl_interfaces/msg/Log"
 NODES = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 
-class Vocabulary:
-    """The types of one distribution."""
+class RosTypes:
+    """The message types of one distribution."""
 
     def __init__(self, distro: Distro) -> None:
         self.distro, self.store = distro, _typestore(distro)
 
     def make(self, kind: str, **fields: Any) -> Message:
-        """A message of a type, `std_msgs/msg/String` say."""
+        """Make a message of a type such as `std_msgs/msg/String`."""
         return self.store.types[kind](**fields)
 
     def encode(self, message: Message) -> bytes:
-        """CDR, little-endian, with its header of four bytes, as it goes over the wire and into a bag."""
+        """Encode a message as CDR, little-endian, with its header of four bytes, as on the wire and in a bag."""
         return bytes(self.store.serialize_cdr(message, message.__msgtype__))
 
     def decode(self, data: bytes, kind: str) -> Message:
-        """The message in CDR bytes. Raises ConfigError for bytes that are none of that type."""
+        """Decode CDR bytes. Raises ConfigError for bytes that are not of that type."""
         from rosbags.serde import SerdeError
 
         try:
@@ -50,19 +50,19 @@ class Vocabulary:
             raise ConfigError(f"{len(data)} bytes are no {kind}: {error}") from error
 
     def definition(self, kind: str) -> str:
-        """The .msg text with those of every type inside it, as bags carry it."""
+        """The .msg text with those of all types inside it, as bags carry it."""
         return str(self.store.generate_msgdef(kind, ros_version=2)[0])
 
     def hash(self, kind: str) -> str:
-        """`RIHS01_…`, which ROS 2 since Iron compares types by."""
+        """`RIHS01_…`, the hash by which ROS 2 since Iron compares types."""
         return str(self.store.hash_rihs01(kind))
 
     def fields(self, kind: str) -> list[tuple[str, tuple[Any, Any]]]:
-        """Names of a type's fields, with what they are as rosbags writes it: a node type and its arguments."""
+        """Names of a type's fields, with their types as rosbags writes them: a node type and its arguments."""
         return list(self.store.fielddefs[kind][1])
 
     def time(self, nanoseconds: int) -> Message:
-        """A moment since 1970, ns."""
+        """A time since 1970, ns."""
         return self.make("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
     def header(self, nanoseconds: int, frame: str = "") -> Message:
@@ -70,21 +70,21 @@ class Vocabulary:
 
 
 @cache
-def vocabulary(distro: Distro = "jazzy") -> Vocabulary:
-    """Made once a distribution. Raises ConfigError without the extra."""
-    return Vocabulary(distro)
+def ros_types(distro: Distro = "jazzy") -> RosTypes:
+    """The types of a distribution, loaded once. Raises ConfigError without the extra."""
+    return RosTypes(distro)
 
 
-def named(distro: str) -> Vocabulary:
-    """The same for a name that somebody has typed. Raises ConfigError with those that there are."""
+def ros_types_by_name(distro: str) -> RosTypes:
+    """The types of a distribution by name. Raises ConfigError with the known names."""
     for known in DISTROS:
         if distro == known:
-            return vocabulary(known)
+            return ros_types(known)
     raise ConfigError(unknown("ROS 2 distribution", distro, DISTROS))
 
 
 def nanoseconds(time: Message) -> int:
-    """Of a Time or a Duration."""
+    """Convert a Time or a Duration."""
     return int(time.sec) * 10**9 + int(time.nanosec)
 
 

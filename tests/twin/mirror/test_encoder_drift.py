@@ -8,9 +8,9 @@ import pytest
 
 from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.encoder_drift import BLOCK, SPANS, Drift
-from allegro_twin.twin.mirror.fault_detection import EVERY, ROWS, WAIT, Calm, Diagnosis, Weights
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.encoder_drift import BLOCK, SPANS, DriftDetector
+from allegro_twin.twin.mirror.fault_detection import EVERY, ROWS, WAIT, FaultDetector, LinkWeights, Thresholds
 from allegro_twin.twin.mirror.faults import ROW as ROW_PERIODS
 from allegro_twin.types import HandState, Vector
 
@@ -22,7 +22,7 @@ PULL = np.random.default_rng(4).uniform(-1.0, 1.0, (N, N)) * OWN  # Any will do.
 
 
 def test_how_gravity_turns_with_the_joints_is_what_differences_of_its_torques_say(spec: HandSpec) -> None:
-    observer = Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), 0.003)
+    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
     where = (spec.lower + 2.0 * spec.upper) / 3.0
     observer.reset(where)
     here = observer.step(np.zeros(N), DOWN, where).position
@@ -40,10 +40,12 @@ def test_how_gravity_turns_with_the_joints_is_what_differences_of_its_torques_sa
     assert np.abs(lean).max() > 0.03
 
 
-def seen(spec: HandSpec, seconds: float, wrong: str, at: float = 0.4) -> tuple[Drift, list[tuple[int, float] | None]]:
+def seen(
+    spec: HandSpec, seconds: float, wrong: str, at: float = 0.4
+) -> tuple[DriftDetector, list[tuple[int, float] | None]]:
     """Rows that are made up: every joint moves at a pace of its own, and something grows, or comes at once, after a
     share `at` of the time."""
-    each, said = Drift(spec, ROW), []
+    each, said = DriftDetector(spec, ROW), []
     rng = np.random.default_rng(2)
     usual = rng.uniform(-1.5, 1.5, (N, N))
     pace, phase = rng.uniform(2.0, 6.0, N), rng.uniform(0.0, 6.0, (2, N, N))
@@ -62,7 +64,7 @@ def seen(spec: HandSpec, seconds: float, wrong: str, at: float = 0.4) -> tuple[D
         }
         d = 5e-4 * rng.standard_normal(N) + pushes[wrong]
         each.add(d, np.array([torque, side]), ALL, lean, PULL)
-        said += [each.look()] if row % EVERY == 0 else []
+        said += [each.check()] if row % EVERY == 0 else []
     return each, said
 
 
@@ -84,41 +86,41 @@ def test_a_step_a_motor_that_fades_and_nothing_at_all_are_no_drift(spec: HandSpe
 
 
 def test_what_touches_a_finger_is_no_drift_of_its_encoders(spec: HandSpec) -> None:
-    each = Drift(spec, ROW)
+    each = DriftDetector(spec, ROW)
     lean = np.asarray(0.03 * np.kron(np.eye(4), np.ones((4, 4))), dtype=np.float64)
     for row in range(SPANS[0] * BLOCK):
         free = np.arange(N) // 4 != 1
         each.add(-lean[:, 6] * 1e-3 * row * ROW, np.zeros((2, N)), free, lean, PULL)
-    assert not each.grew("payload", 6, 1e-9)
-    assert [each.look() for _ in range(4 * len(SPANS))] == [None] * 4 * len(SPANS)
+    assert not each.explains_more("payload", 6, 1e-9)
+    assert [each.check() for _ in range(4 * len(SPANS))] == [None] * 4 * len(SPANS)
 
 
 def test_what_came_at_once_is_not_taken_for_something_that_grew(spec: HandSpec) -> None:
     came = {name: seen(spec, 40.5, name, 0.94)[0] for name in ("payload", "weak")}
     grew = seen(spec, 40.5, "drift")[0]
     for name, each in came.items():
-        assert not each.grew(name, 6, 1e-6)
-        assert grew.grew(name, 6, 1e-6)
+        assert not each.explains_more(name, 6, 1e-6)
+        assert grew.explains_more(name, 6, 1e-6)
 
 
 def test_a_drift_that_is_little_beside_what_a_name_explains_is_not_in_its_way(spec: HandSpec) -> None:
     grew = seen(spec, 40.5, "drift")[0]
-    assert [grew.grew("weak", 6, gain) for gain in (1e-6, 1.0)] == [True, False]
+    assert [grew.explains_more("weak", 6, gain) for gain in (1e-6, 1.0)] == [True, False]
 
 
 def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     periods = ROW_PERIODS * (ROWS + WAIT + 3 * EVERY)
     found = []
     for grew in (False, True):
-        monkeypatch.setattr(Drift, "grew", lambda self, name, joint, gain, much=grew: much)
-        each = Diagnosis(spec, Calm(np.full((2, N), 0.02), np.full(4, 1e-4)), 0.003)
+        monkeypatch.setattr(DriftDetector, "explains_more", lambda self, name, joint, gain, much=grew: much)
+        each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), np.full(4, 1e-4)), 0.003)
         for tick in range(periods):
             t = 0.003 * tick
             torque, speed = 0.1 * np.sin(7.0 * t + np.arange(N)), 0.9 * np.cos(3.0 * t + np.arange(N))
             state = HandState(t, tick, 0.3 * np.sin(3.0 * t + np.arange(N)), speed, torque, np.full(N, np.nan), DOWN)
             push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0)
             estimate = Estimate(state.position, state.position, push, speed)
-            weights = Weights(np.zeros((N, N)), None, ALL, DOWN, np.ones(N)) if each.due else None
+            weights = LinkWeights(np.zeros((N, N)), None, ALL, DOWN, np.ones(N)) if each.row_due else None
             each.add(state, estimate, torque, np.zeros(N), weights)
-        found.append(None if each.found is None else each.found.name)
+        found.append(None if each.fault is None else each.fault.name)
     assert found == ["weak", None]

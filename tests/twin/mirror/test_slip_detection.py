@@ -13,11 +13,11 @@ from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.fault_detection import ROWS, Calm, Diagnosis, Weights
-from allegro_twin.twin.mirror.loose_link import Falls
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.fault_detection import ROWS, FaultDetector, LinkWeights, Thresholds
+from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
 from allegro_twin.twin.mirror.mirror import Mirror
-from allegro_twin.twin.mirror.slip_detection import Slip, Slips
+from allegro_twin.twin.mirror.slip_detection import Slip, SlipDetector
 from allegro_twin.types import HandState, Vector
 
 N, ROW = 16, 0.03
@@ -37,7 +37,7 @@ def told(
 ) -> Slip | None:
     """After half a second of holding: what pushes back changes by a share of it, (n,), joints move, rad, and motors
     by themselves, N·m, (n,), beside what the loop makes of the motion."""
-    slips, none = Slips(spec, ROW, np.full(N, 0.02)), np.zeros(N)
+    slips, none = SlipDetector(spec, ROW, np.full(N, 0.02)), np.zeros(N)
     for _ in range(16):
         assert slips.add(hold, -hold, none, DOWN) is None
     assert slips.holds.any()
@@ -93,7 +93,7 @@ def test_one_finger_alone_must_let_go_altogether(spec: HandSpec) -> None:
 
 
 def test_friction_that_the_file_does_not_know_of_holds_nothing(spec: HandSpec) -> None:
-    slips = Slips(spec, ROW, np.full(N, 0.004))
+    slips = SlipDetector(spec, ROW, np.full(N, 0.004))
     for _ in range(20):
         slips.add(-0.03 * INDEX, 0.03 * INDEX, np.zeros(N), DOWN)
     assert not slips.holds.any()
@@ -114,16 +114,18 @@ def held(spec: HandSpec, name: str = "rubiks_cube") -> tuple[Trial, Bench, float
 @pytest.mark.parametrize("slippery", [True, False])
 def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippery: bool) -> None:
     trial, bench, at = held(spec)
-    observer = Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), 0.003)
-    calm = Calm(np.full((2, N), 0.01), np.full(4, 3e-4))  # As of a free motion: what holds an object is far above.
+    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    calm = Thresholds(
+        np.full((2, N), 0.01), np.full(4, 3e-4)
+    )  # As of a free motion: what holds an object is far above.
     each = Mirror(spec, observer, np.ones(N), calm, stop=("slip",))
     samples = until(trial.seconds, run(trial.backend, bench.controller(trial)))
 
     def play() -> None:
         done = False
-        for sample in trial.watched(each.watched(samples)):
+        for sample in trial.watched(each.watch(samples)):
             if slippery and not done and sample.state.t >= at + 0.5:
-                assert each.anomaly is None
+                assert each.fault is None
                 trial.backend.suffer("slippery", 0, 0.1)
                 done = True
 
@@ -132,33 +134,33 @@ def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippe
             play()
     else:
         play()
-        assert each.anomaly is None
+        assert each.fault is None
 
 
 def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
     spec: HandSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Falls, "add", lambda self, off, noise: (7, 0.006))
+    monkeypatch.setattr(LooseLinkDetector, "add", lambda self, off, noise: (7, 0.006))
     rest, middle = np.zeros(N), np.isin(np.arange(N), (4, 5, 6, 7))
     for push, free, name in ((rest, np.ones(N, bool), "loose"), (PUSH, np.ones(N, bool), None), (rest, middle, None)):
-        each = Diagnosis(spec, Calm.usual(spec), 0.003)
+        each = FaultDetector(spec, Thresholds.default(spec), 0.003)
         for tick in range(600):
             state = HandState(0.003 * tick, tick, rest, rest, -push, np.full(N, np.nan), DOWN)
-            weights = Weights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN, np.ones(N)) if each.due else None
+            weights = LinkWeights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN, np.ones(N)) if each.row_due else None
             each.add(state, Estimate(rest, rest, push, rest), -push, rest, weights)
             if name is None and tick < 200:  # Until it is known to hold.
-                each.found = None
-        assert (None if each.found is None else each.found.name) == name
+                each.fault = None
+        assert (None if each.fault is None else each.fault.name) == name
 
 
 def test_a_slip_is_over_once_it_is_said_and_a_fault_stays(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     coming = [Slip(1, 0.5), None, Slip(2, 0.4), None, None]
-    monkeypatch.setattr(Slips, "add", lambda self, *row, jumped: coming.pop(0) if coming else None)
-    each, rest, said = Diagnosis(spec, Calm.usual(spec), 0.003), np.zeros(N), []
+    monkeypatch.setattr(SlipDetector, "add", lambda self, *row, jumped: coming.pop(0) if coming else None)
+    each, rest, said = FaultDetector(spec, Thresholds.default(spec), 0.003), np.zeros(N), []
     for tick in range(ROWS * 10 + 100):
         hot = np.full(N, 80.0 if tick > 400 else 30.0)
         state = HandState(0.003 * tick, tick, rest, rest, rest, hot, DOWN)
-        weights = Weights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.due else None
+        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.row_due else None
         each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
-        said.append(None if each.found is None else (each.found.name, each.found.joint))
+        said.append(None if each.fault is None else (each.fault.name, each.fault.joint))
     assert list(dict.fromkeys(said)) == [None, ("slip", 1), ("slip", 2), ("hot", 0)]

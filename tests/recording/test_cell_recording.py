@@ -17,15 +17,15 @@ from allegro_twin.recording import journal as journal_module
 from allegro_twin.recording import recorder as recorder_module
 from allegro_twin.recording.arrow_writer import SharedFile
 from allegro_twin.recording.events import DeviceSample, JournalEntry, session_events
-from allegro_twin.recording.journal import Journal, Kind
-from allegro_twin.recording.reader import is_shared, load, load_tracks
+from allegro_twin.recording.journal import FieldKind, Journal
+from allegro_twin.recording.reader import is_cell_recording, load, load_cell
 from allegro_twin.recording.recorder import BATCH, Recorder
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import TorqueCommand
 from tests.recording.test_recording import record, sample
 
-FIELDS: dict[str, Kind] = {"t": "number", "count": "count", "word": "word", "pose": "numbers", "picture": "array"}
+FIELDS: dict[str, FieldKind] = {"t": "number", "count": "count", "word": "word", "pose": "numbers", "picture": "array"}
 
 
 class Closing(Protocol):
@@ -58,14 +58,14 @@ def path(tmp_path: Path, spec: HandSpec) -> Path:
 
 
 def test_every_track_comes_back_as_it_was(path: Path, spec: HandSpec) -> None:
-    found = load_tracks(path)
+    found = load_cell(path)
     assert found.complete
     assert found.devices == ("left", "right")
     assert found.meta["config"] == {"a": 1}
     for name, first in (("left", 0), ("right", 1000)):
         device = found.device(name)
         assert device.spec.name == spec.name
-        for tick, (state, command) in enumerate(samples_of(ReplayBackend(device))):
+        for tick, (state, command) in enumerate(replay_samples(ReplayBackend(device))):
             expected = sample(first + tick)
             np.testing.assert_array_equal(state.position, expected.state.position)
             assert isinstance(command, TorqueCommand)
@@ -86,13 +86,13 @@ def test_what_an_event_has_not_is_none(tmp_path: Path) -> None:
     told.add(t=1.0)
     told.close()
     file.close()
-    event = load_tracks(tmp_path / "f.arrow").events("told")[0]
+    event = load_cell(tmp_path / "f.arrow").events("told")[0]
     assert event == {"t": 1.0, "count": None, "word": None, "pose": None, "picture": None}
-    assert load_tracks(tmp_path / "f.arrow").events("no such journal") == []
+    assert load_cell(tmp_path / "f.arrow").events("no such journal") == []
 
 
 def test_a_device_is_replayed_from_the_shared_file_by_the_name_of_its_track(path: Path) -> None:
-    assert is_shared(path)
+    assert is_cell_recording(path)
     backend = ReplayBackend(load(path, track="right"))
     np.testing.assert_array_equal(backend.reset().position, sample(1000).state.position)
     with pytest.raises(RecordingError, match="is of a whole cell: say which track of it, left or right"):
@@ -104,15 +104,15 @@ def test_a_device_is_replayed_from_the_shared_file_by_the_name_of_its_track(path
 def test_a_recording_of_one_device_is_what_it_was_and_has_no_tracks(tmp_path: Path, spec: HandSpec) -> None:
     record(tmp_path / "one.arrow", spec, 3)
     assert load(tmp_path / "one.arrow").meta["version"] == 1
-    assert not is_shared(tmp_path / "one.arrow")
+    assert not is_cell_recording(tmp_path / "one.arrow")
     with pytest.raises(RecordingError, match="is of one device and has no track 'hand'"):
         load(tmp_path / "one.arrow", track="hand")
     with pytest.raises(RecordingError, match="is of one device, not of a cell"):
-        load_tracks(tmp_path / "one.arrow")
+        load_cell(tmp_path / "one.arrow")
 
 
 def test_all_that_happened_comes_again_in_the_order_of_time(path: Path) -> None:
-    found = list(session_events(load_tracks(path)))
+    found = list(session_events(load_cell(path)))
     times = [each.row["t"] if isinstance(each, JournalEntry) else each.sample.state.t for each in found]
     assert times == sorted(times)
     assert sum(isinstance(each, DeviceSample) and each.device == "left" for each in found) == 2 * BATCH + 7
@@ -126,12 +126,12 @@ def test_a_file_that_was_cut_says_so_and_all_of_its_whole_batches_are_there(part
     whole = path.read_bytes()
     path.write_bytes(whole[: int(part * len(whole))])
     try:
-        found = load_tracks(path)
+        found = load_cell(path)
     except RecordingError as error:
         message = str(error)
         assert "is cut short after" in message
         assert "\n" not in message
-        found = load_tracks(path, partial=True)
+        found = load_cell(path, partial=True)
     assert not found.complete
     for name, first in (("left", 0), ("right", 1000)):
         if name in found.devices and part > 0.5:
@@ -202,7 +202,7 @@ def test_an_interruption_at_any_line_loses_no_sample_of_any_track(
             sys.settrace(None)
         if min(counts):
             begun += 1
-            found = load_tracks(path)
+            found = load_cell(path)
             assert found.complete
             for name, count in zip(("left", "right"), counts, strict=True):
                 ticks = found.device(name).columns["tick"]

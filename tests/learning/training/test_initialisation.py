@@ -60,9 +60,9 @@ def test_a_policy_that_acts_much_acts_the_same_from_its_new_place(tmp_path: Path
     from rsl_rl.models import MLPModel
     from tensordict import TensorDict
 
-    from allegro_twin.learning.training.goal_features import left
-    from allegro_twin.learning.training.onnx_policy import Acting, Layered, layers_of, to_onnx
-    from allegro_twin.learning.training.rsl.ppo import start_from
+    from allegro_twin.learning.training.goal_features import goal_difference
+    from allegro_twin.learning.training.onnx_policy import NetworkActor, PolicyNetwork, read_onnx_network, to_onnx
+    from allegro_twin.learning.training.rsl.ppo import start_from_policy
 
     torch.manual_seed(0)
     theirs, mine = goals(HAND - 2, PLACES), goals(HAND, PLACES)
@@ -71,18 +71,18 @@ def test_a_policy_that_acts_much_acts_the_same_from_its_new_place(tmp_path: Path
     layers = [torch.nn.Linear(seen_by_it, 8), torch.nn.ELU(), torch.nn.Linear(8, 16)]
     mean, scale = (rng.uniform(low, 1.5, seen_by_it).astype(np.float32) for low in (-1.5, 0.5))
     card = make_task("Reach", EnvSettings(), 1, 1).card()
-    to_onnx(Layered(theirs, mean, scale, None, layers), tmp_path / "start.onnx", card)
+    to_onnx(PolicyNetwork(theirs, mean, scale, None, layers), tmp_path / "start.onnx", card)
 
     parts = {name: torch.from_numpy(rng.normal(size=(7, width)).astype(np.float32)) for name, width in mine.items()}
-    parts["left"] = left(parts["desired_goal"], parts["achieved_goal"], False)
+    parts["left"] = goal_difference(parts["desired_goal"], parts["achieved_goal"], False)
     flat = torch.cat(list(parts.values()), dim=-1)
     groups = {"actor": ["policy"]}
     seen = TensorDict({"policy": flat}, batch_size=[7])
     actor: Any = MLPModel(seen, groups, "actor", 16, hidden_dims=[8], activation="elu", obs_normalization=True)
-    start_from(actor, tmp_path / "start.onnx", mine)
+    start_from_policy(actor, tmp_path / "start.onnx", mine)
     given = torch.cat([parts["observation"][:, : HAND - 2], *list(parts.values())[1:]], dim=-1)
     with torch.no_grad():
-        wanted = Acting(layers_of(tmp_path / "start.onnx"))(given)
+        wanted = NetworkActor(read_onnx_network(tmp_path / "start.onnx"))(given)
         found = actor(seen).clamp(-1.0, 1.0)
     assert wanted.abs().mean() > 0.2, "it hardly acts: nothing is tested"
     torch.testing.assert_close(found, wanted, atol=1e-5, rtol=1e-5)

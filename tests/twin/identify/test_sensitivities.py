@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.twin.identify.fitting.shooting import Answers
+from allegro_twin.twin.identify.fitting.shooting import Sensitivities
 from allegro_twin.types import Array
 
 FINGERS = [[0, 1, 2], [3, 4]]
@@ -28,10 +28,10 @@ class Toy:
         return found
 
 
-def by_joint(answers: Answers, toy: Toy) -> Array:
+def by_joint(answers: Sensitivities, toy: Toy) -> Array:
     """The answers of a joint's finger to it, (5, 5); 0 for those of the other finger."""
     found = np.zeros((5, 5))
-    for place, answer in enumerate(answers.of("damping", toy.nudged)):
+    for place, answer in enumerate(answers.derivatives("damping", toy.nudged)):
         for finger in FINGERS:
             if place < len(finger):
                 found[finger[place], finger] = answer[0, 0, finger]
@@ -40,7 +40,7 @@ def by_joint(answers: Answers, toy: Toy) -> Array:
 
 def test_the_first_time_each_joint_of_a_finger_is_nudged_by_itself() -> None:
     toy = Toy()
-    found = by_joint(Answers(FINGERS), toy)
+    found = by_joint(Sensitivities(FINGERS), toy)
     assert toy.plays == 3
     np.testing.assert_allclose(np.diag(found), toy.own)
     assert found[0, 1] == Toy.CROSS
@@ -48,7 +48,7 @@ def test_the_first_time_each_joint_of_a_finger_is_nudged_by_itself() -> None:
 
 
 def test_then_one_play_tells_what_each_joint_answers_to_itself_and_the_others_answers_stay() -> None:
-    toy, answers = Toy(), Answers(FINGERS)
+    toy, answers = Toy(), Sensitivities(FINGERS)
     first = by_joint(answers, toy)
     toy.own *= 2.0
     for plays in (4, 5):

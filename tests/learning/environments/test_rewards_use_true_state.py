@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.kinematics.orientation import angle_between_quaternions, rotate_quaternion
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.randomise import Randomise
 from allegro_twin.learning.environments.settings import EnvSettings
@@ -23,8 +23,8 @@ NOISY = {"camera_turn": (0.1, 0.1), "camera_shift": (0.02, 0.02), "camera_delay"
 BESIDE = (0.0, 0.0, 0.4)  # m, of the palm: nothing touches an object there while an action lasts.
 
 
-def engine_of(task: str, seed: int, **more: Any) -> Engine:
-    engine = Engine(task, EnvSettings(timestep=0.003, objects=FEW.get(task), **more), N, 1)
+def engine_of(task: str, seed: int, **more: Any) -> EpisodeEngine:
+    engine = EpisodeEngine(task, EnvSettings(timestep=0.003, objects=FEW.get(task), **more), N, 1)
     engine.reset(np.arange(N), [np.random.default_rng(seed + row) for row in range(N)])
     return engine
 
@@ -38,7 +38,7 @@ def test_no_reward_success_or_end_follows_from_what_a_policy_sees(task: str) -> 
         action = rng.uniform(-0.5, 0.5, (N, 16))
         outcomes = []
         for each in (engine, blind):
-            each.step(each.placed(action))
+            each.step(each.clip_actions(action))
             seen = each.observe()
             if each is blind:
                 seen = (

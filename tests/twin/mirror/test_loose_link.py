@@ -12,8 +12,8 @@ from allegro_twin.loop import run, until
 from allegro_twin.sim.drivetrain.backlash import able
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.loose_link import Falls
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array
 from tests.conftest import MakeSim
@@ -28,7 +28,7 @@ def said(spec: HandSpec, joint: int, off: Array, beside: float = 0.0, at: int = 
     rows = np.zeros((4 * ROW, N))
     rows[at : at + len(off), joint] = off
     rows[at : at + len(off), joint - 1] = beside * off
-    falls = Falls(spec)
+    falls = LooseLinkDetector(spec)
     return [falls.add(row) for row in rows.reshape(4, ROW, N)]
 
 
@@ -53,12 +53,12 @@ def test_a_hand_whose_fingertip_comes_loose_is_called_so(
 ) -> None:
     middle = (spec.lower + spec.upper) / 2.0
     hand = make_sim(able(spec, [7]), posture=middle)
-    each = Mirror(spec, Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), 0.003), np.ones(N))
+    each = Mirror(spec, Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003), np.ones(N))
     done = False
-    for sample in each.watched(until(4.0, run(hand, PD(Hold(middle), load_gains("v4", spec))))):
+    for sample in each.watch(until(4.0, run(hand, PD(Hold(middle), load_gains("v4", spec))))):
         if not done and sample.state.t >= 2.5:
-            assert each.anomaly is None
+            assert each.fault is None
             hand.suffer(what, 7, 0.05)  # type: ignore[arg-type]
             done = True
-    assert each.anomaly is not None
-    assert (each.anomaly.name, each.anomaly.joint) == (name, 7)
+    assert each.fault is not None
+    assert (each.fault.name, each.fault.joint) == (name, 7)
