@@ -89,7 +89,7 @@ FLOORS: dict[str, list[str | set[str]]] = {
         "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop",
         "observer",
     ],
-    "surfaces": ["hand", "ros", "panel", "teleop", "cli"],
+    "surfaces": ["worker_process", "hand", "ros", "panel", "teleop", "cli"],
     "twin": ["identify", "mirror", "branch"],
     "twin/identify": ["motions", "fitting", "results", "pipeline", "report", "record_excitation"],
 }  # fmt: skip

@@ -9,7 +9,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
 from allegro_twin.app.simulated import simulated, trial_of
 from allegro_twin.backend import HandBackend
-from allegro_twin.cell.arm.limits import limits_of as arm_limits
+from allegro_twin.cell.arm.limits import arm_limits as arm_limits
 from allegro_twin.controller import Controller
 from allegro_twin.device import Device, device_of, innermost
 from allegro_twin.errors import HandError

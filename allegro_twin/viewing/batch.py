@@ -21,7 +21,7 @@ def has_screen() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-class Pictures:
+class BatchCamera:
     """Takes pictures of one batch. Raises ConfigError where nothing can be rendered."""
 
     def __init__(self, worlds: Worlds, width: int, height: int, *, mode: str) -> None:

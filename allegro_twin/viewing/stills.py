@@ -89,3 +89,11 @@ def photographed(
 
         samples = filmed(samples, eye, video)
     return samples if image is None else pictured(samples, eye, image, moments)
+
+
+def save_png(picture: Picture, path: Path) -> None:
+    """Write a picture as a .png; a file that is there is replaced as a whole."""
+    from PIL import Image
+
+    with atomic_file(path) as temporary:
+        Image.fromarray(picture).save(temporary, format="png")

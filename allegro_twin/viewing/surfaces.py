@@ -15,7 +15,7 @@ _ROUND, _HIGH = 24, 12  # Parts around and along; enough where a millimetre is a
 _FINE = 2  # So many times finer where a pattern is painted.
 
 
-class Surface(NamedTuple):
+class TriangleSurface(NamedTuple):
     """Triangles that share nothing: every three rows are one."""
 
     vertices: Array
@@ -26,7 +26,7 @@ class Surface(NamedTuple):
     """(3 f, 4), RGBA."""
 
 
-def surface(shape: VisualShape) -> Surface:
+def surface_of(shape: VisualShape) -> TriangleSurface:
     """One shape in the frame of its body."""
     corners, normals = _local(shape)
     colors = np.tile(np.array(shape.color), (len(corners), 1))
@@ -36,13 +36,13 @@ def surface(shape: VisualShape) -> Surface:
         colors[:, :3] = np.repeat(object_appearance(shape.paint).paint(middles / extent), 3, axis=0)
     turn = matrix_from_quaternion(np.array(shape.quaternion))
     rgba = np.round(255 * colors).astype(np.uint8)
-    return Surface(corners @ turn.T + np.array(shape.position), normals @ turn.T, rgba)
+    return TriangleSurface(corners @ turn.T + np.array(shape.position), normals @ turn.T, rgba)
 
 
-def joined(surfaces: list[Surface]) -> Surface:
+def join_surfaces(surfaces: list[TriangleSurface]) -> TriangleSurface:
     """Many as one: one thing to send and to draw."""
     vertices, normals, colors = (np.concatenate(parts) for parts in zip(*surfaces, strict=True))
-    return Surface(vertices, normals, colors)
+    return TriangleSurface(vertices, normals, colors)
 
 
 def _local(shape: VisualShape) -> tuple[Array, Array]:

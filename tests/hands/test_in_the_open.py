@@ -12,7 +12,7 @@ from allegro_twin.hands.library.entry_files import read_shipped_entry, shipped_e
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.sim.contact.interlock import Interlock
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.collision_free_paths import Ways
+from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
 
 GRASPS = sorted((read_shipped_entry(name).entry.hand, name) for name in shipped_entries("grasp"))
 MENDED = ("leap_pudding_box", "leap_tuna_fish_can", "model_o_apple", "model_o_tomato_soup_can")
@@ -20,8 +20,8 @@ MENDED = ("leap_pudding_box", "leap_tuna_fish_can", "model_o_apple", "model_o_to
 
 
 @cache
-def ways_of(hand: str) -> Ways:
-    return Ways(load_spec(hand, "right"))
+def ways_of(hand: str) -> CollisionFreePaths:
+    return CollisionFreePaths(load_spec(hand, "right"))
 
 
 @pytest.mark.parametrize(("hand", "name"), GRASPS)

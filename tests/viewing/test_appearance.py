@@ -15,7 +15,7 @@ from allegro_twin.sim.model.appearance import scene_look, simplified
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue, named
 from allegro_twin.viewing.scenery import scenery
-from allegro_twin.viewing.surfaces import surface
+from allegro_twin.viewing.surfaces import surface_of
 from tests.sim.test_foreign import menagerie_like
 
 
@@ -57,7 +57,7 @@ def test_the_simulators_texture_and_reruns_triangles_show_the_same_pattern() -> 
     side = texture.width[0]
     sides = model.tex_data[texture.adr[0] :][: 6 * side * side * 3].reshape(6, side, side, 3)
     shapes = scenery(load_spec(), {"look": scene_look(model, load_spec(), ("rubiks_cube",))}).objects["rubiks_cube"]
-    drawn = surface(shapes[0])
+    drawn = surface_of(shapes[0])
     middles = drawn.vertices.reshape(-1, 3, 3).mean(axis=1)
     for axis, face in ((0, 0), (1, 2), (2, 4)):  # MuJoCo's first, third and fifth sides are +x, +y, +z.
         near = np.argmin(np.linalg.norm(middles - 0.0285 * np.eye(3)[axis], axis=1))
@@ -76,17 +76,17 @@ def test_the_simulators_texture_and_reruns_triangles_show_the_same_pattern() -> 
     ids=lambda value: value.kind if isinstance(value, VisualShape) else "",
 )
 def test_surfaces_are_closed_turned_outwards_and_as_large_as_the_shape(shape: VisualShape, volume: float) -> None:
-    corners = surface(shape).vertices.reshape(-1, 3, 3)
+    corners = surface_of(shape).vertices.reshape(-1, 3, 3)
     inside = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     assert inside == pytest.approx(volume, rel=0.05)
-    normals = surface(shape).normals.reshape(-1, 3, 3).mean(axis=1)
+    normals = surface_of(shape).normals.reshape(-1, 3, 3).mean(axis=1)
     assert (np.einsum("fi,fi->f", normals, corners.mean(axis=1)) > -1e-9).all()
 
 
 def test_a_users_own_mesh_goes_into_a_recording_as_it_is(tmp_path: Path) -> None:
     vase = Thing("vase", "mesh", (), 0.1, tetrahedron(tmp_path / "vase.obj"), 0.001)
     look = json.loads(json.dumps(scene_look(scene_of(vase), load_spec(), ("vase",))))
-    drawn = surface(scenery(load_spec(), {"look": look}).objects["vase"][0])
+    drawn = surface_of(scenery(load_spec(), {"look": look}).objects["vase"][0])
     assert len(drawn.vertices) == 4 * 3
     edges = np.linalg.norm(np.diff(drawn.vertices.reshape(-1, 3, 3), axis=1), axis=2)
     assert {round(float(edge), 3) for edge in edges.reshape(-1)} == {0.04, 0.057}

@@ -6,7 +6,7 @@ cell = make_cell(arm, hand_spec, things=[can])
 target = Target(cell.model.pose(cell.arm.reset().position))
 for turn, sample in together((run(cell.arm, Impedance(cell.model, target)), cell.arm.period),
                              (run(cell.hand, PD(...)), cell.hand.period)):
-    ...  # `target.move(cell.flange_for(palm))`, whenever somebody decides
+    ...  # `target.move(robot.flange_for(palm))`, whenever somebody decides
 ```
 """
 
@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.cell.arm.limits import limits_of
-from allegro_twin.cell.arm.tool import Bridge
+from allegro_twin.cell.arm.limits import arm_limits
+from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.hands.description.arms import load_arm_spec
 from allegro_twin.hands.description.mounts import HandMount, load_mount
 from allegro_twin.kinematics.arm import ArmModel
@@ -41,7 +41,7 @@ BASE = (-0.55, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cell:
+class ArmWithHand:
     """Everything that moves and is felt in the scene. The world's origin is the middle of the table's top."""
 
     world: World
@@ -53,7 +53,7 @@ class Cell:
     mount: HandMount
     model: ArmModel
     """Of the flange, in the base's frame."""
-    bridge: Bridge
+    compensation: WrenchCompensation
     base: Pose
     """Of the arm, in the world."""
     limits: Limits
@@ -85,7 +85,7 @@ class Cell:
     def wrench(self, state: HandState) -> Vector:
         """What the world does to the hand, at the flange, in the axes of the world: force and torque, (6,)."""
         flange = self.model.pose(state.position).rotation
-        found = self.bridge.outside(state.wrench, flange, state.gravity, np.zeros(3))
+        found = self.compensation.base_wrench(state.wrench, flange, state.gravity, np.zeros(3))
         return np.concatenate([self.base.rotation @ found[:3], self.base.rotation @ found[3:]])
 
     def thing(self, name: str) -> Pose:
@@ -102,7 +102,7 @@ class Cell:
         return Pose(self.mount.position, matrix_from_quaternion(self.mount.quaternion))
 
 
-def make_cell(
+def make_arm_with_hand(
     arm: str,
     hand: HandSpec,
     *,
@@ -116,7 +116,7 @@ def make_cell(
     physics: Physics | None = None,
     periods: tuple[float, float] = (0.001, 0.003),
     margin: float = 0.0,
-) -> Cell:
+) -> ArmWithHand:
     """The scene, compiled, and its two backends behind their guards. `periods` are the arm's and the hand's, s.
 
     Raises ConfigError for a mount of another hand, and for what MuJoCo refuses.
@@ -129,11 +129,11 @@ def make_cell(
     world = World(compile_scene(spec, stage, Mounted(hand, held)))
     arm_sim = SimBackend(spec, world, period=periods[0], posture=posture)
     hand_sim = SimBackend(hand, world, period=periods[1], posture=hand_posture)
-    motor, limits = hand.actuation, limits_of(spec, margin)
+    motor, limits = hand.actuation, arm_limits(spec, margin)
     open_hand = Limits(motor.torque_limit, np.full(hand.n_joints, _FAST), hand.lower, hand.upper)
-    return Cell(
+    return ArmWithHand(
         world, Guard(arm_sim, limits), Guard(hand_sim, open_hand), arm_sim, hand_sim, held, ArmModel(spec),
-        Bridge(held.load), Pose(np.array(base), np.eye(3)), limits,
+        WrenchCompensation(held.load), Pose(np.array(base), np.eye(3)), limits,
     )  # fmt: skip
 
 

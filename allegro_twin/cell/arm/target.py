@@ -31,7 +31,7 @@ class Smoothing:
 SMOOTH = Smoothing()
 
 
-class Target:
+class CartesianTarget:
     """A pose in the base's frame that rests until it is moved; one thread may move it while a controller follows.
 
     Raises CommandError for a pose that is none, and keeps the one that it has: the arm stays where it is.
@@ -58,7 +58,7 @@ class Target:
         self._wrench = _six(wrench)
 
 
-def approached(now: Pose, goal: Pose, dt: float, smoothing: Smoothing | None) -> Pose:
+def approach(now: Pose, goal: Pose, dt: float, smoothing: Smoothing | None) -> Pose:
     """The set-point `dt` seconds later: a straight line and the shortest turn (slerp), by the lesser of the filter's
     share and the bounded step. None: at once."""
     if smoothing is None or now is goal:

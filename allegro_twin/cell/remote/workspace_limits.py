@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from allegro_twin.cell.arm.target import Target
-from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.arm.target import CartesianTarget
+from allegro_twin.cell.assembly import Cell
 from allegro_twin.control.trajectory import FASTEST, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import rotate, rotation_between
@@ -26,17 +26,17 @@ _IN_A_LEG = 4  # Moments of every leg, however short: a fast one must not lie be
 _GIVES = 0.002  # m. As `hand.ways`: so deep in each other fingers may be asked to be.
 
 
-class Fence:
+class WorkspaceLimits:
     """Refuses with CommandError, in a sentence; what it lets through the cell can do."""
 
-    def __init__(self, room: Room) -> None:
-        self._room, self._bounds = room, room.settings.follow
-        self._apart = Clearance(room.hand.spec)
+    def __init__(self, cell: Cell) -> None:
+        self._cell, self._bounds = cell, cell.settings.follow
+        self._apart = Clearance(cell.hand.spec)
 
-    def arm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
+    def check_palm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
         """The palm's pose, in the world, checked: the arm gets there from `here`, on a straight line, with its joints
         at first at `now` (n,), rad, and the hand, in a posture (n,), rad, is over the table then."""
-        cell, palm = self._room.cell, Target(palm).pose
+        robot, palm = self._cell.robot, CartesianTarget(palm).pose
         low, high = np.array(self._bounds.lower), np.array(self._bounds.upper)
         if (palm.position < low).any() or (palm.position > high).any():
             raise CommandError(
@@ -49,15 +49,15 @@ class Fence:
         for part in np.linspace(0.0, 1.0, min(parts, _MOST) + 1)[1:]:
             pose = Pose(here.position + part * way, rotate(here.rotation, part * left))
             try:
-                at = cell.model.reach(cell.flange_for(pose), at, _NEAR)
+                at = robot.model.reach(robot.flange_for(pose), at, _NEAR)
             except ConfigError as error:
                 raise CommandError(f"target {_place(palm.position)}: the arm stays: {error}") from error
             self._joints(at, palm)
         return palm
 
-    def fingers(self, path: TimedPath, palm: Pose) -> None:
+    def check_fingers(self, path: TimedPath, palm: Pose) -> None:
         """Look at a path of the fingers, with the palm at a pose of the world."""
-        spec = self._room.hand.spec
+        spec = self._cell.hand.spec
         legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()
         count = min(max(int(path.seconds / _TICK), 2), _LONGEST)
         times = np.unique(np.concatenate([legs, np.linspace(0.0, path.seconds, count)]))
@@ -82,17 +82,17 @@ class Fence:
             self._over(palm, row, "fingers")
 
     def _joints(self, at: Vector, palm: Pose) -> None:
-        spec = self._room.cell.spec
-        room = np.minimum(at - spec.lower, spec.upper - at)
-        if room.min() < _ROOM:
-            joint = spec.joints[int(room.argmin())]
+        spec = self._cell.robot.spec
+        cell = np.minimum(at - spec.lower, spec.upper - at)
+        if cell.min() < _ROOM:
+            joint = spec.joints[int(cell.argmin())]
             raise CommandError(
                 f"target {_place(palm.position)}: on the way {joint} would come to its end: the arm stays; ask for one "
                 "nearer, or turned less"
             )
 
     def _over(self, palm: Pose, fingers: Vector, what: str) -> None:
-        model = self._room.model
+        model = self._cell.model
         parts = {"the palm": Pose(np.zeros(3), np.eye(3)), **model.links(fingers)}
         tips = {f"the tip of {name}": pose for name, pose in model.fingertips(fingers).items()}
         heights = {name: float(compose(palm, pose).position[2]) for name, pose in (parts | tips).items()}

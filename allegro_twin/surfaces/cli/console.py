@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
     from allegro_twin.spec import HandSpec
-    from allegro_twin.surfaces.hand.grasps import Grasped
+    from allegro_twin.surfaces.hand.grasps import GraspOutcome
     from allegro_twin.twin.identify.motions.limits import FoundLimits
     from allegro_twin.types import HandState
 
@@ -157,7 +157,7 @@ def final_state(spec: HandSpec, state: HandState) -> Table:
     return table
 
 
-def felt(grasped: Grasped) -> Table:
+def felt(grasped: GraspOutcome) -> Table:
     """What a hand felt at the end of a grasp."""
     table = Table(title=f"{grasped.name}: what the joints felt")
     for name, justify in (("finger", "left"), ("pad presses N", "right")):

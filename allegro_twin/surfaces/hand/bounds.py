@@ -13,7 +13,7 @@ from allegro_twin.types import Vector, frozen
 _ROUNDING = 1e-9  # rad.
 
 
-class Bounds:
+class JointBounds:
     """The joint limits less a margin that can be set, turned on and off."""
 
     def __init__(self, spec: HandSpec) -> None:

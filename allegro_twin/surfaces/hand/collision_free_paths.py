@@ -25,7 +25,7 @@ _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far f
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
 
 
-class Ways:
+class CollisionFreePaths:
     """Ways of one hand. The model that tells how near its parts are to each other is made at the first question."""
 
     def __init__(self, spec: HandSpec) -> None:

@@ -18,7 +18,7 @@ _MOST = 4000  # Such postures: some seconds of looking.
 _HERE = 0.05  # rad. A first posture without a time must be so near.
 
 
-class Outside:
+class ExternalSetpoints:
     """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
 
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:

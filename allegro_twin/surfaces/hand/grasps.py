@@ -17,8 +17,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.motion import Mover
-from allegro_twin.surfaces.hand.motion_monitor import Goal
+from allegro_twin.surfaces.hand.motion import Goal, MotionControl
 from allegro_twin.types import HandState, Vector
 
 SQUEEZE = 0.5  # s.
@@ -27,7 +26,7 @@ _TOUCH = 0.05  # rad short of where the fingers were sent: something is in the w
 
 
 @dataclass(frozen=True, slots=True)
-class Grasped:
+class GraspOutcome:
     """What a hand knows of its grasp from positions and torques alone."""
 
     name: str
@@ -47,7 +46,7 @@ def chosen(name: str, width: float | None, model: HandKinematics, spec: HandSpec
 
 def begin(
     grasp: Grasp,
-    mover: Mover,
+    mover: MotionControl,
     spec: HandSpec,
     limits: tuple[Vector, Vector],
     force: float | None,
@@ -110,7 +109,7 @@ def aperture(model: HandKinematics, position: Vector, spec: HandSpec, fingers: t
     return float(np.linalg.norm(tips[thumb].position - np.mean(others, axis=0)) - 2 * _TIP_RADIUS)
 
 
-def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector) -> Grasped:
+def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector) -> GraspOutcome:
     """What is known at the end of a grasp. `weight`: torques that carry the hand itself, (n,), N·m."""
     short = np.abs(grasp.squeeze - state.position)
     touching = tuple(f.name for f in spec.fingers if short[list(f.joints)].max() > _TOUCH)
@@ -124,4 +123,4 @@ def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, 
     thumb = spec.fingers[-1].name
     both = thumb in touching and len(touching) > 1
     width = aperture(model, state.position, spec, touching) if both else float("nan")
-    return Grasped(grasp.name, touching, force, width)
+    return GraspOutcome(grasp.name, touching, force, width)

@@ -10,7 +10,7 @@ import rerun as rr
 from allegro_twin.hands.description.appearance import LIMIT, Color, VisualShape, lighten, series_color
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.viewing.scenery import ArmScenery, Scenery
-from allegro_twin.viewing.surfaces import joined, surface
+from allegro_twin.viewing.surfaces import join_surfaces, surface_of
 
 FRAMES = {"goal": 0.12, "tool": 0.08}
 """Axes that are drawn in the world, and how long, m: the goal of the flange, and the palm."""
@@ -90,7 +90,7 @@ def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[VisualSh
     """One mesh of all of them, at rest in the frame of its path."""
     if not shapes:
         return
-    whole = joined([surface(shape) for shape in shapes])
+    whole = join_surfaces([surface_of(shape) for shape in shapes])
     vertices = whole.vertices - _THINNER * whole.normals if ghost else whole.vertices
     look = {"albedo_factor": _GHOST} if ghost else {"vertex_colors": whole.colors}
     mesh = rr.Mesh3D(vertex_positions=vertices, vertex_normals=whole.normals, **look)

@@ -14,7 +14,7 @@ from allegro_twin.errors import ConfigError, SelfCollision
 from allegro_twin.hands import hand_side, load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.external_setpoints import Outside
+from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
 from lerobot_robot_allegro.config_allegro import AllegroConfig
 
 
@@ -29,7 +29,7 @@ class Allegro(Robot):
         self.config = config
         self._settings = _settings(config)
         self._hand: Hand | None = None
-        self._outside: Outside | None = None
+        self._outside: ExternalSetpoints | None = None
         self._goal: np.ndarray | None = None
 
     @cached_property
@@ -57,7 +57,7 @@ class Allegro(Robot):
         if self._hand is not None:
             raise DeviceAlreadyConnectedError(f"{self} is connected already")
         self._hand = Hand.open(self._settings, background=True)
-        self._outside = Outside(self._hand, self.config.speed)
+        self._outside = ExternalSetpoints(self._hand, self.config.speed)
 
     @property
     def is_calibrated(self) -> bool:

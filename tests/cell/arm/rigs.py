@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.cell.arm.limits import limits_of
-from allegro_twin.cell.arm.target import Target
+from allegro_twin.cell.arm.limits import arm_limits
+from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.controller import Controller
 from allegro_twin.hands.description.arms import load_arm_spec
 from allegro_twin.kinematics.arm import ArmModel
@@ -30,7 +30,7 @@ class Rig(NamedTuple):
     guard: Guard
     model: ArmModel
     home: Pose
-    target: Target
+    target: CartesianTarget
 
     def after(self, seconds: float, controller: Controller[Any]) -> HandState:
         """The state after so long under a controller."""
@@ -69,4 +69,4 @@ def _rig(spec: ArmSpec, scene: mujoco.MjModel, push: Push | None = None) -> Rig:
     sim = SimBackend(spec, scene, period=0.001, pushing=push)
     model = ArmModel(spec)
     home = model.pose(spec.ready)
-    return Rig(sim, Guard(sim, limits_of(spec)), model, home, Target(home))
+    return Rig(sim, Guard(sim, arm_limits(spec)), model, home, CartesianTarget(home))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.arm.compliance import Compliance, Pull
-from allegro_twin.cell.arm.faults import Disturbed, Silent
+from allegro_twin.cell.arm.faults import DisturbedBackend, SilentBackend
 from allegro_twin.cell.arm.impedance import Impedance
-from allegro_twin.cell.arm.limits import at_limit, limits_of
+from allegro_twin.cell.arm.limits import arm_limits, at_limit
 from allegro_twin.control.controllers import ConstantTorque
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
 from allegro_twin.hands.description.arms import load_arm_spec
@@ -91,7 +91,7 @@ def test_a_joint_that_goes_too_fast_stops_the_arm_and_it_stands_still() -> None:
 
 def test_an_arm_at_the_end_of_a_joint_stands_still_and_says_which() -> None:
     arm = rig()
-    limits = limits_of(arm.model.spec)
+    limits = arm_limits(arm.model.spec)
     arm.target.move(Pose(np.array([0.15, 0.0, 0.3]), arm.home.rotation))
     state = arm.after(3.0, Impedance(arm.model, arm.target))
     assert at_limit(arm.guard.reset(), arm.model.spec, limits) is None
@@ -103,7 +103,7 @@ def test_an_arm_at_the_end_of_a_joint_stands_still_and_says_which() -> None:
 
 def test_a_silent_arm_is_named_and_holds_itself() -> None:
     arm = rig()
-    silent = Guard(Silent(arm.sim, 0.1), limits_of(arm.model.spec))
+    silent = Guard(SilentBackend(arm.sim, 0.1), arm_limits(arm.model.spec))
     with pytest.raises(LinkTimeout, match=r"no state from fer since 0.099 s: it holds itself; see to its cable"):
         list(until(1.0, run(silent, ConstantTorque(np.zeros(7)))))
     assert silent.reset().tick == 0
@@ -113,7 +113,7 @@ def test_a_disturbed_sensor_repeats_with_its_seed() -> None:
     noise, bias = np.repeat([1.3, 0.05], 3), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
 
     def felt(seed: int) -> np.ndarray:
-        backend = Disturbed(rig().sim, noise, bias, at=0.5, seed=seed)
+        backend = DisturbedBackend(rig().sim, noise, bias, at=0.5, seed=seed)
         return np.array([s.state.wrench for s in until(1.0, run(backend, ConstantTorque(np.zeros(7))))])
 
     first, again, other = felt(1), felt(1), felt(2)
@@ -146,7 +146,7 @@ def test_an_arm_takes_torques_alone() -> None:
 
 def test_an_fr3_near_the_end_of_a_joint_may_go_no_faster_than_it_could_stop_and_stops_if_it_does() -> None:
     spec = load_arm_spec("fr3")
-    limits = limits_of(spec)
+    limits = arm_limits(spec)
     near = spec.ready.copy()
     near[0] = 2.7
     # libfranka, rate_limiting.h: -0.30 + √(12 (2.7501 - q)) up, 2.62 down from there.
@@ -155,7 +155,7 @@ def test_an_fr3_near_the_end_of_a_joint_may_go_no_faster_than_it_could_stop_and_
     assert (up[0], down[0]) == pytest.approx((np.sqrt(12.0 * 0.0501) - 0.3, -2.62))
     down, up = limits.speeds(spec.ready)
     np.testing.assert_allclose(up, [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26])
-    assert limits_of(load_arm_spec("fer")).speeds is None
+    assert arm_limits(load_arm_spec("fer")).speeds is None
 
     arm = rig("fr3")
     resting = replace(arm.sim.reset(), position=frozen(near))

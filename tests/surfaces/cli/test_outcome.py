@@ -27,7 +27,7 @@ from allegro_twin.surfaces.cli.grasps import gallery
 from allegro_twin.surfaces.cli.hand import calibration
 from allegro_twin.surfaces.cli.hand.calibration import find_limits
 from allegro_twin.surfaces.cli.hand.keys import pressed
-from allegro_twin.surfaces.hand.grasps import Grasped
+from allegro_twin.surfaces.hand.grasps import GraspOutcome
 from allegro_twin.twin.identify.motions.limits import TORQUE, FoundLimits
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state
@@ -57,9 +57,9 @@ class Spy:
     def move_to(self, *how: object, **more: object) -> None:
         self._keep("move_to", *how, more)
 
-    def grasp(self, *how: object, **more: object) -> Grasped:
+    def grasp(self, *how: object, **more: object) -> GraspOutcome:
         self._keep("grasp", *how, more)
-        return Grasped("quadpod", ("index", "thumb"), {"index": 1.25, "thumb": 2.5}, 0.042)
+        return GraspOutcome("quadpod", ("index", "thumb"), {"index": 1.25, "thumb": 2.5}, 0.042)
 
     def set_controller(self, kind: str) -> None:
         self._keep("set_controller", kind)

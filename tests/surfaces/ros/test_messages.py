@@ -16,11 +16,13 @@ from allegro_twin.recording.messages import message_types as v
 from allegro_twin.recording.messages.frames import LinkFrames, urdf_text
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.ros import cell_topics
-from allegro_twin.surfaces.ros.idl import struct
-from allegro_twin.surfaces.ros.topics import HEARD, PUBLISHED
+from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, SUBSCRIBED
+from allegro_twin.surfaces.ros.node import struct
 from allegro_twin.types import Array
 
-KINDS = sorted({entry.kind for entry in (*PUBLISHED, *HEARD, *cell_topics.PUBLISHED, *cell_topics.HEARD)} | {v.NODES})
+KINDS = sorted(
+    {entry.kind for entry in (*PUBLISHED, *SUBSCRIBED, *cell_topics.PUBLISHED, *cell_topics.SUBSCRIBED)} | {v.NODES}
+)
 
 
 def filled(words: v.RosTypes, kind: str, rng: np.random.Generator) -> Any:

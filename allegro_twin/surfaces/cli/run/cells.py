@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
+    from allegro_twin.cell.assembly import Cell
     from allegro_twin.viewing.rerun.viewer import Viewer
 
 
 def recording_in(path: Path) -> Path | None:
     """A cell's recording: the file itself, or the one in a run's folder. None: it is something else."""
-    from allegro_twin.cell.journal.pictures import RECORDING
+    from allegro_twin.cell.journal.observers import RECORDING
     from allegro_twin.recording.reader import is_cell_recording
 
     if path.is_dir():
@@ -50,13 +50,13 @@ def to_rrd(path: Path, target: Path, *, partial: bool) -> int:
     return len(found)
 
 
-def live(room: Room) -> Viewer:
+def live(cell: Cell) -> Viewer:
     """A viewer for a cell that works now. Raises ConfigError without Rerun."""
-    from allegro_twin.cell.journal.shapes import cell_look
+    from allegro_twin.cell.journal.recording import cell_look
     from allegro_twin.viewing.scenery import scenery
 
-    scene = scenery(room.hand.spec, {"look": cell_look(room)})
-    found: Viewer = _rerun().Viewer(room.hand.spec, scene, arm=room.cell.spec, live=True)
+    scene = scenery(cell.hand.spec, {"look": cell_look(cell)})
+    found: Viewer = _rerun().Viewer(cell.hand.spec, scene, arm=cell.robot.spec, live=True)
     return found
 
 

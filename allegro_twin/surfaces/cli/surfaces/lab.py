@@ -13,11 +13,10 @@ from allegro_twin.surfaces.cli import options
 from allegro_twin.surfaces.cli.surfaces.leading import bridged, lead
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.journal.observers import Onlooker, Onlookers
-    from allegro_twin.cell.journal.second_camera import Lens
-    from allegro_twin.cell.run import Report, Stage
-    from allegro_twin.cell.states import Now
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.journal.observers import Observer, ObserverCamera, Observers
+    from allegro_twin.cell.run import LabReport, SampleStage
+    from allegro_twin.cell.states import MachineState
 
 _ROS_PICTURES = 5.0  # Hz, of what the camera sees, where nothing is said.
 _CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
@@ -46,14 +45,15 @@ def lab(
     ros: Annotated[bool, typer.Option("--ros", help="Put the cell on ROS 2, on this machine (docs/ros.md).")] = False,
     namespace: Annotated[str, typer.Option(help="Of its topics, with --ros.")] = "/",
     follow: Annotated[
-        bool, typer.Option("--follow", help="Decide nothing: be led by --panel, or by target_frame with --ros.")
+        bool, typer.Option("--follow", help="Decide nothing: be remote by --panel, or by target_frame with --ros.")
     ] = False,
     panel: Annotated[bool, typer.Option("--panel", help="Lead the palm by a marker in the browser.")] = False,
     port: Annotated[int, typer.Option(help="Of that page.", callback=options.port)] = 8080,
 ) -> None:
     """An arm with a hand and a camera takes a thing off the table: every state with its time, and the verdict."""
-    from allegro_twin.cell.assembly import make_room
-    from allegro_twin.cell.journal.observers import Onlookers
+    from allegro_twin.cell.assembly import make_cell
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.settings import LabSettings
     from allegro_twin.files.assets import find_file
     from allegro_twin.files.schema import load_settings
@@ -65,20 +65,20 @@ def lab(
     settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
-    room = make_room(settings)
+    cell = make_cell(settings)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
-        stack.callback(room.close)
-        onlookers, lens = _onlookers(room, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        stack.callback(cell.close)
+        observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
-            onlookers.append(_viewer(room, stack, web=web))
-        bridge = bridged(room, namespace, stack) if ros else None
-        if bridge is not None:
-            onlookers.append(bridge)
-        if follow or panel:
-            lead(room, (onlookers, lens), bridge, port if panel else 0, stack)
+            observers.append(_viewer(cell, stack, web=web))
+        remote = RemoteControl(cell) if follow or panel else None
+        if ros:
+            observers.append(bridged(cell, remote, namespace, stack))
+        if remote is not None:
+            lead(remote, (observers, lens), port if panel else 0, stack)
             return
-        report = _performed(room, Onlookers(room, onlookers, lens), live=view or web or ros)
+        report = _performed(cell, Observers(cell, observers, lens), live=view or web or ros)
     for line in told(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:
@@ -86,30 +86,31 @@ def lab(
     raise typer.Exit(_CODES[report.end.word])
 
 
-def _onlookers(room: Room, out: Path | None, pictures: float, stack: ExitStack) -> tuple[list[Onlooker], Lens | None]:
+def _observers(
+    cell: Cell, out: Path | None, pictures: float, stack: ExitStack
+) -> tuple[list[Observer], ObserverCamera | None]:
     """Who looks on, and by which camera; `stack` lets go of them."""
-    from allegro_twin.cell.journal.pictures import RECORDING, Kept
-    from allegro_twin.cell.journal.recording import Recorded
-    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.journal.observers import RECORDING, ObserverCamera, StatePictures
+    from allegro_twin.cell.journal.recording import SessionRecorder
 
-    found: list[Onlooker] = []
-    lens = Lens(room, pictures) if pictures else None
+    found: list[Observer] = []
+    lens = ObserverCamera(cell, pictures) if pictures else None
     if lens is not None:
         stack.callback(lens.close)
     if out is not None:
-        recorded, kept = Recorded(room, out / RECORDING), Kept(room, out)
+        recorded, kept = SessionRecorder(cell, out / RECORDING), StatePictures(cell, out)
         stack.callback(recorded.close)
         stack.callback(kept.close)
         found += [recorded, kept]
     return found, lens
 
 
-def _viewer(room: Room, stack: ExitStack, *, web: bool) -> Onlooker:
+def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
     """Rerun, which shows what happens from now on."""
     from allegro_twin.surfaces.cli.console import console
     from allegro_twin.surfaces.cli.run import cells
 
-    viewer = cells.live(room)
+    viewer = cells.live(cell)
     stack.callback(viewer.close)
     if web:
         console.print(f"Open {viewer.serve()}", soft_wrap=True, highlight=False)
@@ -118,22 +119,22 @@ def _viewer(room: Room, stack: ExitStack, *, web: bool) -> Onlooker:
     return viewer
 
 
-def _performed(room: Room, onlookers: Onlookers, *, live: bool) -> Report:
+def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
     """`live`: no faster than real time."""
     from allegro_twin.cell.run import perform
     from allegro_twin.loop import paced
     from allegro_twin.surfaces.cli.console import console
 
-    def entered(now: Now) -> None:
+    def entered(now: MachineState) -> None:
         attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
         console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
-        onlookers.entered(now)
+        observers.on_state(now)
 
-    arm: Stage = (lambda samples: paced(onlookers.arm(samples))) if live else onlookers.arm
-    return perform(room, arm=arm, hand=onlookers.hand, entered=entered, prepared=onlookers.prepared)
+    arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
+    return perform(cell, arm=arm, hand=observers.hand, on_state=entered, on_prepare=observers.on_prepare)
 
 
-def told(report: Report) -> list[str]:
+def told(report: LabReport) -> list[str]:
     """What was seen, what the checks say, and the verdict."""
     lines = []
     if report.solid is not None:

@@ -1,4 +1,4 @@
-"""A cell that is led from outside: by a marker in the browser, by programs on ROS 2."""
+"""A cell that is remote from outside: by a marker in the browser, by programs on ROS 2."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.journal.observers import Onlooker
-    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.journal.observers import Observer, ObserverCamera
+    from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.recording.events import SessionEvent
-    from allegro_twin.surfaces.ros.cell import CellBridge
+    from allegro_twin.surfaces.ros.bridge import RosBridge
 
 
-def bridged(room: Room, namespace: str, stack: ExitStack) -> CellBridge:
-    """Put a cell on ROS 2. Raises ConfigError without Cyclone DDS."""
+def bridged(cell: Cell, remote: RemoteControl | None, namespace: str, stack: ExitStack) -> RosBridge:
+    """Put a cell on ROS 2, where `remote` carries out commands. Raises ConfigError without Cyclone DDS."""
     from allegro_twin.surfaces.cli.console import console
     from allegro_twin.surfaces.cli.surfaces.ros import domain_of
 
     domain = domain_of()
     try:
-        from allegro_twin.surfaces.ros.cell import open_cell
+        from allegro_twin.surfaces.ros import open_cell
 
-        bridge = stack.enter_context(open_cell(room, namespace=namespace, domain=domain))
+        bridge = stack.enter_context(open_cell(cell, remote, namespace=namespace, domain=domain))
     except ImportError as error:
         raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
     console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
@@ -32,28 +32,28 @@ def bridged(room: Room, namespace: str, stack: ExitStack) -> CellBridge:
 
 
 def lead(
-    room: Room, looking: tuple[list[Onlooker], Lens | None], bridge: CellBridge | None, port: int, stack: ExitStack
+    remote: RemoteControl, looking: tuple[list[Observer], ObserverCamera | None], port: int, stack: ExitStack
 ) -> None:
     """Until Ctrl-C: whoever moves the marker at a port, 0: none, or the target on ROS, is obeyed."""
-    from allegro_twin.cell.journal.observers import Onlookers
-    from allegro_twin.cell.remote.remote_control import Led, follow
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import run_remote_control
     from allegro_twin.surfaces.cli.console import console
 
-    led, (onlookers, lens) = Led(room), looking
-    if bridge is not None:
-        bridge.obeyed_by(led)
+    observers, lens = looking
     if port:
-        from allegro_twin.surfaces.panel.cell_host import CellHost
-        from allegro_twin.surfaces.panel.page_process import Pages
+        from allegro_twin.surfaces.panel.cell_session import CellSession
+        from allegro_twin.surfaces.panel.host import Host
+        from allegro_twin.surfaces.panel.page_process import PageServer
 
-        host = CellHost(led, Pages("127.0.0.1", port, "hold", cell=True))
+        session = CellSession(remote)
+        host = Host(session, PageServer("127.0.0.1", port, "hold"))
         stack.callback(host.close)
-        onlookers.append(host)
-        console.print(f"Open {host.begin()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+        observers.append(session)
+        console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
     else:
         console.print("Ctrl-C ends it")
     try:
-        follow(led, Onlookers(room, [*onlookers, Refusals()], lens))
+        run_remote_control(remote, Observers(remote.cell, [*observers, Refusals()], lens))
     except KeyboardInterrupt:
         return
 

@@ -48,7 +48,7 @@ def ros2(
 
         try:
             bridge = open_bridge(hand, namespace=namespace, domain=number, distro=distro, rate=rate, speed=speed,
-                                 network=network, told=_told)  # fmt: skip
+                                 network=network, on_refusal=_warn)  # fmt: skip
             with bridge as serving:
                 console.console.print(f"{hand.spec.name} is on ROS domain {number} in {namespace}; Ctrl-C ends it",
                                       soft_wrap=True)  # fmt: skip
@@ -70,7 +70,7 @@ def ros1(
     with _opened(config, other) as hand:
         from allegro_twin.surfaces.ros import open_ros1
 
-        with open_ros1(hand, namespace=namespace, rate=rate, speed=speed, told=_told) as bridge:
+        with open_ros1(hand, namespace=namespace, rate=rate, speed=speed, on_refusal=_warn) as bridge:
             console.console.print(f"{hand.spec.name} is on ROS 1 in {namespace}; Ctrl-C ends it", soft_wrap=True)
             bridge.serve()
 
@@ -83,7 +83,7 @@ def _opened(config: str, other: str | None) -> Hand:
     return Hand.open(on_hand(load_config(config), other), background=True)
 
 
-def _told(line: str) -> None:
+def _warn(line: str) -> None:
     from allegro_twin.surfaces.cli import console
 
     console.warn(line)
