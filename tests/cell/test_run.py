@@ -89,7 +89,7 @@ def test_where_a_target_is_to_stand_still_the_cell_looks_until_it_does() -> None
 
 @pytest.mark.slow
 def test_a_target_that_does_not_stand_still_is_refused_and_the_arm_does_not_go_there() -> None:
-    asked = SETTINGS.perception.model_dump() | {"steady": {"still": 1e-9}}
+    asked = SETTINGS.perception.model_dump() | {"steady": {"still": 1e-9, "window": 0.6}}
     report = perform(cell_of(perception=asked, timeouts=SETTINGS.timeouts.model_dump() | {"look": 1.5}))
     assert str(report.end) == "refused: unsteady"
     assert "wait until the thing and the arm stand still" in report.end.sentence
