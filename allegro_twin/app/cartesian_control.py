@@ -22,7 +22,7 @@ def leading(settings: CartesianSettings, spec: HandSpec) -> tuple[Controller[Any
     """The controller that brings the flange to its pose, and how long that takes. Raises ConfigError."""
     from allegro_twin.cell.arm.compliance import Compliance, Pull
     from allegro_twin.cell.arm.impedance import Impedance
-    from allegro_twin.cell.arm.target import Smoothing, CartesianTarget
+    from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
     from allegro_twin.cell.arm.tool import WrenchCompensation
     from allegro_twin.kinematics.arm import ArmModel, turned
     from allegro_twin.kinematics.pose import Pose

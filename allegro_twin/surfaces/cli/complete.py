@@ -59,9 +59,9 @@ def kinds() -> list[str]:
 
 
 def tasks() -> list[str]:
-    from allegro_twin.learning.tasks import TASKS
+    from allegro_twin.learning.tasks import task_names
 
-    return sorted(TASKS)
+    return sorted(task_names())
 
 
 def recipes() -> list[str]:
