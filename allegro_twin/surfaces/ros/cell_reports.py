@@ -46,7 +46,7 @@ class CellReports:
     def at_first(self, stamp: int) -> Iterator[Report]:
         """What is said once, for whoever comes later too."""
         words = self._words
-        still = self._hand.still(words, stamp)
+        still = self._hand.static_transforms(words, stamp)
         base = np.array([*self._foot, 1.0, 0.0, 0.0, 0.0])
         still.transforms.append(build.transform(words, stamp, build.WORLD, self._arm.root, base))
         yield "/tf_static", still
@@ -58,8 +58,8 @@ class CellReports:
         yield topics.STATES, build.joint_states(words, stamp, list(zip(self._specs, states, strict=True)))
         yield topics.POSE, build.pose(words, stamp, build.WORLD, beside["tool"])
         yield topics.WRENCH, build.wrench(words, stamp, build.WORLD, beside["force"])
-        links = self._arm.at(words, stamp, states[0].position)
-        links.transforms.extend(self._hand.at(words, stamp, states[1].position).transforms)
+        links = self._arm.transforms_at(words, stamp, states[0].position)
+        links.transforms.extend(self._hand.transforms_at(words, stamp, states[1].position).transforms)
         for frame, name in ((self._hand.root, "tool"), (TARGET, "goal")):
             links.transforms.append(build.transform(words, stamp, build.WORLD, frame, beside[name]))
         yield "/tf", links

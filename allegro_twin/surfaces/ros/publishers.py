@@ -29,13 +29,13 @@ class Reports:
     def at_first(self, stamp: int) -> Iterator[Report]:
         """What is said once, for whoever comes later too."""
         yield "robot_description", self._words.make(v.STRING, data=urdf_text(self._spec))
-        yield "/tf_static", self._frames.still(self._words, stamp)
+        yield "/tf_static", self._frames.static_transforms(self._words, stamp)
 
     def of(self, stamp: int, sample: Sample) -> Iterator[Report]:
         """What is said of every sample that is published; `stamp`: ns since 1970."""
         words, state = self._words, sample.state
         yield "joint_states", build.joint_states(words, stamp, [(self._spec, state)])
-        yield "/tf", self._frames.at(words, stamp, state.position)
+        yield "/tf", self._frames.transforms_at(words, stamp, state.position)
         for finger, force in self._pushed(sample).items():
             yield (
                 WRENCH.format(finger=finger),

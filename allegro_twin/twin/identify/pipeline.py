@@ -28,9 +28,6 @@ from allegro_twin.twin.identify.results.uncertainty import (
 )
 from allegro_twin.types import Vector
 
-Progress = Callable[[str], None]
-"""Called with a line on what is being done."""
-
 
 @dataclass(frozen=True, slots=True)
 class KnownWeight:
@@ -63,11 +60,11 @@ def identify_hand(
     masses_known: bool,
     hand: str = "",
     friction: Friction = "auto",
-    progress: Progress = lambda line: None,
+    progress: Callable[[str], None] = lambda line: None,
 ) -> Identification:
     """Identify a hand's drive from recordings of excitations. `weights`: masses at fingertips; `masses_known`: the
     file's link masses are right; `hand`: its file, whose `drive.mass_scale` are these masses; `friction`: model of dry
-    friction. Raises ConfigError or RecordingError."""
+    friction; `progress`: called with a line on what is being done. Raises ConfigError or RecordingError."""
     motions = _motions(paths, weights)
     spec = motions[0].spec
     # A file that does not exist yet says nothing of masses.
