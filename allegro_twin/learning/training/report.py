@@ -38,7 +38,7 @@ class Comparison:
 
     name: str
     policy: Evaluation
-    still: Evaluation
+    no_action: Evaluation
     """Without action: the script alone where the task has one, else a hand that stays."""
 
 
@@ -92,7 +92,7 @@ def as_shipped(settings: EnvSettings) -> EnvSettings:
 
 def write_report(compared: list[Comparison], path: Path) -> None:
     """Write JSON: rates, standard errors, and successes of every object."""
-    content = {each.name: {"policy": _figures(each.policy), "script": _figures(each.still)} for each in compared}
+    content = {each.name: {"policy": _figures(each.policy), "script": _figures(each.no_action)} for each in compared}
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1))
 

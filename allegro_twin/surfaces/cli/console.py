@@ -222,12 +222,12 @@ def compared(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Table:
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
-        shares = [share(each.policy), share(each.still)]
+        shares = [share(each.policy), share(each.no_action)]
         if (counted := each.policy.counts) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
         for name in kind.share_terms:
-            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
+            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.no_action)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
 

@@ -28,9 +28,6 @@ from allegro_twin.twin.identify.results.uncertainty import (
 )
 from allegro_twin.types import Vector
 
-Tell = Callable[[str], None]
-"""Called with a line on what is being done."""
-
 
 @dataclass(frozen=True, slots=True)
 class KnownWeight:
@@ -63,11 +60,11 @@ def identify_hand(
     masses_known: bool,
     hand: str = "",
     friction: Friction = "auto",
-    tell: Tell = lambda line: None,
+    progress: Callable[[str], None] = lambda line: None,
 ) -> Identification:
     """Identify a hand's drive from recordings of excitations. `weights`: masses at fingertips; `masses_known`: the
     file's link masses are right; `hand`: its file, whose `drive.mass_scale` are these masses; `friction`: model of dry
-    friction. Raises ConfigError or RecordingError."""
+    friction; `progress`: called with a line on what is being done. Raises ConfigError or RecordingError."""
     motions = _motions(paths, weights)
     spec = motions[0].spec
     # A file that does not exist yet says nothing of masses.
@@ -76,11 +73,11 @@ def identify_hand(
     masses: Masses = "weighed" if weights else "known" if masses_known else "assumed"
     player = Player(spec, motions[0].period)
     coverage = motion_coverage(motions, player)
-    tell("one line through everything")
+    progress("one line through everything")
     start = regress(motions, player, own)
     nominal = load_spec(spec.model, spec.side)
     base = drive_parameters(nominal, np.ones(spec.n_joints), np.zeros(spec.n_joints))
-    tell("the motion as the model would make it")
+    progress("the motion as the model would make it")
     fitted = fit_drive(motions, start, regress_breakaway(motions, player, start), base, masses, friction)
     stops = _stops(file, nominal) if file is not None else np.full(spec.n_joints, np.nan)
     return Identification(tuple(motions), coverage, fitted, identified_values(fitted, coverage), stops)

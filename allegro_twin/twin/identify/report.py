@@ -33,7 +33,7 @@ class ChartLine(NamedTuple):
     x: Array
     y: Array
     kind: Literal["ink", "good", "bad", "soft"]
-    said: str
+    label: str
 
 
 def line_chart(lines: Sequence[ChartLine], across: str, upwards: str) -> str:
@@ -54,11 +54,11 @@ def line_chart(lines: Sequence[ChartLine], across: str, upwards: str) -> str:
         py = TOP + tall * (1.0 - (line.y[chosen] - y0) / (y1 - y0))
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
         body.append(
-            f'<polyline class="line {line.kind}" points="{points}"><title>{escape(line.said)}</title></polyline>'
+            f'<polyline class="line {line.kind}" points="{points}"><title>{escape(line.label)}</title></polyline>'
         )
     body.append(_text(LEFT + wide / 2, HEIGHT - 4, across, "middle"))
     body.append(_text(LEFT, TOP - 2, upwards, "start"))
-    label = escape(f"{upwards} against {across}: {'; '.join(line.said for line in lines)}")
+    label = escape(f"{upwards} against {across}: {'; '.join(line.label for line in lines)}")
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" role="img" aria-label="{label}">{"".join(body)}</svg>'
 
 

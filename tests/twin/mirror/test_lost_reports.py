@@ -274,12 +274,12 @@ def test_thresholds_go_out_with_what_noise_alone_makes_now(spec: HandSpec) -> No
     observer = Observer(spec, drive_parameters(spec, one, np.zeros(N)), 0.003)
     calm = Thresholds(above, np.full(4, np.inf), observer.spread)
     each = Mirror(spec, observer, one, calm)
-    np.testing.assert_array_equal(each.thresholds, above[0])
+    np.testing.assert_array_equal(each.contact_thresholds, above[0])
     observer.noisier(np.full(N, 4e-4))
     heard = np.ones(N, dtype=bool)
     for _ in range(100):
         observer._kalman.gains(heard)
-    assert (each.thresholds > 0.011).all()
+    assert (each.contact_thresholds > 0.011).all()
 
 
 def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, make_sim: MakeSim) -> None:

@@ -55,7 +55,9 @@ def identified(
     if path is not None:
         text = read_text(path)
         check_hand_file(path, parse_yaml(text, str(path)) if has_content(text) else {}, [read_motion(recordings[0])])
-    return identify_hand(recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, tell=tell)
+    return identify_hand(
+        recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, progress=tell
+    )
 
 
 def check_scipy() -> None:

@@ -62,7 +62,7 @@ def live(
         for sample in samples:
             latest = each.columns()
             off = sample.state.position - latest["predicted"]
-            rows.append((sample.state.t, latest["disturbance"], off, each.thresholds))
+            rows.append((sample.state.t, latest["disturbance"], off, each.contact_thresholds))
             advance(sample.state.t)
     t, disturbance, off, above = (np.array(column) for column in zip(*rows[1:], strict=True))
     touches = tuple(find_contacts(t, disturbance, above, rig.spec))
@@ -154,7 +154,7 @@ def table(found: MirrorResult, joints: tuple[str, ...]) -> Table:
     chosen = found.t > found.t[0] + 1.0
     off, push = (np.sqrt(np.nanmean(np.square(each[chosen]), axis=0)) for each in (found.residual, found.disturbance))
     largest = np.nanmax(np.abs(found.disturbance[chosen]), axis=0)
-    least = found.thresholds[chosen].min(axis=0)
+    least = found.contact_thresholds[chosen].min(axis=0)
     for joint, name in enumerate(joints):
         row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * least[joint])
         made.add_row(name, *(f"{value:.1f}" for value in row))
