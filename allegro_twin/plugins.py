@@ -17,9 +17,8 @@ from allegro_twin.backend import HandBackend
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import NOTHING
+from allegro_twin.hands.description.calibration import NOTHING, Version
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import HandSettings, TaskSettings
 from allegro_twin.spec import HandSpec
 

@@ -21,7 +21,7 @@ from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.fault_detection import Thresholds

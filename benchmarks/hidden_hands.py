@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE

@@ -25,7 +25,7 @@ from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.types import Array
 
 _MOVED = 0.05  # m.
@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
-    settings = load(LabSettings, data_root() / "conf" / f"{asked.config}.yaml")
+    settings = load_settings(LabSettings, data_root() / "conf" / f"{asked.config}.yaml")
     once = settings.decide.model_copy(update={"retries": 0})
     names = sorted(card.name for card in stored_grasps(settings.hand.model))
     began, rows = time.monotonic(), []

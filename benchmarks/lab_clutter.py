@@ -20,7 +20,7 @@ from allegro_twin.cell.motion.grasp_selection import stored_grasps
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.sim.objects.catalogue import load_object
 
 _GAP = 0.005  # m, between two at least.
@@ -83,7 +83,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
-    settings = load(LabSettings, data_root() / "conf" / f"lab_{asked.hand}.yaml")
+    settings = load_settings(LabSettings, data_root() / "conf" / f"lab_{asked.hand}.yaml")
     names, rows = sorted(card.name for card in stored_grasps(asked.hand)), []
     for number in range(asked.runs):
         draws = np.random.default_rng((asked.seed, number))

@@ -36,8 +36,8 @@ from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.cell.states import MachineState, StateName
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 
@@ -127,11 +127,11 @@ def cases(kind: str, spec: HandSpec, draws: np.random.Generator) -> Iterator[Cas
             for joint in joints:
                 for degrees in (-3.0, -1.0, 1.0, 3.0):
                     for empty in (False, True):
-                        what = f"{spec.readable[joint]} by {degrees:+.0f}°"
+                        what = f"{spec.joint_labels[joint]} by {degrees:+.0f}°"
                         yield Case(kind, what, "always", empty, joint=joint, by=float(np.radians(degrees)))
         case "dead" | "stuck":
             for joint in joints:
-                yield from (Case(kind, spec.readable[joint], "ClosingHand", empty, joint=joint)
+                yield from (Case(kind, spec.joint_labels[joint], "ClosingHand", empty, joint=joint)
                             for empty in (False, True))  # fmt: skip
         case "taken":
             yield from (Case(kind, "object", state) for state in STATES)
@@ -237,7 +237,7 @@ def main() -> None:
     asked = parser.parse_args()
     rows: list[Row] = []
     for number, hand in enumerate(asked.hands.split(",")):
-        settings = load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
+        settings = load_settings(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
         settings = settings.model_copy(update={"decide": settings.decide.model_copy(update={"retries": 0})})
         names, draws = sorted(card.name for card in stored_grasps(hand)), np.random.default_rng((asked.seed, number))
         left = asked.objects

@@ -19,7 +19,7 @@ import numpy as np
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import TrialProtocol, load_protocol, load_scenario
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec

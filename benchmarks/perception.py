@@ -17,18 +17,17 @@ import numpy as np
 from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings, DepthNoise
-from allegro_twin.cell.perception.cloud import voxel
 from allegro_twin.cell.perception.errors import Refusal
 from allegro_twin.cell.perception.fits.model import SHAPES, Solid
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
-from allegro_twin.cell.perception.principal import principal_frame
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, object_catalogue
 from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
+from benchmarks.principal_frame import principal_frame, voxel
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.
 _TIMES = 3  # A frame is looked at so often and the least time counts: others use the machine too.
@@ -59,7 +58,7 @@ class Trial:
 
 def trials(placements: int, seed: int, noise: DepthNoise) -> Iterator[Trial]:
     """Each thing of the catalogue so often, the same for the same numbers."""
-    settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+    settings = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
     pipeline, draws = PerceptionPipeline(settings), np.random.default_rng(seed)
     for thing in object_catalogue().values():
         for _ in range(placements):

@@ -18,7 +18,7 @@ from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.target import GraspTarget, grasp_target
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
 from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
@@ -52,7 +52,7 @@ def camera_picture() -> Picture:
 
 def perception_picture() -> Picture:
     """Six things: the solid that was fitted, its middle, and the target's frame: x red, y green, z blue."""
-    settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+    settings = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
     tiles = [_tile(place_standing(load_object(name), up, 0.7, 0.0, 0.0), settings) for name, up in _SHOWN]
     return np.concatenate([np.concatenate(tiles[:3], 1), np.concatenate(tiles[3:], 1)], 0)
 

@@ -21,8 +21,8 @@ from allegro_twin.grasping.batch.batched_trials import Verdict
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import Phase, PhysicsSettings, TrialProtocol, load_protocol, load_scenario
 from allegro_twin.grasping.uncertainty import Perturbation
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.sim.engine.backend import ENGINE
 
 DEMO = sorted(path.stem for path in (data_root() / "scenarios" / "demo").glob("*.yaml"))

@@ -23,7 +23,7 @@ from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.uncertainty import sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 WANTED = 5

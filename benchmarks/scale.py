@@ -22,7 +22,7 @@ from allegro_twin.grasping.evaluation.campaign import JUDGE
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Local, cores
+from allegro_twin.sweep.local import Local, core_count
 from allegro_twin.sweep.runner import run
 from allegro_twin.sweep.store import Store
 
@@ -106,7 +106,7 @@ def _items(n: int, protocol: str) -> Iterator[dict[str, Any]]:
 
 def tables(sizes: Sequence[int]) -> Iterator[str]:
     """As Markdown, each as soon as it is measured."""
-    yield f"### Trials of half a second on {cores()} cores ({ENGINE})\n"
+    yield f"### Trials of half a second on {core_count()} cores ({ENGINE})\n"
     yield "| trials | wall s | CPU ms a trial | a process, MB | the program, MB |\n|---|---|---|---|---|"
     for made in (apart("trials", n) for n in sizes):
         each = 1000 * made.cpu / made.n

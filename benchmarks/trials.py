@@ -17,8 +17,8 @@ from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import TrialProtocol, load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.model.wrist import WRIST_JOINTS

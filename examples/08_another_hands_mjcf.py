@@ -5,7 +5,7 @@ from pathlib import Path
 import yaml
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.files.assets import data_root
+from allegro_twin.files import data_root
 from allegro_twin.surfaces.hand import Hand
 
 # Here the other file is our own; put the path of, say, MuJoCo Menagerie's wonik_allegro/right_hand.xml.

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.hands.library.entries import trajectory_entry
-from allegro_twin.hands.library.library import Library
+from allegro_twin.control import Moves, Waypoint
+from allegro_twin.hands import Library, trajectory_entry
 from allegro_twin.sim.engine.hand_guiding import HandGuide
 from allegro_twin.surfaces.hand import Hand
 

@@ -21,7 +21,7 @@ from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.evaluation.rejudge import write_reports
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.recording.reader import load
 from allegro_twin.types import Sample
 from allegro_twin.viewing import camera

@@ -24,14 +24,14 @@ def leading(settings: CartesianSettings, spec: HandSpec) -> tuple[Controller[Any
     from allegro_twin.cell.arm.impedance import Impedance
     from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
     from allegro_twin.cell.arm.tool import WrenchCompensation
-    from allegro_twin.kinematics.arm import ArmModel, turned
+    from allegro_twin.kinematics.arm import ArmModel, rotate
     from allegro_twin.kinematics.pose import Pose
     from allegro_twin.spec.arm import Load
 
     assert isinstance(spec, ArmSpec)
     model = ArmModel(spec)
     home = model.pose(spec.rest)
-    goal = Pose(np.array(settings.position), turned(home.rotation, np.array(settings.turn)))
+    goal = Pose(np.array(settings.position), rotate(home.rotation, np.array(settings.turn)))
     model.reach(goal, spec.rest, tolerance=1e-3)
     smoothing, target = Smoothing(settings.speed, settings.turning), CartesianTarget(goal)
     way = float(np.linalg.norm(goal.position - home.position)) / settings.speed

@@ -18,7 +18,7 @@ from allegro_twin.app.references import posture_of, wanted_of
 from allegro_twin.backend import limp_of
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
@@ -94,7 +94,7 @@ def _policy(settings: PolicySettings, context: ControllerContext) -> MadeControl
     from allegro_twin.learning.policy.loading import load_policy
 
     spec, trial = context.spec, context.trial
-    path = find(settings.file, "policy", "conf/policies", ".onnx")
+    path = find_file(settings.file, "policy", "conf/policies", ".onnx")
     loaded = load_policy(path, trust=settings.trust)
     interface = loaded.card.interface(spec)
     if abs(interface.period - context.period) > 1e-9:

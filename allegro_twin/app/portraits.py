@@ -11,7 +11,7 @@ from typing import Any
 from allegro_twin.app.rig import Rig
 from allegro_twin.grasping.batch.trials import AXES, PERIOD, TrialRunner
 from allegro_twin.grasping.evaluation.campaign import EvaluationTarget
-from allegro_twin.hands.library.gains import ruled
+from allegro_twin.hands.library.gains import protocol_gains
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
@@ -43,7 +43,7 @@ def staged(target: EvaluationTarget, row: Row | None = None) -> Rig:
     the target's row of results, without one the first. Raises ConfigError."""
     case = target.case.directions()[0 if row is None else _hardest(row)]
     spec, rules = target.spec, case.ruled
-    bench = TrialRunner(spec, ruled(rules.gains, spec), rules.period or PERIOD)
+    bench = TrialRunner(spec, protocol_gains(rules.gains, spec), rules.period or PERIOD)
     trial = bench.trial(case)
     hand = Guard(trial.backend, hand_limits(LimitSettings(), spec))
     return Rig(spec, hand, bench.controller(trial), trial.seconds, trial, trial.backend)

@@ -14,7 +14,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.device import Device, device_of, innermost
 from allegro_twin.errors import HandError
 from allegro_twin.files.schema import Settings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.plugins import BACKENDS, BackendContext

@@ -16,7 +16,7 @@ from allegro_twin.app.references import goal_of
 from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -143,7 +143,7 @@ def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     if not far:
         return ""
     name = config.task.posture if isinstance(config.task.posture, str) else "the posture"
-    joints = ", ".join(f"{rig.spec.readable[joint]} {off[joint]:.2f}" for joint in far)
+    joints = ", ".join(f"{rig.spec.joint_labels[joint]} {off[joint]:.2f}" for joint in far)
     early = f"; the motion takes {motion:.1f} s" if last.t < motion else ""
     return f"{name} is not reached at {last.t:.1f} s: rad short: {joints} (more than {REACHED:g}){early}"
 
@@ -207,7 +207,7 @@ def _drawn(
 
     scene = scenery(rig.spec, _look(rig))
     if outputs.rrd is not None:
-        temporary = stack.enter_context(whole_file(outputs.rrd))
+        temporary = stack.enter_context(atomic_file(outputs.rrd))
         viewer = viewer_of(rig.spec, scene, view=outputs.camera)
         viewers.append(viewer)
         stack.callback(viewer.close)

@@ -33,12 +33,14 @@ from allegro_twin.cell.motion.grasp_selection import GraspCandidate
 from allegro_twin.cell.perception.errors import Refusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
+from allegro_twin.cell.perception.target import grasp_target
 from allegro_twin.cell.reachability import far_path, plan_grasp
 from allegro_twin.cell.states import MachineState, Observation, Outcome
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array, HandState, Vector
 
@@ -59,14 +61,13 @@ class CellActions:
         self._through: tuple[Vector, ...] = ()
         self._left: list[Vector] = []  # Of these postures, those still to come.
         self.solid: Solid | None = None
-        self.seen_at = 0.0
-        """When the picture was taken, s."""
         self.checked: GraspCheck | None = None
         self.on_detection: Callable[[CameraFrame, Detection | Refusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: Outcome | None = None
+        self._track: TargetTrack | None = None
         self._blocked: Outcome | None = None
         self._grasp: Grasp | None = None
         self._there = 0.0  # When the fingers will be.
@@ -94,7 +95,7 @@ class CellActions:
                 self._head_for(t, self.cell.open, OPENING)
                 self._back(t, state)
             case "Look":
-                self._asked, self._refused, self.way = None, None, None
+                self._asked, self._refused, self.way, self._track = None, None, None, None
                 self._idle.clear()
             case "ToTargetPose":
                 assert self.way is not None
@@ -261,7 +262,8 @@ class CellActions:
         )
         off = np.linalg.norm(pose.position - goal.position)
         return bool(
-            off < loose * decide.near and np.linalg.norm(turn(pose.rotation, goal.rotation)) < loose * decide.turned
+            off < loose * decide.near
+            and np.linalg.norm(rotation_between(pose.rotation, goal.rotation)) < loose * decide.turned
         )
 
     def _closed(self, t: float) -> bool:
@@ -293,7 +295,8 @@ class CellActions:
         cloud = alone if cell.settings.at_the_wrist else frame.cloud
         seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         self.on_detection(frame, seen)
-        if not isinstance(seen, Detection):
+        seen = self._steady(seen, frame.time)
+        if isinstance(seen, Refusal):
             self._refused = Outcome("refused", seen.reason, seen.sentence)
             return
         try:
@@ -303,7 +306,18 @@ class CellActions:
         except ConfigError as error:
             self._refused = Outcome("refused", "no_grasp", str(error))
             return
-        self.solid, self.seen_at, self._found = seen.solid, frame.time, seen
+        self.solid, self._found = seen.solid, seen
+
+    def _steady(self, seen: Detection | Refusal, time: float) -> Detection | Refusal:
+        """The detection, once its target stands still where the settings ask for that; until then why it does not."""
+        settings = self.cell.settings.perception
+        if settings.steady is None or isinstance(seen, Refusal):
+            return seen
+        target = grasp_target(seen, settings.target)
+        if isinstance(target, Refusal):
+            return target
+        self._track = track_target(self._track, target, time, settings.steady)
+        return check_steadiness(self._track, settings.steady) or seen
 
     def _check(self, state: HandState) -> Observation:
         cell, settings = self.cell, self.cell.settings.validation

@@ -15,11 +15,11 @@ from allegro_twin.cell.camera.self_filter import SelfFilter
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import PerceptionPipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, ThingSettings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
@@ -94,7 +94,7 @@ def make_cell(settings: LabSettings) -> Cell:
 
 def waiting_pose(robot: ArmWithHand, wait: SecuritySettings) -> tuple[Pose, Vector]:
     """Where the palm waits, in the world, and the arm's posture there, (n,), rad. Raises ConfigError out of reach."""
-    security = Pose(np.array(wait.position), facing(wait.facing, wait.fingers))
+    security = Pose(np.array(wait.position), matrix_facing(wait.facing, wait.fingers))
     return security, robot.model.reach(robot.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
 
 

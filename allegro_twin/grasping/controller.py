@@ -14,8 +14,8 @@ from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.library.entries import CentroidGrip, EnvelopGrip
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector

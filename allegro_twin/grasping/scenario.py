@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from allegro_twin.files.assets import find
-from allegro_twin.files.schema import Positive, Settings, Vector3, load
+from allegro_twin.files.assets import find_file
+from allegro_twin.files.schema import Positive, Settings, Vector3, load_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
@@ -200,8 +200,8 @@ class Scenario(Settings):
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     """A scenario by path or name, and the file it came from."""
-    path = find(name, "scenario", "scenarios", below=True)
-    scenario = load(Scenario, path)
+    path = find_file(name, "scenario", "scenarios", below=True)
+    scenario = load_settings(Scenario, path)
     named = {"grasp": scenario.grasp, "hand": scenario.hand}
     own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
     return scenario.model_copy(update=own), path
@@ -220,7 +220,7 @@ def turn_pushes(protocol: TrialProtocol, axis: int, sign: float) -> TrialProtoco
 
 def load_protocol(name: str) -> TrialProtocol:
     """A protocol by path or name."""
-    return load(TrialProtocol, find(name, "protocol", "conf/protocols"))
+    return load_settings(TrialProtocol, find_file(name, "protocol", "conf/protocols"))
 
 
 def parse_object(name: str) -> ScenarioObject:

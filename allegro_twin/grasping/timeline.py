@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
 from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.kinematics.orientation import facing, mirrored, quaternion_from_matrix
+from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.sim.model.wrist import WristSegment
 from allegro_twin.sim.objects.catalogue import (
@@ -83,7 +83,7 @@ def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: 
     position = np.add(things[0].position, offset)
     if any(phase.wrist == "approach" for phase in protocol.phases):
         position = position + scenario.wrist.retreat
-    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
@@ -163,5 +163,5 @@ def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
 
 def _mirrored(placement: PlacedObject) -> PlacedObject:
     x, y, z = placement.position
-    w, i, j, k = mirrored(placement.quaternion).tolist()
+    w, i, j, k = mirror_quaternion(placement.quaternion).tolist()
     return PlacedObject(placement.thing, (x, -y, z), (w, i, j, k))

@@ -17,8 +17,8 @@ from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.contact_surfaces import SURFACES, DigitPose, SurfaceForces, SurfaceProbe, box_edges
 from allegro_twin.sim.contact.probe import ObjectProbe
@@ -125,7 +125,7 @@ class Trial:
         if self._holding is not None and self._holding.begin < t <= self._holding.end + 1e-9:
             self._borne.append((self._surfaces(data), self._surfaces.stance(data)))
 
-    def observed_type(self) -> Observed | None:
+    def observed_type(self) -> ObservedType | None:
         """The type of grasp that its contacts showed on average over that phase; None before it."""
         if not self._borne or not self.backend.spec.fingers:
             return None
@@ -184,7 +184,7 @@ class Trial:
         spec = self.backend.spec
         report = judge(
             seen, self.windows, self.rule,
-            parts=self._probe.parts, joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+            parts=self._probe.parts, joints=spec.joint_labels, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
         report = replace(report, observed=self.observed_type())
         return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
@@ -195,7 +195,7 @@ class Trial:
         begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
         share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
-        full = [name for name, part in zip(self.backend.spec.readable, share, strict=True) if part > 0.5]
+        full = [name for name, part in zip(self.backend.spec.joint_labels, share, strict=True) if part > 0.5]
         loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
         said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
         return [*said, f"{', '.join(full)} at their torque limit"] if full else said

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings
-from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector, quaternion_product
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.sim.objects.catalogue import PlacedObject
 
@@ -78,7 +78,9 @@ class Perturbation:
             thing, size=tuple(s * self.size for s in thing.size), mass=thing.mass * self.mass,
             stretch=thing.stretch * self.size,
         )  # fmt: skip
-        w, i, j, k = product(quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion).tolist()
+        w, i, j, k = quaternion_product(
+            quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion
+        ).tolist()
         return PlacedObject(larger, (x + self.x, y + self.y, z), (w, i, j, k))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
 from allegro_twin.types import Array, Vector
 
@@ -105,7 +105,7 @@ class TrialReport:
     """The deepest that object and hand are in each other from the reference on, m."""
     at_limit: Mapping[str, float]
     """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more."""
-    observed: Observed | None = field(default=None, compare=False)
+    observed: ObservedType | None = field(default=None, compare=False)
     """The type of grasp that its contacts show while it holds; None: nobody looked at every contact."""
 
     @property

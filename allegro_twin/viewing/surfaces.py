@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.hands.description.appearance import of_object
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import VisualShape, object_appearance
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
@@ -27,14 +26,14 @@ class TriangleSurface(NamedTuple):
     """(3 f, 4), RGBA."""
 
 
-def surface_of(shape: Shape) -> TriangleSurface:
+def surface_of(shape: VisualShape) -> TriangleSurface:
     """One shape in the frame of its body."""
     corners, normals = _local(shape)
     colors = np.tile(np.array(shape.color), (len(corners), 1))
     if shape.paint:
         middles = corners.reshape(-1, 3, 3).mean(axis=1)
         extent = np.maximum(np.abs(corners).max(axis=0), 1e-9)
-        colors[:, :3] = np.repeat(of_object(shape.paint).paint(middles / extent), 3, axis=0)
+        colors[:, :3] = np.repeat(object_appearance(shape.paint).paint(middles / extent), 3, axis=0)
     turn = matrix_from_quaternion(np.array(shape.quaternion))
     rgba = np.round(255 * colors).astype(np.uint8)
     return TriangleSurface(corners @ turn.T + np.array(shape.position), normals @ turn.T, rgba)
@@ -46,7 +45,7 @@ def join_surfaces(surfaces: list[TriangleSurface]) -> TriangleSurface:
     return TriangleSurface(vertices, normals, colors)
 
 
-def _local(shape: Shape) -> tuple[Array, Array]:
+def _local(shape: VisualShape) -> tuple[Array, Array]:
     fine = _FINE if shape.paint else 1
     match shape.kind:
         case "sphere":

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.files.schema import parse
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.sweep.jobs import Sweep
 from studies.preemption.draws import block, case, object_of
 from studies.preemption.protocol import Set, Study
@@ -75,7 +75,7 @@ def _controls(study: Study, hand: str, numbers: range) -> list[dict[str, Any]]:
 
 def made(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of the sweep: a flat row for each item, which is in it."""
-    study = parse(Study, dict(shared["study"]), "the sweep's protocol")
+    study = parse_settings(Study, dict(shared["study"]), "the sweep's protocol")
     rows: dict[int, dict[str, Any]] = {}
     for hand in sorted({item["hand"] for item in items}):
         bench = _bench(study, hand)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.statistics import Interval
 from allegro_twin.viewing.report import (
     IntervalRow,
@@ -28,7 +28,7 @@ from studies.preemption.registration import status_of
 
 def write_report(path: Path, rows: Sequence[Row], study: Study, about: Mapping[str, str]) -> None:
     """Write the report of some trials. `about`: what they depend on. Raises RecordingError where the disk refuses."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(page(rows, study, about), encoding="utf-8")
 
 

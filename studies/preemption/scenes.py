@@ -12,10 +12,10 @@ from allegro_twin.control.controllers import GravityFeedforward
 from allegro_twin.grasping import scenario as rules
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Perturbation
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics

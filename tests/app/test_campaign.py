@@ -21,7 +21,7 @@ from allegro_twin.grasping.evaluation.campaign import (
 from allegro_twin.grasping.evaluation.outcomes import compare_pairs, rates, summarise
 from allegro_twin.grasping.interchange.read import import_grasp
 from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
@@ -53,7 +53,7 @@ def sweep_of(targets: list[EvaluationTarget], noise: SamplingSettings) -> Sweep:
 
 
 def differing(one: Sweep, other: Sweep) -> set[str]:
-    there, here = one.made_of(), other.made_of()
+    there, here = one.fingerprints(), other.fingerprints()
     return {name for name in there.keys() | here.keys() if there.get(name) != here.get(name)}
 
 
@@ -64,7 +64,7 @@ def test_more_draws_are_the_same_sweep_and_whatever_changes_rows_is_another(tmp_
     assert more.keys()[:2] == few.keys()
     assert len(more.items) == 4
     assert more.items[0]["draw"] is None
-    assert sweep_of(mine, SamplingSettings(1, seed=1)).stamped()["seed"] == "1"
+    assert sweep_of(mine, SamplingSettings(1, seed=1)).all_stamps()["seed"] == "1"
     short(tmp_path).write_text(short(tmp_path).read_text().replace("seconds: 0.15, push", "seconds: 0.16, push"))
     longer = sweep_of(find_targets([scenario(tmp_path)], asked), SamplingSettings(1))
     assert longer.question() == few.question()
@@ -85,7 +85,7 @@ def test_grasps_of_a_file_are_tried_without_a_table_and_do_not_mix_with_other_pr
     grasps(tmp_path / "0.npy", count=2)
     found = find_targets([tmp_path / "0.npy"], TargetOptions(object="lemon"))
     assert [(target.name, target.item["protocol"]) for target in found] == [("0_0", "fc"), ("0_1", "fc")]
-    assert "grasps 0.npy" in sweep_of(found, SamplingSettings()).stamped()
+    assert "grasps 0.npy" in sweep_of(found, SamplingSettings()).all_stamps()
     with pytest.raises(ConfigError, match=r"know of no table, which table_pick has: say --protocol fc"):
         find_targets([tmp_path / "0.npy"], TargetOptions("table_pick", object="lemon"))
     with pytest.raises(ConfigError, match=r"different protocols do not compare: fc \(0_1\), table_pick \(mine\)"):

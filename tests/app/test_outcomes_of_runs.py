@@ -11,7 +11,7 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.session import REACHED, Outputs, perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period
 from tests.surfaces.cli.conftest import Run, command
 

@@ -7,7 +7,7 @@ import numpy as np
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, touching_joints
 from allegro_twin.cell.motion.grasp_selection import stored_grasps
 from allegro_twin.cell.settings import CellHandSettings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library
 
 HAND = CellHandSettings()

@@ -16,7 +16,7 @@ from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import MachineState, StateName
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.types import HandState, frozen
 from tests.cell.test_run import away, cell_of, states, still
 
@@ -114,7 +114,7 @@ def test_motors_that_give_a_fifth_are_a_fault() -> None:
 
 @pytest.mark.slow
 def test_a_hand_of_position_servos_without_power_is_a_fault() -> None:
-    cell = make_cell(load(LabSettings, data_root() / "conf" / "lab_leap.yaml"))
+    cell = make_cell(load_settings(LabSettings, data_root() / "conf" / "lab_leap.yaml"))
     assert str(powerless(cell, HAND, "Validate").end) == "fault: hand without torque"
 
 

@@ -8,7 +8,7 @@ import pytest
 from allegro_twin.cell.motion.grasp_selection import TableObject, grasp_candidates, stored_grasps, table_object
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.sim.objects.catalogue import object_catalogue
 
 
@@ -53,7 +53,9 @@ def test_the_grasp_of_what_is_nearly_round_may_be_turned_a_little_and_no_other()
     )
     plain, askew = grasp_candidates(lemon, "allegro"), grasp_candidates(lemon, "allegro", askew=True)
     assert (len(plain), len(askew)) == (2, 8)
-    off = [min(np.linalg.norm(turn(own.palm.rotation, one.palm.rotation)) for own in plain) for one in askew]
+    off = [
+        min(np.linalg.norm(rotation_between(own.palm.rotation, one.palm.rotation)) for own in plain) for one in askew
+    ]
     np.testing.assert_allclose(sorted(off), np.radians([10.0] * 4 + [20.0] * 4), atol=1e-9)
     for other in (pear, TableObject("box", (0.057, 0.057, 0.057), 0.3, np.zeros(3))):
         assert grasp_candidates(other, "allegro", askew=True) == []

@@ -12,14 +12,14 @@ from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from tests.cell.test_run import cell_of
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 
 
 def shipped(hand: str) -> LabSettings:
-    return load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
+    return load_settings(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
 
 
 QUICK = ("leap",)

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.cell.checks.motor_check import MotorCheck
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import HandState, Vector, frozen
 
 SPEC = load_spec()

@@ -14,7 +14,7 @@ import allegro_twin.gym
 from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.cell.pick.scripted_policy import ScriptedPick
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.learning.tasks import task_type
 from allegro_twin.learning.training.settings import load_recipe
 from allegro_twin.surfaces.cli.policies.environments import listed
@@ -122,7 +122,7 @@ def test_an_action_displaces_the_palm_along_the_worlds_axes_and_turns_it() -> No
         env.step(np.zeros(22, np.float32))
     after = env.episodes.scene.palm
     np.testing.assert_allclose(after.position - before.position, [0.0, 0.0, 0.02], atol=0.003)
-    np.testing.assert_allclose(turn(before.rotation, after.rotation), [0.0, 0.0, 0.05], atol=0.02)
+    np.testing.assert_allclose(rotation_between(before.rotation, after.rotation), [0.0, 0.0, 0.05], atol=0.02)
 
 
 def test_a_set_point_does_not_run_away_from_a_palm_that_does_not_follow() -> None:

@@ -18,7 +18,7 @@ from allegro_twin.cell.remote.remote_control import (
     StayCommand,
     run_remote_control,
 )
-from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.types import Array, Vector
@@ -76,7 +76,7 @@ def test_the_palm_goes_where_it_is_led_in_a_bounded_step(cell: Cell) -> None:
 
 def test_a_palm_that_is_only_turned_turns_about_itself(cell: Cell) -> None:
     here = cell.security
-    command = PalmCommand(Pose(here.position, turned(here.rotation, np.array([0.0, 0.9, 0.0]))))
+    command = PalmCommand(Pose(here.position, rotate(here.rotation, np.array([0.0, 0.9, 0.0]))))
     seen = remote(cell, {0.1: command}, 2.5)
     assert seen.said == []
     away = np.linalg.norm([tool[:3] - here.position for tool in seen.tool], axis=1)

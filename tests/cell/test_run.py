@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.journal.observers import Observers, StatePictures
@@ -16,9 +17,9 @@ from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 
-SETTINGS = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
+SETTINGS = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
 
 def cell_of(**changes: Any) -> Cell:
@@ -53,6 +54,46 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == ["before.png", "end.png", "grasp.png"]
     kept.close()
     cell.close()
+
+
+def looks_of(cell: Cell) -> list[Any]:
+    """What perception says until the arm heads for a target: times and answers."""
+    said: list[Any] = []
+
+    class Enough(Exception):
+        pass
+
+    def entered(now: MachineState) -> None:
+        if now.state == "ToTargetPose":
+            raise Enough
+
+    def prepare(actions: CellActions) -> None:
+        actions.on_detection = lambda frame, seen: said.append((frame.time, seen))
+
+    try:
+        perform(cell, on_state=entered, on_prepare=prepare)
+    except Enough:
+        pass
+    cell.close()
+    return said
+
+
+@pytest.mark.slow
+def test_where_a_target_is_to_stand_still_the_cell_looks_until_it_does() -> None:
+    asked = SETTINGS.perception.model_dump() | {"steady": {"count": 4, "window": 0.5}}
+    assert len(looks_of(cell_of())) == 1
+    looks = looks_of(cell_of(perception=asked))
+    assert len(looks) >= 4
+    assert len({time for time, _ in looks}) == len(looks)
+
+
+@pytest.mark.slow
+def test_a_target_that_does_not_stand_still_is_refused_and_the_arm_does_not_go_there() -> None:
+    asked = SETTINGS.perception.model_dump() | {"steady": {"still": 1e-9, "window": 0.6}}
+    report = perform(cell_of(perception=asked, timeouts=SETTINGS.timeouts.model_dump() | {"look": 1.5}))
+    assert str(report.end) == "refused: unsteady"
+    assert "wait until the thing and the arm stand still" in report.end.sentence
+    assert "ToTargetPose" not in states(report)
 
 
 @pytest.mark.slow

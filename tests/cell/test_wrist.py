@@ -13,11 +13,11 @@ from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 
 
 def cell_of(config: str) -> Cell:
-    return make_cell(load(LabSettings, data_root() / "conf" / f"{config}.yaml"))
+    return make_cell(load_settings(LabSettings, data_root() / "conf" / f"{config}.yaml"))
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_model_o_that_closes_its_own_loop_takes_a_can() -> None:
 
 
 def test_a_wrist_without_reach_is_refused_before_anything_moves() -> None:
-    settings = load(LabSettings, data_root() / "conf" / "lab_model_o.yaml")
+    settings = load_settings(LabSettings, data_root() / "conf" / "lab_model_o.yaml")
     far = settings.security.model_copy(update={"facing": (1.0, 0.0, 0.0), "fingers": (0.0, 0.0, -1.0)})
     with pytest.raises(ConfigError, match="fer does not reach"):
         make_cell(settings.model_copy(update={"security": far}))

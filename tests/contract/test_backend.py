@@ -22,7 +22,7 @@ from allegro_twin.drivers.polled.backend import PolledBackend
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record

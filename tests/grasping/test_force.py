@@ -13,7 +13,7 @@ from allegro_twin.control.force_grasp import CentroidGrasp, pressing_forces
 from allegro_twin.grasping.scenario import ScenarioObject, load_scenario
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.objects.catalogue import load_object

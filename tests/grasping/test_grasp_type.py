@@ -11,9 +11,9 @@ from allegro_twin.grasping.batch.batched_trials import run_trials
 from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, SurfaceLoad, classify_grasp
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.taxonomy import KINDS, NONE, Observed
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, NONE, ObservedType
 
 FINGERS = ("index", "middle", "ring", "little")
 REACH = 0.1
@@ -105,9 +105,9 @@ NOT_TYPES = {
 
 def test_the_table_is_figure_4_of_the_paper() -> None:
     """33 types in 17 cells, 13 of them of one type."""
-    assert sorted(KINDS) == list(range(1, 34))
+    assert sorted(GRASP_TYPES) == list(range(1, 34))
     cells: dict[tuple[str, ...], list[int]] = {}
-    for kind in KINDS.values():
+    for kind in GRASP_TYPES.values():
         cells.setdefault((kind.type, kind.opposition, kind.fingers, kind.thumb), []).append(kind.number)
     assert sorted(cells.values()) == [
         [1, 2, 3, 10, 11], [4, 5, 15, 30], [6, 12, 13], [7, 27], [8, 14], [9, 24, 33], [16, 29, 32], [17], [18, 26],
@@ -118,7 +118,7 @@ def test_the_table_is_figure_4_of_the_paper() -> None:
 @pytest.mark.parametrize("number", TYPES)
 def test_each_of_the_33_types_is_told_by_its_contacts(number: int) -> None:
     found = classify_grasp(TYPES[number])
-    kind = KINDS[number]
+    kind = GRASP_TYPES[number]
     assert (found.number, found.name, found.type, found.opposition) == (number, kind.name, kind.type, kind.opposition)
 
 
@@ -164,7 +164,7 @@ def test_digits_without_names_are_opposed_by_the_one_that_all_others_press_again
 SPEC = load_spec()
 
 
-def shown(name: str, ghosts: tuple[str, ...] = (), hand: str | None = None) -> tuple[bool, Observed | None]:
+def shown(name: str, ghosts: tuple[str, ...] = (), hand: str | None = None) -> tuple[bool, ObservedType | None]:
     """Whether a scenario's trial held and the type that it showed, with the collisions of some fingers switched off."""
     scenario, path = load_scenario(name)
     spec = load_spec(scenario.hand)

@@ -13,8 +13,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import make_trial
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import grasp_names, load_grasp, load_posture, posture_names
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import grasp_names, load_grasp, load_posture, posture_names
 from allegro_twin.spec import HandSpec, Side
 
 GOOD = """
@@ -99,7 +99,7 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
         ),
         (
             "backend: {kind: simm}\ncontroller: {kind: pd}\n",
-            "backend: no backend kind named 'simm'; did you mean 'sim'?",
+            "no backend kind named 'simm'; did you mean 'sim'; there are sim, can, dynamixel, qb, schunk, replay;",
         ),
         ("controller: {kind: pd}\n", "backend: missing"),
         (base + "period: -1\n", "period: input should be greater than 0, not -1"),

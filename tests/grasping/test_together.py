@@ -15,7 +15,7 @@ from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case
 from allegro_twin.grasping.scenario import Phase, TrialProtocol, load_protocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until

@@ -16,8 +16,8 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.trial import Trial, make_trial, weight_warning
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import Side
 

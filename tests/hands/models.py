@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.files.templates import written
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.yaml_edit import write_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.mjcf_import.explore import explore_mjcf
 from allegro_twin.spec import HandSpec
 
@@ -78,7 +78,7 @@ def made(name: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.xml").write_text(HANDS[name])
     found = explore_mjcf(folder / f"{name}.xml")
-    written(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
+    write_settings(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
     return folder / f"{name}.yaml"
 
 

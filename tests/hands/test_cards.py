@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.templates import written
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.yaml_edit import write_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.mjcf_import.adapt import read_mjcf
 from allegro_twin.sim.mjcf_import.explore import explore_mjcf
 from allegro_twin.sim.model.scene import hand_spec
@@ -135,7 +135,7 @@ CARDS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("words", CARDS)
 def test_a_card_that_does_not_fit_together_says_where(words: str, tmp_path: Path) -> None:
     path = made("gripper", tmp_path)
-    written(path, changed(yaml.safe_load(path.read_text()), **CARDS[words]), "gripper")
+    write_settings(path, changed(yaml.safe_load(path.read_text()), **CARDS[words]), "gripper")
     with pytest.raises(ConfigError, match=words):
         load_spec(str(path))
 
@@ -148,7 +148,7 @@ def test_a_card_that_names_what_its_file_does_not_have_says_the_nearest(tmp_path
         ({"root": "bass"}, "did you mean 'base'"),
         ({"followers": [{"name": "rigt", "follows": "left", "positions": [0, 1]}]}, "did you mean 'right'"),
     ):
-        written(path, content | block, "gripper")
+        write_settings(path, content | block, "gripper")
         with pytest.raises(ConfigError, match=words):
             hand_spec(load_spec(str(path)))
 

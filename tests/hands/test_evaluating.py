@@ -24,7 +24,7 @@ from allegro_twin.grasping.scenario import TrialProtocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until

@@ -15,7 +15,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import guarded
 from allegro_twin.backend import position_of
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard
 from allegro_twin.sim.contact.interlock import Interlock
 from allegro_twin.sim.contact.self_clearance import SelfClearance

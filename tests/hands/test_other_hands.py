@@ -16,9 +16,8 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import Library, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
@@ -119,7 +118,7 @@ def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, m
     sim = make_sim(soft)
     samples = list(until(4.0, run(sim, PositionControl(Hold(np.array([0.5]))))))
     true = [float(sim.data.joint(each.name).qpos[0]) for each in soft.followers]
-    np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
+    np.testing.assert_allclose(soft.coupled_positions(samples[-1].state.position), true, atol=0.05)
 
 
 def test_a_state_says_where_the_tendon_is_now_and_not_a_step_ago(soft: HandSpec, make_sim: MakeSim) -> None:
@@ -189,7 +188,7 @@ def test_a_spec_survives_the_recording_that_carries_it(name: str, tmp_path: Path
     assert (back.joints, back.commands) == (spec.joints, spec.commands)
     assert [(f.name, f.driven) for f in back.followers] == [(f.name, f.driven) for f in spec.followers]
     middle = (spec.lower + spec.upper) / 2
-    np.testing.assert_array_equal(back.followed(middle), spec.followed(middle))
+    np.testing.assert_array_equal(back.coupled_positions(middle), spec.coupled_positions(middle))
 
 
 def test_the_guard_keeps_positions_inside_the_soft_stops_and_efforts_under_the_ceiling(make_sim: MakeSim) -> None:

@@ -21,7 +21,7 @@ from allegro_twin.grasping.plan.validate import AS_IT_IS, GraspValidator, Planne
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
@@ -35,7 +35,7 @@ LITTLE = RoundSize(guessed=24, closed=8, drawn=3)
 
 
 def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: RoundSize = LITTLE) -> GraspSearch:
-    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.called})
+    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.model_reference})
     return GraspSearch(scenario, spec, grasp_templates(spec), effort=effort)
 
 
@@ -69,7 +69,7 @@ def test_what_lies_beyond_a_link_that_has_met_the_ball_goes_on(name: str) -> Non
     assert touch.depth.max() < 0.01
     behind = [
         free - float(bench.data.joint(each.name).qpos[0])
-        for each, free in zip(spec.followers, spec.followed(found.close), strict=True)
+        for each, free in zip(spec.followers, spec.coupled_positions(found.close), strict=True)
         if found.closing[each.driven] and np.ptp(each.positions) > 0.5
     ]
     assert max(behind) > 0.1

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.messages.frames import LinkFrames
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -41,5 +41,5 @@ def test_a_view_is_found_by_the_ends_of_tendon_fingers(name: str) -> None:
 @pytest.mark.parametrize("name", HANDS)
 def test_frames_of_a_tendon_hand_are_those_of_all_that_moves(name: str) -> None:
     spec = load_spec(name)
-    moving = {spec.moving[frame.joint] for frame in LinkFrames(spec).moving}
-    assert {each.name for each in spec.followers} <= moving <= set(spec.moving)
+    moving = {spec.all_joints[frame.joint] for frame in LinkFrames(spec).moving}
+    assert {each.name for each in spec.followers} <= moving <= set(spec.all_joints)

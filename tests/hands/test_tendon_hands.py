@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.mjcf_import.explore import explore_mjcf
 from allegro_twin.sim.model.joints import PostureMap
@@ -146,12 +146,12 @@ def test_a_finger_of_the_softhand_that_is_held_stops_and_the_others_go_on(make_s
 def test_the_softhands_free_posture_is_the_published_one() -> None:
     """S z: 0.785 a rolling hinge, spreads of 0.2 and 0.4, and 2.542 at the thumb's foot, which stops at 1.571."""
     spec, z = load_spec("qb_softhand"), 0.5
-    free = dict(zip([each.name for each in spec.followers], spec.followed(np.array([z])), strict=True))
+    free = dict(zip([each.name for each in spec.followers], spec.coupled_positions(np.array([z])), strict=True))
     for finger in ("index", "middle", "ring", "little"):
         assert sum(free[f"{finger}_{place}"] for place in range(1, 7)) == pytest.approx(6 * 0.785 * z, rel=0.03)
     assert free["little_0"] == pytest.approx(-0.4 * z, abs=0.01)
     assert free["thumb_0"] == pytest.approx(2.542 * z, abs=0.02)
-    assert spec.followed(np.array([1.0]))[[each.name for each in spec.followers].index("thumb_0")] < 1.58
+    assert spec.coupled_positions(np.array([1.0]))[[each.name for each in spec.followers].index("thumb_0")] < 1.58
 
 
 def test_opening_and_closing_go_different_ways(make_sim: MakeSim) -> None:

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture, posture_names
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.self_clearance import SIGHT, SelfClearance, colliding_geoms
 from allegro_twin.sim.model.scene import Stage, compile_scene

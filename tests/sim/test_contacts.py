@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.grasping.metrics.carrying import least_effort
 from allegro_twin.grasping.metrics.trial_metrics import contact_metrics, contacts_in_scene
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.contact.contacts import SceneContacts, contact_jacobians, find_contacts
 from allegro_twin.sim.model.parts import part_names
 from allegro_twin.sim.model.scene import Stage, compile_scene

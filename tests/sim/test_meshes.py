@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Perturbation
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.parts import body_parts
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, add_object

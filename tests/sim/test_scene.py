@@ -13,8 +13,8 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, make_timeline
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.physics import Physics

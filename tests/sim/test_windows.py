@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
@@ -73,7 +73,7 @@ def test_half_the_command_at_twice_the_constant_is_the_same(spec: HandSpec) -> N
 
 def test_a_delay_of_a_whole_period_is_the_motion_a_period_later(spec: HandSpec, make_sim: MakeSim) -> None:
     late = parameters(spec, delay=np.full(16, 0.004))
-    truth = simulated(make_sim, replace(spec, drive=Drive.made({"delay": 0.004}, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values({"delay": 0.004}, 16)), duties())
     np.testing.assert_allclose(played(spec, late, duties()), truth, atol=4e-4)
     assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 5e-3
 
@@ -85,7 +85,7 @@ def test_an_offset_is_reported_and_the_weight_acts_at_the_true_place(spec: HandS
 
 def test_friction_that_breaks_away_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3}
-    truth = simulated(make_sim, replace(spec, drive=Drive.made(shape, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values(shape, 16)), duties())
     drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
     np.testing.assert_allclose(played(spec, drive, duties(), bristly=True), truth, atol=4e-4)
     assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 2e-3
@@ -94,14 +94,14 @@ def test_friction_that_breaks_away_is_the_same_in_both(spec: HandSpec, make_sim:
 def test_friction_that_grows_with_the_motors_torque_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
     shape = {"stiction": 1.3, "stribeck_speed": 0.15, "bristle": 1e-3}
     rows = {name: np.full(16, value) for name, value in shape.items()}
-    truth = simulated(make_sim, replace(spec, drive=Drive.made(shape | {"load_friction": 0.2}, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values(shape | {"load_friction": 0.2}, 16)), duties())
     loaded = parameters(spec, **rows, load_friction=np.full(16, 0.2))
     np.testing.assert_allclose(played(spec, loaded, duties(), bristly=True), truth, atol=6e-4)
     assert np.abs(played(spec, parameters(spec, **rows), duties(), bristly=True) - truth).max() > 2e-3
 
 
 def test_a_joint_gives_a_little_before_it_breaks_away(spec: HandSpec, make_sim: MakeSim) -> None:
-    drive = Drive.made({"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}, 16)
+    drive = Drive.from_values({"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}, 16)
     own = replace(spec, drive=drive)
     breakaway = 1.5 * spec.actuation.frictionloss[4]  # The middle finger's spread, which gravity does not pull upright.
     travel = []
@@ -140,7 +140,7 @@ def test_a_weight_at_a_tip_pulls(spec: HandSpec, weight: float) -> None:
 
 def test_a_loose_link_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
     play, k, down = 0.005, slice(8, 60), np.array([0.0, 0.0, -9.81])  # The simulation begins between the teeth.
-    truth = simulated(make_sim, replace(spec, drive=Drive.made({"backlash": play}, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values({"backlash": play}, 16)), duties())
     drive, player = parameters(spec, backlash=np.full(16, play)), OpenLoopPlayer(spec, 0.003, 0.001, loose=True)
     pieces = piece(OpenLoopPlayer(spec, 0.003), drive, np.concatenate([np.zeros((BEFORE, 16)), duties()]), down)
     lying = -play / 2.0 * np.sign(pieces.push[0, 0])

@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.appearance import of_object, of_series
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import VisualShape, object_appearance, series_color
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.appearance import scene_appearance, simplified
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object, object_catalogue
@@ -31,13 +30,13 @@ def tetrahedron(path: Path) -> Path:
 
 
 def test_every_object_of_the_catalogue_has_a_colour_of_its_own_choosing() -> None:
-    looks = [of_object(name) for name in object_catalogue()]
+    looks = [object_appearance(name) for name in object_catalogue()]
     assert len({(look.color, look.second) for look in looks}) == len(looks)
-    assert of_object("no such thing") == of_object("no such thing")
+    assert object_appearance("no such thing") == object_appearance("no such thing")
 
 
 def test_joints_beyond_the_palette_have_colours_too() -> None:
-    assert len({of_series(k) for k in range(24)}) == 24
+    assert len({series_color(k) for k in range(24)}) == 24
 
 
 def test_a_mug_has_a_handle_that_weighs_nothing_and_touches_nothing() -> None:
@@ -70,15 +69,15 @@ def test_the_simulators_texture_and_reruns_triangles_show_the_same_pattern() -> 
 @pytest.mark.parametrize(
     ("shape", "volume"),
     [
-        (Shape("box", (0.01, 0.02, 0.03)), 8 * 6e-6),
-        (Shape("sphere", (0.02,)), 4 / 3 * np.pi * 8e-6),
-        (Shape("cylinder", (0.01, 0.02)), np.pi * 4e-6),
-        (Shape("capsule", (0.01, 0.02)), np.pi * 4e-6 + 4 / 3 * np.pi * 1e-6),
-        (Shape("box", (0.01, 0.02, 0.03), paint="rubiks_cube"), 8 * 6e-6),
+        (VisualShape("box", (0.01, 0.02, 0.03)), 8 * 6e-6),
+        (VisualShape("sphere", (0.02,)), 4 / 3 * np.pi * 8e-6),
+        (VisualShape("cylinder", (0.01, 0.02)), np.pi * 4e-6),
+        (VisualShape("capsule", (0.01, 0.02)), np.pi * 4e-6 + 4 / 3 * np.pi * 1e-6),
+        (VisualShape("box", (0.01, 0.02, 0.03), paint="rubiks_cube"), 8 * 6e-6),
     ],
-    ids=lambda value: value.kind if isinstance(value, Shape) else "",
+    ids=lambda value: value.kind if isinstance(value, VisualShape) else "",
 )
-def test_surfaces_are_closed_turned_outwards_and_as_large_as_the_shape(shape: Shape, volume: float) -> None:
+def test_surfaces_are_closed_turned_outwards_and_as_large_as_the_shape(shape: VisualShape, volume: float) -> None:
     corners = surface_of(shape).vertices.reshape(-1, 3, 3)
     inside = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     assert inside == pytest.approx(volume, rel=0.05)

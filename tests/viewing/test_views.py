@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.appearance import hand_bodies
 from allegro_twin.spec import Side
 from allegro_twin.viewing.camera import Camera, Picture

@@ -20,11 +20,11 @@ import numpy as np
 
 from allegro_twin.cell.arm.limits import arm_limits
 from allegro_twin.cell.arm.tool import WrenchCompensation
-from allegro_twin.hands.description.arms import load_arm
-from allegro_twin.hands.description.mounts import Mount, load_mount
+from allegro_twin.hands.description.arms import load_arm_spec
+from allegro_twin.hands.description.mounts import HandMount, load_mount
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.kinematics.pose import Pose, placed, seen_from
+from allegro_twin.kinematics.pose import Pose, compose, relative_to
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.engine.world import World
@@ -50,7 +50,7 @@ class ArmWithHand:
     arm_sim: SimBackend
     """Behind the guard."""
     hand_sim: SimBackend
-    mount: Mount
+    mount: HandMount
     model: ArmModel
     """Of the flange, in the base's frame."""
     compensation: WrenchCompensation
@@ -66,21 +66,21 @@ class ArmWithHand:
 
     def flange(self, state: HandState) -> Pose:
         """Where the arm's encoders say that the flange is, in the world."""
-        return placed(self.base, self.model.pose(state.position))
+        return compose(self.base, self.model.pose(state.position))
 
     def palm(self, state: HandState) -> Pose:
         """Likewise the palm."""
-        return placed(self.flange(state), self._palm())
+        return compose(self.flange(state), self._palm())
 
     def camera(self, state: HandState) -> Pose:
         """Likewise the optical frame of the wrist's camera: z ahead, x to the right of its picture, y down."""
         mount = self.mount
-        return placed(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
+        return compose(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
 
     def flange_for(self, palm: Pose) -> Pose:
         """Where the flange is to be, in the base's frame as targets are, so that the palm is at a pose of the world."""
-        flange = seen_from(self._palm(), Pose(np.zeros(3), np.eye(3)))
-        return seen_from(self.base, placed(palm, flange))
+        flange = relative_to(self._palm(), Pose(np.zeros(3), np.eye(3)))
+        return relative_to(self.base, compose(palm, flange))
 
     def wrench(self, state: HandState) -> Vector:
         """What the world does to the hand, at the flange, in the axes of the world: force and torque, (6,)."""
@@ -122,7 +122,7 @@ def make_arm_with_hand(
     Raises ConfigError for a mount of another hand, and for what MuJoCo refuses.
     """
     held = load_mount(hand, mount)
-    spec = load_arm(arm, held.load)
+    spec = load_arm_spec(arm, held.load)
     stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table)
     if physics is not None:
         stage = replace(stage, physics=physics)

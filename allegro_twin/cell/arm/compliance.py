@@ -23,7 +23,7 @@ from allegro_twin.cell.arm.impedance import Stiffness, freed
 from allegro_twin.cell.arm.target import SMOOTH, CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.arm import ArmModel, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
@@ -149,7 +149,7 @@ def advance_virtual_arm(law: Compliance, virtual: VirtualArm, setpoint: Pose, wr
     stiffness, share = law.stiffness.diagonal(), np.repeat([pull.linear, pull.angular], 3)
     for _ in range(pull.iterations):
         place, axes, jacobian = law.model.motion(q)
-        error = np.concatenate([setpoint.position - place, turn(axes, setpoint.rotation)])
+        error = np.concatenate([setpoint.position - place, rotation_between(axes, setpoint.rotation)])
         force = stiffness * np.clip(error, -_MOST, _MOST) + wrench
         effort = pull.scale * (share * force + pull.damping * (force - last) / _STEP)
         pulled = np.linalg.solve(law.light.inertia(q), jacobian.T @ effort)

@@ -18,7 +18,7 @@ import numpy as np
 from allegro_twin.cell.arm.target import SMOOTH, CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.arm import ArmModel, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector
 
@@ -109,7 +109,7 @@ def hung(
     """The law above, (n,), N·m. `stiffness` has shape (6,); `felt` is w̄, (6,), or None: friction is left as it is."""
     q, v = state.position, state.velocity
     place, axes, jacobian = model.motion(q)
-    error = np.concatenate([place - setpoint.position, turn(setpoint.rotation, axes)])
+    error = np.concatenate([place - setpoint.position, rotation_between(setpoint.rotation, axes)])
     force = -stiffness * error - 2.0 * np.sqrt(stiffness) * (jacobian @ v)
     free = null * (rest - q) - 2.0 * np.sqrt(null) * v
     taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)

@@ -12,7 +12,7 @@ from allegro_twin.cell.arm.impedance import Impedance, Stiffness
 from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.cell.arm.tool import IdentifiedTool, identify_tool
 from allegro_twin.controller import Controller
-from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, together
 from allegro_twin.types import Array, Sample
@@ -38,7 +38,7 @@ def weigh_tool(robot: ArmWithHand, hand: Controller[Any], tilts: Sequence[Sequen
     samples = (sample for turn, sample in together(*runs) if turn == 0)
     axes, felt = [], []
     for number, tilt in enumerate(tilts):
-        target.move(Pose(home.position, turned(home.rotation, np.array(tilt))))
+        target.move(Pose(home.position, rotate(home.rotation, np.array(tilt))))
         rotation, wrench = _listened(robot, samples, _STAY * (number + 1))
         axes.append(rotation)
         felt.append(wrench)

@@ -76,9 +76,9 @@ class MotorCheck:
             return None
         off, limit = np.abs(target.position - state.position), self._limits.torque
         worst = int(weak[np.argmax((self._stiffness * off)[weak])])
-        names = ", ".join(self._spec.readable[joint] for joint in weak)
+        names = ", ".join(self._spec.joint_labels[joint] for joint in weak)
         said = (
-            f"{names} without torque: {self._spec.readable[worst]} is {off[worst]:.3f} rad from its goal and gives "
+            f"{names} without torque: {self._spec.joint_labels[worst]} is {off[worst]:.3f} rad from its goal and gives "
             f"{abs(state.torque[worst]):.2f} N·m of {limit[worst]:.2f}; see to the motors' power and to their driver"
         )
         return Outcome("fault", "hand without torque", said)
@@ -93,7 +93,7 @@ class MotorCheck:
             return None
         joint = int(np.argmax(np.where(still, np.abs(way), 0.0)))
         said = (
-            f"{self._spec.readable[joint]} still reads {state.position[joint]:.4f} rad after its goal went "
+            f"{self._spec.joint_labels[joint]} still reads {state.position[joint]:.4f} rad after its goal went "
             f"{abs(way[joint]):.2f} rad: its encoder is dead or the joint is stuck; see to it"
         )
         return Outcome("fault", "hand stuck", said)

@@ -18,7 +18,7 @@ from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.states import MachineState
 from allegro_twin.control.trajectory import Path
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
 from allegro_twin.viewing.camera import Camera
@@ -144,7 +144,7 @@ def arm_extras(cell: Cell, target: Pose, sample: Sample) -> dict[str, Array]:
     """What is known beside an arm's sample: `flange` and `tool`, the palm, by the encoders, and `goal`, where the
     flange is to go, (7,) each in the world; `force`, what the world does to the hand, (6,). `target`: in the base."""
     robot, state = cell.robot, sample.state
-    poses = {"flange": robot.flange(state), "tool": robot.palm(state), "goal": placed(robot.base, target)}
+    poses = {"flange": robot.flange(state), "tool": robot.palm(state), "goal": compose(robot.base, target)}
     found = {name: np.concatenate([pose.position, pose.quaternion]) for name, pose in poses.items()}
     return found | {"force": robot.wrench(state)}
 

@@ -12,7 +12,7 @@ from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.time_scaling import minimum_jerk
-from allegro_twin.kinematics.arm import ArmModel, turn, turned
+from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
@@ -32,9 +32,9 @@ class Straight(NamedTuple):
     def at(self, t: float) -> Pose:
         """At a time, s."""
         part, _ = minimum_jerk(min(max((t - self.since) / self.seconds, 0.0), 1.0))
-        left = turn(self.begin.rotation, self.end.rotation)
+        left = rotation_between(self.begin.rotation, self.end.rotation)
         way = self.end.position - self.begin.position
-        return Pose(self.begin.position + part * way, turned(self.begin.rotation, part * left))
+        return Pose(self.begin.position + part * way, rotate(self.begin.rotation, part * left))
 
 
 class ArmGuide:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.settings import CellHandSettings
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library

@@ -18,7 +18,7 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import Scenario, load_scenario
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.objects.catalogue import GraspObject, object_catalogue
 from allegro_twin.types import Array
@@ -128,7 +128,7 @@ def _card(scenario: Scenario) -> StoredGrasp:
     if wrist.over is not None:
         offset[2] = max(wrist.over.table - body.extents[2] / 2.0, body.extents[2] / 2.0 + wrist.over.top)
     back = yaw_rotation(-body.yaw)
-    palm = Pose(back @ offset, back @ facing(wrist.facing, wrist.fingers))
+    palm = Pose(back @ offset, back @ matrix_facing(wrist.facing, wrist.fingers))
     return StoredGrasp(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
 
 

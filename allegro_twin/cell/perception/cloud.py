@@ -31,19 +31,6 @@ def finite(points: Points) -> Mask:
     return np.asarray(np.isfinite(points[..., 0]) & np.isfinite(points[..., 1]) & np.isfinite(points[..., 2]))
 
 
-def voxel(points: Points, edge: float) -> Array:
-    """The mean of the points (n, 3) of each cube of `edge`, m, (k, 3). All must be known."""
-    if len(points) == 0:
-        return np.empty((0, 3))
-    cells = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
-    spans = cells.max(axis=0) + 1
-    keys = (cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2]
-    order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
-    sums = np.add.reduceat(points[order].astype(np.float64), starts, axis=0)
-    return np.asarray(sums / np.diff(starts, append=len(points))[:, None])
-
-
 _ROWS = 24  # One of so many is looked at for the focal length.
 
 

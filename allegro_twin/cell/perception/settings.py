@@ -66,7 +66,7 @@ class TargetSettings(Settings):
 
 
 class SteadySettings(Settings):
-    """When a target is worth moving for."""
+    """When a target stands still enough to move for."""
 
     smooth: NotNegative = 0.1
     """Time constant of the low-pass, s."""
@@ -104,4 +104,5 @@ class PerceptionSettings(Settings):
     table: TableSettings = TableSettings()
     object: DetectionSettings = DetectionSettings()
     target: TargetSettings = TargetSettings()
-    steady: SteadySettings = SteadySettings()
+    steady: SteadySettings | None = None
+    """The cell looks until the target stands still; None: the first picture counts."""

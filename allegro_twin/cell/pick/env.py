@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from allegro_twin.cell.pick.episode import Episodes
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.errors import CommandError, ConfigError, HandFault
-from allegro_twin.files.schema import parse
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.views import View
@@ -40,7 +40,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")
-        self.settings = parse(PickSettings, kwargs, "environment")
+        self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)
         self._camera: Camera | None = None
@@ -51,7 +51,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         super().reset(seed=seed)
-        asked = parse(PickOptions, options or {}, "options")
+        asked = parse_settings(PickOptions, options or {}, "options")
         self.episodes.begin(self.np_random, asked)
         self._over, self._high = False, 0.0
         if self._camera is not None:
@@ -118,7 +118,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
             _part(arm.position, mine.lower, mine.upper), arm.velocity / 2.0,
             _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (scene.path.goal - hand.position) / 0.3,
             palm.position / 0.5, palm.quaternion, (scene.aim.position - palm.position) / 0.06,
-            turn(palm.rotation, scene.aim.rotation) / 0.3,
+            rotation_between(palm.rotation, scene.aim.rotation) / 0.3,
             thing.position / 0.5, palm.rotation.T @ (thing.position - palm.position) / 0.2, thing.quaternion,
             np.array(now.body.extents) / 0.2, np.array([now.closed - 1.0, now.count / now.limit]),
         ]  # fmt: skip

@@ -23,11 +23,11 @@ from allegro_twin.cell.reachability import nearest_grasp
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
-from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.objects.catalogue import object_catalogue
@@ -68,7 +68,7 @@ class ObjectTracker:
         known, (shift, twist) = self._past[0], self._noise
         self.pose = Pose(
             known.position + shift * draws.uniform(-1.0, 1.0, 3) if shift else known.position,
-            turned(known.rotation, twist * draws.uniform(-1.0, 1.0, 3)) if twist else known.rotation,
+            rotate(known.rotation, twist * draws.uniform(-1.0, 1.0, 3)) if twist else known.rotation,
         )
 
 
@@ -94,7 +94,7 @@ class Episodes:
                 raise ConfigError(unknown("object", name, object_catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
         self._model, self._library = hand_kinematics(self.spec), Library()
-        self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
+        self._lab = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
         self._scenes: dict[str, PickScene] = {}
         self._cameras: dict[str, DepthCamera] = {}
         self._pipeline = PerceptionPipeline(self._lab.perception) if settings.perception else None

@@ -12,7 +12,7 @@ from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_contr
 from allegro_twin.cell.pick.settings import PickSettings
 from allegro_twin.control.controllers import ReferenceMemory
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.kinematics.arm import turn, turned
+from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.contacts import find_contacts
@@ -94,8 +94,8 @@ class PickScene:
         """Displace the palm's set-point, (3,), m, and turn it, (3,), rad, in the world's axes; fingers to a posture."""
         palm = self.palm
         ahead = np.clip(self.aim.position + step, _LOWER, _UPPER) - palm.position
-        wide = turn(palm.rotation, turned(self.aim.rotation, twist))
-        self.aim = Pose(palm.position + _short(ahead, _LEASH[0]), turned(palm.rotation, _short(wide, _LEASH[1])))
+        wide = rotation_between(palm.rotation, rotate(self.aim.rotation, twist))
+        self.aim = Pose(palm.position + _short(ahead, _LEASH[0]), rotate(palm.rotation, _short(wide, _LEASH[1])))
         self.target.move(self.robot.flange_for(self.aim))
         self.path.head_for(self.hand.t, np.clip(posture, self.spec.lower, self.spec.upper))
 

@@ -7,7 +7,7 @@ import numpy as np
 from allegro_twin.cell.motion.empty_grasp import squeeze_speed
 from allegro_twin.cell.pick.env import ArmPick, Floats
 from allegro_twin.cell.pick.episode import posture_at
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Vector
 
@@ -57,7 +57,7 @@ class ScriptedPick:
         way = palm.position - aim.position
         far = float(np.linalg.norm(way))
         step = way * min(1.0, _SPEED * self._now.seconds / max(far, 1e-9))
-        twist = turn(aim.rotation, palm.rotation)
+        twist = rotation_between(aim.rotation, palm.rotation)
         if settings.control == "grasp":
             fingers: Vector = np.array([(closed - self._now.closed) / settings.close])
         else:
@@ -67,5 +67,8 @@ class ScriptedPick:
 
 
 def _there(palm: Pose, goal: Pose) -> bool:
-    off, wide = np.linalg.norm(palm.position - goal.position), np.linalg.norm(turn(palm.rotation, goal.rotation))
+    off, wide = (
+        np.linalg.norm(palm.position - goal.position),
+        np.linalg.norm(rotation_between(palm.rotation, goal.rotation)),
+    )
     return bool(off < _NEAR[0] and wide < _NEAR[1])

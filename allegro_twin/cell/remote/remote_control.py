@@ -118,7 +118,7 @@ class RemoteControl:
             raise CommandError(f"fingers: times must ascend from above 0 s; they are {times[:6].tolist()}")
         here, spec = self.fingers(t).position, self.cell.hand.spec
         try:
-            postures = np.array([spec.reachable(row, "fingers") for row in postures])
+            postures = np.array([spec.measured_posture(row, "fingers") for row in postures])
         except ConfigError as error:
             raise CommandError(str(error)) from error
         rates = None if velocities is None else np.vstack([np.zeros_like(here), velocities])

@@ -10,8 +10,8 @@ from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.control.trajectory import FASTEST, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.kinematics.arm import turn, turned
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.kinematics.arm import rotate, rotation_between
+from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.types import Array, Vector
 
@@ -44,10 +44,10 @@ class WorkspaceLimits:
                 "stays; ask for a place inside, or set `follow`"
             )
         self._over(palm, fingers, "target")
-        way, left, at = palm.position - here.position, turn(here.rotation, palm.rotation), now
+        way, left, at = palm.position - here.position, rotation_between(here.rotation, palm.rotation), now
         parts = math.ceil(max(float(np.linalg.norm(way)) / _STEP, float(np.linalg.norm(left)) / _TURN, 1.0))
         for part in np.linspace(0.0, 1.0, min(parts, _MOST) + 1)[1:]:
-            pose = Pose(here.position + part * way, turned(here.rotation, part * left))
+            pose = Pose(here.position + part * way, rotate(here.rotation, part * left))
             try:
                 at = robot.model.reach(robot.flange_for(pose), at, _NEAR)
             except ConfigError as error:
@@ -68,7 +68,7 @@ class WorkspaceLimits:
         rows = np.array([point.position for point in points])
         least, most = np.minimum(spec.lower, rows[0]), np.maximum(spec.upper, rows[0])
         for row in rows[1:]:  # A joint that rests beyond its limit comes back.
-            if said := spec.beyond(row, least, most, 1e-9):
+            if said := spec.limit_violation(row, least, most, 1e-9):
                 raise CommandError(f"fingers: {said}")
         thin = math.ceil(len(rows) / _LONGEST)
         rows, times = rows[::-thin][::-1], times[::-thin][::-1]
@@ -95,7 +95,7 @@ class WorkspaceLimits:
         model = self._cell.model
         parts = {"the palm": Pose(np.zeros(3), np.eye(3)), **model.links(fingers)}
         tips = {f"the tip of {name}": pose for name, pose in model.fingertips(fingers).items()}
-        heights = {name: float(placed(palm, pose).position[2]) for name, pose in (parts | tips).items()}
+        heights = {name: float(compose(palm, pose).position[2]) for name, pose in (parts | tips).items()}
         lowest = min(heights, key=lambda name: heights[name])
         short = self._bounds.clearance - heights[lowest]
         if short > 0.0:

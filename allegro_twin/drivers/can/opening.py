@@ -23,7 +23,7 @@ from allegro_twin.drivers.can.virtual.hidden_truth import loosened, truth_of
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.wiring import NOTHING, load_wiring
+from allegro_twin.hands.description.calibration import NOTHING, load_wiring
 from allegro_twin.hands.settings import HandSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.spec import HandSpec

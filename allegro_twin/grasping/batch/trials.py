@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
 from allegro_twin.grasping.interchange.read import import_grasp
@@ -27,11 +27,11 @@ from allegro_twin.grasping.scenario import (
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
@@ -150,7 +150,7 @@ def run_cases(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> 
         hand, side = hand_name(item), item.get("side", "right")
         spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
         case = load_case(item, spec)
-        gains = ruled(case.ruled.gains or shared.get("gains"), spec)
+        gains = protocol_gains(case.ruled.gains or shared.get("gains"), spec)
         groups.setdefault((hand, side, gains, case.ruled.period or PERIOD), []).append((index, case))
     for (hand, side, gains, period), members in groups.items():
         bench = _runner(specs[hand, side], gains, period, shared.get("threads", 0))

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.trials import TrialCase, hand_name, load_case
 from allegro_twin.grasping.interchange.read import load_grasps
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import compile_scene
 from allegro_twin.sim.objects.catalogue import load_object
@@ -40,7 +40,7 @@ class InputFingerprints:
         """Of the trial of that name. `file`: of many grasps, of which its grasp and the palm's place are; those of one
         file share their scene. Raises ConfigError for a scene that cannot be built."""
         scenario, protocol = case.scenario, case.ruled
-        gains = ruled(protocol.gains, spec)
+        gains = protocol_gains(protocol.gains, spec)
         found = {
             f"hand {spec.serial or spec.name}": hand_fingerprint(spec),
             f"gains {gains} of {spec.model}": fingerprint(load_gains(gains, spec)),

@@ -14,7 +14,7 @@ from urllib.parse import quote
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.evaluation.outcomes import make_rate
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.types import Array
@@ -49,7 +49,7 @@ def write_html_report(
     disk refuses.
     """
     text = html_report(results, path.parent, title=title, about=about)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

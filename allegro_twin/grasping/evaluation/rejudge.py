@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.spec import HandSpec
@@ -33,7 +33,8 @@ def rejudge(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any
     )  # fmt: skip
     return judge(
         seen, windows, Rule(**{key: rule[key] for key in rule if key != "windows"}),
-        parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+        parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.joint_labels,
+        torque_limit=spec.actuation.torque_limit,
     )  # fmt: skip
 
 
@@ -68,5 +69,5 @@ def write_reports(path: Path, reports: dict[str, TrialReport]) -> None:
         "engine": ENGINE,
         "trials": {name: asdict(report) for name, report in reports.items()},
     }
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1, default=dict))

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps, PalmFrame, check_grasps
 from allegro_twin.grasping.interchange.orders import joint_orders, menagerie_order, order_by_name, reorder_joints
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -66,7 +66,7 @@ def make_record(grasps: Grasps) -> dict[str, Any]:
 
 def write_dexgraspbench(path: Path, grasps: Grasps) -> None:
     """A `.npy` that DexGraspBench reads; its own tools want one grasp a file. Raises RecordingError."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         np.save(temporary, np.array(make_record(grasps), dtype=object), allow_pickle=True)
 
 

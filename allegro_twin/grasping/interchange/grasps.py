@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_conjugate, quaternion_product
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector, frozen
 
@@ -63,11 +63,13 @@ class Grasps:
     @property
     def palm(self) -> Array:
         """Our palm in the frame of the object's file, (k, s, 7)."""
-        back = conjugate(_unit(self.object_pose[:, None, 3:]))
+        back = quaternion_conjugate(_unit(self.object_pose[:, None, 3:]))
         turn = matrix_from_quaternion(back)
         position = np.einsum("koij,ksj->ksi", turn, self.hand[..., :3] - self.object_pose[:, None, :3])
-        hand = product(np.broadcast_to(back, self.hand[..., 3:].shape), _unit(self.hand[..., 3:]))
-        return np.concatenate([position, product(hand, np.broadcast_to(self.frame.palm, hand.shape))], axis=-1)
+        hand = quaternion_product(np.broadcast_to(back, self.hand[..., 3:].shape), _unit(self.hand[..., 3:]))
+        return np.concatenate(
+            [position, quaternion_product(hand, np.broadcast_to(self.frame.palm, hand.shape))], axis=-1
+        )
 
     def palm_from(self, middle: ArrayLike) -> Array:
         """The palm from another origin in the object, (3,), m, in its file's axes: from the middle of its mesh
@@ -114,8 +116,8 @@ class Grasps:
         """The same with the hand's poses in another of its frames; nothing is rounded where it is that one already."""
         if frame == self.frame:
             return self
-        turn = product(np.array(self.frame.palm), conjugate(np.array(frame.palm)))
-        turned = product(self.hand[..., 3:], np.broadcast_to(turn, self.hand[..., 3:].shape))
+        turn = quaternion_product(np.array(self.frame.palm), quaternion_conjugate(np.array(frame.palm)))
+        turned = quaternion_product(self.hand[..., 3:], np.broadcast_to(turn, self.hand[..., 3:].shape))
         return replace(self, hand=np.concatenate([self.hand[..., :3], turned], axis=-1), frame=frame)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.types import Array
 
@@ -50,7 +50,7 @@ def order_by_name(
             raise ConfigError(f"{where}: {name!r} is no joint of {spec.name}: is it another hand's grasp?")
         found.append(known[bare])
     if sorted(found) != list(range(spec.n_joints)):
-        missing = [spec.readable[j] for j in range(spec.n_joints) if found.count(j) != 1]
+        missing = [spec.joint_labels[j] for j in range(spec.n_joints) if found.count(j) != 1]
         raise ConfigError(f"{where}: each joint of {spec.name} once; missing or twice: {', '.join(missing)}")
     return tuple(found)
 
@@ -103,7 +103,7 @@ def _in_range(found: Array, given: Array, spec: HandSpec, where: str) -> None:
         else f"no known order of {spec.name}'s joints fits: is it another hand's, or in degrees?"
     )
     raise ConfigError(
-        f"{where}: grasp {grasp}: {spec.readable[joint]} = {found[grasp, -2, joint]:.4g} rad is "
+        f"{where}: grasp {grasp}: {spec.joint_labels[joint]} = {found[grasp, -2, joint]:.4g} rad is "
         f"{over[grasp, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
     )
 

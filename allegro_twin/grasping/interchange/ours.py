@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.schema import Settings, load
-from allegro_twin.files.yaml_edit import with_document
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.schema import Settings, load_settings
+from allegro_twin.files.yaml_edit import replace_document
 from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, check_grasps
 from allegro_twin.hands.library.entries import Angles, joint_vector
 from allegro_twin.spec import HandSpec, Side
@@ -52,7 +52,7 @@ class YamlGrasps(Settings):
 
 def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
     """The grasps of a file. Raises ConfigError."""
-    file, where = load(YamlGrasps, path), str(path)
+    file, where = load_settings(YamlGrasps, path), str(path)
     if file.frame not in FRAMES:
         raise ConfigError(f"{where}: frame is one of {', '.join(FRAMES)}, not {file.frame!r}")
     if file.side != spec.side:
@@ -76,8 +76,8 @@ def write_yaml_grasps(path: Path, grasps: Grasps, spec: HandSpec) -> None:
         "frame": grasps.frame.name,
         "grasps": [_entry(grasps, row, spec) for row in range(len(grasps))],
     }
-    with whole_file(path) as temporary:
-        temporary.write_text(with_document("", content, str(path)), encoding="utf-8")
+    with atomic_file(path) as temporary:
+        temporary.write_text(replace_document("", content, str(path)), encoding="utf-8")
 
 
 def _entry(grasps: Grasps, row: int, spec: HandSpec) -> dict[str, Any]:

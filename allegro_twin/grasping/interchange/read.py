@@ -17,7 +17,7 @@ from allegro_twin.grasping.interchange.ours import read_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, parse_object
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import Taxonomy
+from allegro_twin.hands.library.taxonomy import ClaimedType
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.meshes import SUFFIXES, mesh_middle
 from allegro_twin.spec import HandSpec
@@ -53,7 +53,7 @@ def _entries(content: Any, path: Path) -> list[Any]:
 
 
 # The formats do not say of which type a grasp is, and this number is none of the taxonomy's 33.
-_UNTYPED = Taxonomy.model_construct(number=0, name="not said", type="precision", opposition="pad")
+_UNTYPED = ClaimedType.model_construct(number=0, name="not said", type="precision", opposition="pad")
 
 
 class ImportedGrasp(NamedTuple):

@@ -117,7 +117,7 @@ def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenar
             "fingers": round_vector(candidate.rotation[:, 2]), "retreat": round_vector(candidate.retreat),
         }
     )  # fmt: skip
-    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.called})
+    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference})
 
 
 def candidate_grasp(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:

@@ -22,14 +22,14 @@ from allegro_twin.grasping.plan.poses import closing_directions
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.statistics import PairedCounts, count_pairs
 from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
-from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_of
-from allegro_twin.hands.library.taxonomy import as_claimed
-from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
+from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_grasp
+from allegro_twin.hands.library.taxonomy import claim_observed
+from allegro_twin.kinematics.orientation import matrix_facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import HandSpec
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Engine, Local
+from allegro_twin.sweep.local import Local, SweepEngine
 from allegro_twin.sweep.runner import run
 from allegro_twin.types import Array
 
@@ -59,7 +59,7 @@ class VariantResult(NamedTuple):
 class VariantWorkers:
     """What tries them: `at_once` processes of an engine, or, with one, all threads of this process."""
 
-    engine: Engine
+    engine: SweepEngine
     at_once: int
     folder: Path
     """Where the scenario's own files are looked for."""
@@ -76,7 +76,7 @@ def try_variants(
     items = [
         {"version": variant_to_json(version, spec), "draw": asdict(draw)} for version in versions for draw in samples
     ]
-    shared = {"hand": spec.called, "side": spec.side, "serial": spec.serial, "protocol": protocol,
+    shared = {"hand": spec.model_reference, "side": spec.side, "serial": spec.serial, "protocol": protocol,
               "folder": str(where.folder.resolve()), "threads": int(where.at_once > 1)}  # fmt: skip
     unit = len(items) if where.at_once == 1 else max(1, min(UNIT, len(items) // where.at_once))
     rows = iter(run(Sweep(TRIED, items, shared, unit), engine=where.engine).to_pylist())
@@ -92,7 +92,7 @@ def run_variants(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) 
 
 def variant_to_json(version: GraspVariant, spec: HandSpec) -> dict[str, Any]:
     """As JSON has it."""
-    entry = entry_of(version.grasp, spec).model_dump(mode="json")
+    entry = entry_from_grasp(version.grasp, spec).model_dump(mode="json")
     return {"scenario": version.scenario.model_dump(mode="json"), "name": version.grasp.name, "grasp": entry}
 
 
@@ -160,7 +160,7 @@ class GraspImprovement:
     draws: int = 8
     unseen: int = 40
     """On which both versions are compared in the end."""
-    engine: Engine = field(default_factory=lambda: Local(0))
+    engine: SweepEngine = field(default_factory=lambda: Local(0))
     at_once: int = 1
     """How many processes the engine has."""
 
@@ -189,7 +189,7 @@ class GraspImprovement:
         shown = None if verdict.report is None else verdict.report.observed
         if shown is None:
             return version
-        return GraspVariant(version.scenario, replace(version.grasp, observed=shown, taxonomy=as_claimed(shown)))
+        return GraspVariant(version.scenario, replace(version.grasp, observed=shown, taxonomy=claim_observed(shown)))
 
     def _eased(self, versions: list[GraspVariant]) -> list[GraspVariant]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""
@@ -224,7 +224,7 @@ def perturb_grasp(version: GraspVariant, spec: HandSpec, scale: float, random: n
     """Another version, near: the wrist elsewhere, the joints that close elsewhere, squeezed more or less."""
     wrist, grasp = version.scenario.wrist, version.grasp
     turn = matrix_from_quaternion(quaternion_from_vector(scale * TURN * random.normal(size=3)))
-    rotation = turn @ facing(wrist.facing, wrist.fingers)
+    rotation = turn @ matrix_facing(wrist.facing, wrist.fingers)
     moved = wrist.model_copy(
         update={
             "position": round_vector(np.array(wrist.position) + scale * METRES * random.normal(size=3)),

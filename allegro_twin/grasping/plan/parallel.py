@@ -18,11 +18,11 @@ from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudg
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import PlannedGrasp, best_grasps
 from allegro_twin.grasping.scenario import Scenario
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Engine
+from allegro_twin.sweep.local import SweepEngine
 from allegro_twin.sweep.runner import run
 
 SEARCH = "allegro_twin.grasping.plan.parallel:run_searches"
@@ -33,14 +33,14 @@ def search_in_parallel(
     n: int,
     budget: SearchBudget,
     seeds: int,
-    engine: Engine,
+    engine: SweepEngine,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[PlannedGrasp]:
     """The best `n` of searches like `search` with so many seeds from its own on, each with the whole budget and on
     one processor. `progress`: how many have ended. Raises HandError when one of them fails."""
     shared = {
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
-        "hand": search.spec.called, "side": search.spec.side, "kind": search.kind, "n": n,
+        "hand": search.spec.model_reference, "side": search.spec.side, "kind": search.kind, "n": n,
         "budget": {key: value for key, value in asdict(budget).items() if math.isfinite(value)},
         "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
     }  # fmt: skip
@@ -100,7 +100,7 @@ def planned_from_json(data: Any, known: Sequence[Grasp]) -> PlannedGrasp:
     planned = PlannedGrasp(
         candidate, Scenario.model_validate(data["scenario"]), grasp, **{key: data[key] for key in _FIELDS}
     )
-    planned.show(None if data["observed"] is None else Observed(**data["observed"]))
+    planned.show(None if data["observed"] is None else ObservedType(**data["observed"]))
     return planned
 
 

@@ -13,8 +13,8 @@ from allegro_twin.grasping.plan.validate import SEARCHED, PlannedGrasp
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.library.entries import Proof
-from allegro_twin.hands.library.grasps import Grasp, entry_of
+from allegro_twin.hands.library.entries import PlanRecord
+from allegro_twin.hands.library.grasps import Grasp, entry_from_grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.spec import HandSpec
 
@@ -41,26 +41,34 @@ def save_grasps(
 
 def save_grasp(
     scenario: Scenario, grasp: Grasp, name: str, folder: Path, spec: HandSpec, description: str,
-    proof: Proof | None = None, read_in: Path | None = None,
+    proof: PlanRecord | None = None, read_in: Path | None = None,
 ) -> Path:  # fmt: skip
     """Write <folder>/<name>.yaml, a scenario, and <folder>/grasps/<name>.yaml, the grasp that it names; the first.
     `read_in` as of `save_grasps`."""
     store_grasp(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name, proof=proof)
     path = folder / f"{name}.yaml"
     content = _plain(scenario, f"{GRASPS}/{name}.yaml", read_in or folder, description)
-    with yaml_edit.locked(path):
-        yaml_edit.write_text(path, yaml_edit.with_document("", content, str(path)))
+    with yaml_edit.lock_file(path):
+        yaml_edit.write_text(path, yaml_edit.replace_document("", content, str(path)))
     return path
 
 
 def store_grasp(
-    grasp: Grasp, name: str, path: Path, spec: HandSpec, description: str, evidence: str, proof: Proof | None = None
+    grasp: Grasp,
+    name: str,
+    path: Path,
+    spec: HandSpec,
+    description: str,
+    evidence: str,
+    proof: PlanRecord | None = None,
 ) -> None:
     """Store a grasp under a name in a library file; the other hand's is its mirror image. Raises ConfigError or
     RecordingError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     library = Library(path.parent)
-    entry = entry_of(grasp, spec, description, evidence).model_copy(update={} if proof is None else {"planned": proof})
+    entry = entry_from_grasp(grasp, spec, description, evidence).model_copy(
+        update={} if proof is None else {"planned": proof}
+    )
     library.add(name, entry, spec)
     library.store(name, path)
 
@@ -76,11 +84,11 @@ def describe(planned: PlannedGrasp) -> str:
     return f"Planned for {thing}, {_FROM[planned.candidate.direction]}: {', '.join(said)}; {begun}"
 
 
-def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> Proof:
+def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> PlanRecord:
     """The same for programs; of nothing judged, an interval that says nothing."""
     protocol = load_protocol(planned.scenario.protocol)
     low, high = wilson(planned.judged_held, planned.judged)
-    return Proof(
+    return PlanRecord(
         seed=planned.seed, candidates=planned.candidates, held=planned.judged_held, draws=planned.judged,
         low=round(low, 4), high=round(high, 4), protocol=f"{Path(planned.scenario.protocol).stem} {protocol.version}",
         uncertainty=", ".join(f"{name} {value}" for name, value in uncertainty.model_dump().items()),

@@ -26,7 +26,7 @@ from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, Planne
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
@@ -143,7 +143,7 @@ class GraspSearch:
 
     def _squeezed(self, candidates: list[Candidate], protocol: TrialProtocol, random: Random) -> list[Candidate]:
         """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
-        gains = load_gains(ruled(protocol.gains, self.spec), self.spec)
+        gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec)
         further = squeeze_offsets(np.array([c.closing for c in candidates]), self.spec, gains, random)
         return [
             replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
@@ -157,7 +157,7 @@ class GraspSearch:
 
     def _performer(self, protocol: TrialProtocol) -> FingerGains:
         return FingerGains(
-            load_gains(ruled(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
+            load_gains(protocol_gains(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
         )
 
     def _apart(self, passed: list[Candidate], prover: GraspValidator) -> list[Candidate]:

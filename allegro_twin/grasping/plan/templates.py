@@ -9,7 +9,7 @@ from allegro_twin.grasping.plan.candidate import check_stiffness
 from allegro_twin.grasping.plan.poses import closing_directions
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.taxonomy import claim
+from allegro_twin.hands.library.taxonomy import claim_type
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -63,7 +63,7 @@ def gathering_grasp(spec: HandSpec) -> Grasp:
         raise ConfigError(f"{spec.name}: no motor brings its fingertips together: store a grasp of it in the library")
     opened = np.where(closing > 0.0, lower, np.where(closing < 0.0, upper, middle))
     preshape, close, squeeze = (opened + part * closing * spans for part in (OPEN, CLOSED, FURTHER))
-    return Grasp("gathering", claim(None), float(spans.max()), "minimum_jerk", preshape, close, squeeze)
+    return Grasp("gathering", claim_type(None), float(spans.max()), "minimum_jerk", preshape, close, squeeze)
 
 
 def _apart(model: HandKinematics, posture: Vector) -> float:

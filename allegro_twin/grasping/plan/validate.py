@@ -22,10 +22,10 @@ from allegro_twin.grasping.plan.candidate import (
 from allegro_twin.grasping.plan.region import GraspRegion, holds_in_region
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.select import is_of_type
-from allegro_twin.hands.library.taxonomy import Observed, as_claimed
+from allegro_twin.hands.library.library import is_of_type
+from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -83,10 +83,10 @@ class PlannedGrasp:
     """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
     its torque limit."""
 
-    def show(self, observed: Observed | None) -> None:
+    def show(self, observed: ObservedType | None) -> None:
         """Its grasp is of the type that its contacts show, and claims no other."""
         if observed is not None:
-            self.grasp = replace(self.grasp, observed=observed, taxonomy=as_claimed(observed))
+            self.grasp = replace(self.grasp, observed=observed, taxonomy=claim_observed(observed))
 
     @property
     def expected(self) -> float:
@@ -202,7 +202,7 @@ def judge_planned(
     drawn = sample_perturbations(uncertainty, count, seed, stream="judge")
     for each in planned:
         protocol = load_protocol(each.scenario.protocol)
-        bench = TrialRunner(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
+        bench = TrialRunner(spec, protocol_gains(protocol.gains, spec), protocol.period or PERIOD, threads)
         split = [TrialCase(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
         verdicts = bench.verdicts([case for cases in split for case in cases], stop_early=True)
         each.judged, each.judged_held = len(split), 0
@@ -224,7 +224,7 @@ def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> 
     """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
-    gains = ruled(protocol.gains, prover.spec)
+    gains = protocol_gains(protocol.gains, prover.spec)
     runner = TrialRunner(prover.spec, gains, protocol.period or PERIOD, prover.threads)
     options = [
         PlannedGrasp(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0)

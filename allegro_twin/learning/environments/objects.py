@@ -9,7 +9,7 @@ from pydantic import BeforeValidator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
@@ -32,7 +32,7 @@ class OwnObject(ScenarioObject):
 def _read(value: Any) -> Any:
     """Read a mapping, or the path of a mesh."""
     if isinstance(value, dict):
-        return parse(OwnObject, value, "objects")
+        return parse_settings(OwnObject, value, "objects")
     if isinstance(value, str) and Path(value).suffix.lower() in MESHES:
         return OwnObject(name=Path(value).stem, shape="mesh", file=Path(value))
     return value

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.array_api import array_namespace
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
@@ -197,7 +197,7 @@ class ObjectCamera:
     whole decisions. Speeds have the delay, but no noise."""
 
     def __init__(self, settings: Randomise, body: FreeBody, decimation: int) -> None:
-        n, xp = len(body.pose), library(body.pose)
+        n, xp = len(body.pose), array_namespace(body.pose)
         self._body, self._decimation, self._xp = body, decimation, xp
         self._key, self._own = xp.zeros(n, np.uint64), xp.arange(n)
         self._noise = {
@@ -226,7 +226,7 @@ class ObjectCamera:
         if (width := self._noise.get("camera_shift")) is not None:
             position = position + width * jitter(self._key, picture, 8, 3)
         if (width := self._noise.get("camera_turn")) is not None:
-            quaternion = turned_by(quaternion, width * jitter(self._key, picture, 9, 3))
+            quaternion = rotate_quaternion(quaternion, width * jitter(self._key, picture, 9, 3))
         return ObjectObservation(position, quaternion, velocity, spin)
 
     def _now(self) -> Array:

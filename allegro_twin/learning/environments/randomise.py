@@ -9,7 +9,7 @@ from pydantic import AfterValidator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector, quaternion_product
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.spec import HandSpec
@@ -225,7 +225,7 @@ class PhysicsRandomiser:
         """Rotate by a rotation vector in the palm's own axes, rad."""
         palm = self._worlds.model.body("palm_link").id
         own = self._worlds.expand("body_quat")
-        own[rows, palm] = product(own[rows, palm], quaternion_from_vector(angles))
+        own[rows, palm] = quaternion_product(own[rows, palm], quaternion_from_vector(angles))
 
 
 _HOW: dict[str, Callable[[PhysicsRandomiser, Rows, Array], None]] = {

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import Field, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import Positive, Settings, parse_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.randomise import Randomise, parse_randomise
@@ -115,7 +115,7 @@ def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
     side = values.pop("of_side", None)
     if side is not None and values.setdefault("side", side) != side:
         raise ConfigError(f"this id is the {side} hand's, and side is {values['side']!r}: take the id without a side")
-    return parse(EnvSettings, values, "environment")
+    return parse_settings(EnvSettings, values, "environment")
 
 
 def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> ResetOptions:
@@ -127,4 +127,4 @@ def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task:
             raise ConfigError(unknown("option", key, OPTIONS))
         if key not in allowed:
             raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
-    return parse(ResetOptions, values, "options")
+    return parse_settings(ResetOptions, values, "options")

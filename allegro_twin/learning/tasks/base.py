@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import check_randomise

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from allegro_twin.array_api import host
+from allegro_twin.array_api import to_numpy
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
@@ -158,7 +158,7 @@ class HoldDisturbedTask(GraspTask):
         scene, period = self.scenes[number], self.settings.period
         release = int(self._release[number])
         last = release + round(SETTLE / period)
-        path = scene.pose[:3] - host(self._left)[:, None] * scene.retreat
+        path = scene.pose[:3] - to_numpy(self._left)[:, None] * scene.retreat
         positions: list[Array] = []
 
         def around(worlds: SimBatch, k: int) -> None:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import HAND
+from allegro_twin.kinematics.orientation import quaternion_product
 from allegro_twin.learning.environments.objects import load_object
 from allegro_twin.learning.environments.observation_model import ObjectCamera, ObjectObservation
 from allegro_twin.learning.environments.random_streams import Draws
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 from collections.abc import Sequence
 from typing import Any
 
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector
 from allegro_twin.learning.tasks.scenes import FACING, PALM
 from allegro_twin.learning.tasks.vectors import rotate_vectors
 from allegro_twin.sim.objects.catalogue import GraspObject
@@ -55,15 +56,15 @@ class ObjectShapes:
 def palm_normal(tilt: Array) -> Array:
     """Normal of the upturned palm's surface, world, for wrists turned by rotation vectors (..., 3), rad, in the palm's
     own axes; shape (..., 3)."""
-    facing = library(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
-    upward = library(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
-    return rotate_vectors(product(facing, quaternion_from_vector(tilt)), upward)
+    facing = array_namespace(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
+    upward = array_namespace(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
+    return rotate_vectors(quaternion_product(facing, quaternion_from_vector(tilt)), upward)
 
 
 def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array) -> Array:
     """Height of the objects' lowest points over the palm's surface, shape (n,), m; negative below it. `pose`: (n, 7),
     world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3)."""
-    xp, back = library(pose), pose[:, 3:] * library(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
+    xp, back = array_namespace(pose), pose[:, 3:] * array_namespace(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
     down, half = -rotate_vectors(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
     shape = shapes.kind[kind]
@@ -239,7 +240,7 @@ class InHandTask(Task):
 def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:
     """Index of a start state for each row, from sizes in order (m, k), inf where there are no more, and numbers `among`
     in [0, 1), (m,); near the wanted size (m,). Raises ConfigError where there is none."""
-    xp = library(sizes)
+    xp = array_namespace(sizes)
     count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:
         state: Rows = xp.minimum(xp.asarray(among * count, np.int64), count - 1)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import host, own
+from allegro_twin.array_api import as_array, to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture, posture_names
+from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
@@ -72,7 +72,7 @@ class ReachTask(Task):
     def marks(self, row: int) -> list[Mark]:
         """A ball at each goal. The palm's frame is the world's, except for a randomised tilt of the wrist."""
         size = np.full(3, MARK)
-        places = host(self._goal[row]).astype(np.float64).reshape(-1, 3)
+        places = to_numpy(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
 
     def goal(self) -> Floats:
@@ -96,5 +96,5 @@ class ReachTask(Task):
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Distance of every fingertip, (..., fingers), m."""
-        distances = own(desired) - own(achieved)
+        distances = as_array(desired) - as_array(achieved)
         return length(distances.reshape(*distances.shape[:-1], -1, 3))

@@ -13,7 +13,7 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenari
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name, object_scenarios, scenario_of
 from allegro_twin.learning.environments.settings import EnvSettings
@@ -60,7 +60,7 @@ def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[
     """The default objects of a task. Raises ConfigError for a hand without grasps in the package."""
     if not names:
         raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
-                          f"as allegro-twin plan OBJECT --hand {spec.called} writes them")  # fmt: skip
+                          f"as allegro-twin plan OBJECT --hand {spec.model_reference} writes them")  # fmt: skip
     return names
 
 
@@ -91,8 +91,10 @@ def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, gra
 def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
     settings, folder = scenario_of(choice, known_scenarios(spec.model))
     if settings.model != spec.model:
-        raise ConfigError(f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is "
-                          f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
+        raise ConfigError(
+            f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is {spec.model}: "
+            f"allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
+        )
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     surroundings = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, surroundings, mirror * settings.wrist.retreat

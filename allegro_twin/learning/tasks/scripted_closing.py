@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import host
+from allegro_twin.array_api import to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.hands.library.library import load_posture
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, Level, ResetOptions
@@ -151,7 +151,7 @@ class ScriptedClosingTask(Task):
         self.worlds.place(rows, start)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._poses[variant, :3]
-        self.thing.pose[rows, 3:] = turned_by(self._poses[variant, 3:], yaw)
+        self.thing.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
@@ -164,7 +164,7 @@ class ScriptedClosingTask(Task):
         return {
             "object": np.array([scene.thing for scene in scenes], dtype=object),
             "grasp": np.array([scene.grasp.name for scene in scenes], dtype=object),
-            "position_noise": host(self.offset[rows]),
+            "position_noise": to_numpy(self.offset[rows]),
         }
 
     def closing_period(self, scene: TaskScene) -> int:

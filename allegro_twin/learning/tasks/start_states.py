@@ -14,11 +14,10 @@ import numpy as np
 
 from allegro_twin.control import laws
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.cache import cache_folder
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.assets import cache_folder, data_root
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_vector
@@ -190,7 +189,7 @@ def write_start_states(thing: GraspObject, path: Path, search: StartStateSearch 
     found = search_start_states(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 
@@ -239,7 +238,7 @@ def _mirror(right: StartStates) -> StartStates:
     """The same states of the left hand."""
     spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
-    return StartStates(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
+    return StartStates(spec.mirror_posture(right.position), spec.mirror_posture(right.target), pose, right.size)
 
 
 def _read(path: Path) -> StartStates:

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import data_root, find, read_yaml
-from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings
@@ -122,11 +122,11 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     # Shipped recipes are for one hand, with its objects: for another hand a task's name means the defaults.
     foreign = name in TASKS and own.get("hand", HAND) != HAND
     if ":" in name or foreign or (name in task_names() and name.lower() not in shipped):
-        return parse(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
+        return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
     if "." not in name and "/" not in name and name.lower() not in shipped:
         raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
-    path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
+    path = shipped.get(name.lower()) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
     if own:
         content["environment"] = content.get("environment", {}) | own
-    return parse(Recipe, content | given, str(path))
+    return parse_settings(Recipe, content | given, str(path))

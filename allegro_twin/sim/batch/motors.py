@@ -80,7 +80,7 @@ class BatchMotors:
         """Torques on all joints (n, nv) as the motors would feel them along the hand's free way, (n, motors), N·m: by
         virtual work, with motors at `position` (n, motors), rad."""
         rates = np.concatenate([np.ones((len(position), len(self.dofs) - len(self.spec.followers))),
-                                self.spec.following(position)], axis=-1)  # fmt: skip
+                                self.spec.coupled_rates(position)], axis=-1)  # fmt: skip
         work = rates * forces[:, self.dofs]
         found: Array = (work[:, None, :] * self._coefficients.T).sum(axis=-1)
         return found

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import host, tensors
+from allegro_twin.array_api import tensor_namespace, to_numpy
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.batch.cpu import Rows, SimBatch, Snapshot
 from allegro_twin.spec import HandSpec
@@ -55,7 +55,7 @@ class WarpBatch(SimBatch):
             raise ConfigError(f"device {device}: {spec.name} closes its own loop, which is simulated on cpu only")
         self._wp, self._mjw = libraries()
         self._device = device_named(self._wp, device)
-        self.xp = tensors(self._wp.device_to_torch(self._device))
+        self.xp = tensor_namespace(self._wp.device_to_torch(self._device))
         self._room = {"nconmax": contacts, "njmax": constraints}
         self._graphs: dict[Any, Any] = {}
         iterations = (getattr(self._mjw.OverflowType, name) for name in _ITERATIONS)
@@ -110,7 +110,7 @@ class WarpBatch(SimBatch):
     def check(self) -> None:
         """Raise ConfigError where contacts or constraints found no room, instead of going on without them. A simulation
         in which the collider gave a contact up is one that has diverged."""
-        overflow = host(self._overflow)
+        overflow = to_numpy(self._overflow)
         if (overflow & self._missed).any():
             rows = self.xp.asarray(np.flatnonzero(overflow & self._missed))
             self._qpos[rows] = np.nan
@@ -141,7 +141,7 @@ class WarpBatch(SimBatch):
         model = copy.copy(self.models[int(self.variant[row])])
         for field, own in self._rows.items():
             theirs = getattr(model, field)
-            theirs[...] = host(own[row]).reshape(theirs.shape)
+            theirs[...] = to_numpy(own[row]).reshape(theirs.shape)
         mujoco.mj_setConst(model, mujoco.MjData(model))  # Of what follows from these, the device has not all.
         into = Snapshot(model, self._data(row), self.spec)
         mujoco.mj_forward(into.model, into.data)
@@ -191,7 +191,7 @@ class WarpBatch(SimBatch):
     def _data(self, row: int) -> mujoco.MjData:
         data = mujoco.MjData(self.model)
         for name, own in self._own.items():
-            value = host(own[row])
+            value = to_numpy(own[row])
             if name == "time":
                 data.time = float(value)
             else:

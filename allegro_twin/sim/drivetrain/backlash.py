@@ -45,7 +45,7 @@ def set_backlash(model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vecto
 
 def allow_backlash(spec: HandSpec, joints: Sequence[int]) -> HandSpec:
     """The same hand, some of whose joints can come loose while it moves: they have a play of SMALLEST until then."""
-    drive = spec.drive or Drive.made({}, spec.n_joints)
+    drive = spec.drive or Drive.from_values({}, spec.n_joints)
     play = drive.backlash.copy()
     play[list(joints)] = np.maximum(play[list(joints)], SMALLEST)
     return replace(spec, drive=replace(drive, backlash=frozen(play)))

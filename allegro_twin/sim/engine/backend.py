@@ -193,7 +193,7 @@ class SimBackend:
         if self._servos is not None and (what == "weak" or not drives_joints(self._spec, self.model)):
             raise ConfigError(f"{self._spec.name} moves by servos of its own: `{what}` is of motors at joints")
         if self._train is None:
-            self._train = Drivetrain(self._spec, Drive.made({}, self._spec.n_joints), self.model, self._motors)
+            self._train = Drivetrain(self._spec, Drive.from_values({}, self._spec.n_joints), self.model, self._motors)
             self._train.command(self.data.ctrl[self._motors].copy())
         self._train.suffer(what, joint, amount)
 

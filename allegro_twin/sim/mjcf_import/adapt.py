@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_conjugate, quaternion_product
 from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.spec import ForeignModel, HandSpec
 from allegro_twin.types import Array
@@ -99,7 +99,7 @@ def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
     root.name = "palm_link"
     _follow(theirs, {foreign.root: "palm_link"})
     if foreign.palm is not None:
-        _turn(root, conjugate(foreign.palm))
+        _turn(root, quaternion_conjugate(foreign.palm))
     _add_tips(theirs, spec, foreign)
     return theirs
 
@@ -121,7 +121,7 @@ def _turn(root: mujoco.MjsBody, turn: Array) -> None:
             tensor = matrix @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ matrix.T
             root.fullinertia = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         else:
-            root.iquat = product(turn, root.iquat)
+            root.iquat = quaternion_product(turn, root.iquat)
 
 
 def rename_parts(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:

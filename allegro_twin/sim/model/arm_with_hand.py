@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.appearance import STAND
-from allegro_twin.hands.description.mounts import Mount
+from allegro_twin.hands.description.mounts import HandMount
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec, Load
 from allegro_twin.types import Array
@@ -23,10 +23,10 @@ class MountedHand(NamedTuple):
     """A hand and its place on the flange."""
 
     hand: HandSpec
-    mount: Mount
+    mount: HandMount
 
 
-def attach_hand(arm: mujoco.MjSpec, spec: ArmSpec, hand: mujoco.MjSpec, mount: Mount) -> None:
+def attach_hand(arm: mujoco.MjSpec, spec: ArmSpec, hand: mujoco.MjSpec, mount: HandMount) -> None:
     """Screw a hand and its adapter on the flange. Raises ConfigError where names of the two meet."""
     names = {joint.name for joint in arm.joints} & {joint.name for joint in hand.joints}
     if names:

@@ -28,7 +28,7 @@ class PostureMap:
         """Write postures, (..., n), rad, into states, (..., nq)."""
         qpos[..., self._places] = posture[..., self._driven]
         if self._followers:
-            qpos[..., self._followers] = self._spec.followed(posture)
+            qpos[..., self._followers] = self._spec.coupled_positions(posture)
 
     def each(self, motors: Vector, qpos: Array) -> None:
         """Write where `joints` are if each had a motor to itself, at `motors`, (joints,), rad: what has met something

@@ -12,7 +12,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.sim.objects import textures
 from allegro_twin.sim.objects.convex_decomposition import convex_pieces
 from allegro_twin.sim.objects.meshes import Mesh, load_hull, load_mesh
@@ -95,7 +95,7 @@ class PlacedObject:
 
 def standing_orientation(up: str, yaw: float) -> Vector:
     """The quaternion that points the object's own axis `up` at the sky and then turns it by `yaw` (rad) about it."""
-    return turned_by(_UP[up], (0.0, 0.0, yaw))
+    return rotate_quaternion(_UP[up], (0.0, 0.0, yaw))
 
 
 def object_catalogue() -> dict[str, GraspObject]:

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.cache import cache_folder
-from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.files.assets import cache_folder
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.sim.objects.meshes import Mesh, convex_hull
 from allegro_twin.types import Array
 
@@ -104,7 +104,7 @@ def _key(mesh: Mesh) -> str:
 
 def _store(path: Path, pieces: tuple[Mesh, ...]) -> None:
     arrays = {f"{kind}{k}": array for k, piece in enumerate(pieces) for kind, array in zip("vf", piece, strict=True)}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # Taken for its options.
 
 

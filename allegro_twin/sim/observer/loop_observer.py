@@ -25,7 +25,7 @@ from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.observer.kalman import JointKalman
 from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.types import Array, PositionCommand, Vector
 
 STEP = 0.001  # s, at most, of the simulation.
@@ -181,7 +181,7 @@ class LoopObserver:
 class _Way:
     """How a joint that follows goes with its motor."""
 
-    def __init__(self, spec: HandSpec, model: mujoco.MjModel, each: Follower) -> None:
+    def __init__(self, spec: HandSpec, model: mujoco.MjModel, each: CoupledJoint) -> None:
         self.dof, self.motor = int(model.joint(each.name).dofadr[0]), each.driven
         span, self._count = spec.upper[each.driven] - spec.lower[each.driven], len(each.positions) - 1
         self._lower, self._scale = spec.lower[each.driven], self._count / span

@@ -27,9 +27,9 @@ def hands() -> list[str]:
 
 def models() -> list[str]:
     """Of hands."""
-    from allegro_twin.hands.description.hands import is_model
+    from allegro_twin.hands.description.specs import is_hand_model
 
-    return [name for name in hands() if is_model(name)]
+    return [name for name in hands() if is_hand_model(name)]
 
 
 def protocols() -> list[str]:

@@ -177,7 +177,7 @@ def limits(spec: HandSpec, found: FoundLimits) -> Table:
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
         table.add_column(name, justify="left" if name == "joint" else "right")
     offsets = centring_offsets(found, spec)
-    for k, name in enumerate(spec.readable):
+    for k, name in enumerate(spec.joint_labels):
         row = (found.lower[k], spec.lower[k], found.upper[k], spec.upper[k], offsets[k])
         table.add_row(name, *(f"{value:+.3f}" for value in row))
     return table
@@ -204,7 +204,7 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     for k, name in enumerate(mine.joints):
         limit = (model.lower[k], model.upper[k], mine.lower[k] + margin, mine.upper[k] - margin)
         motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
-        table.add_row(name, mine.readable[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
+        table.add_row(name, mine.joint_labels[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
     return table
 
 
@@ -222,12 +222,12 @@ def compared(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Table:
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
-        shares = [share(each.policy), share(each.still)]
+        shares = [share(each.policy), share(each.no_action)]
         if (counted := each.policy.counts) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
         for name in kind.share_terms:
-            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
+            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.no_action)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
 

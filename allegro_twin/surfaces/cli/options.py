@@ -13,7 +13,7 @@ import typer
 from allegro_twin.errors import ConfigError, HandError, RecordingError
 from allegro_twin.files.assets import refuse_shipped
 from allegro_twin.files.atomic_write import check_place
-from allegro_twin.files.output_folder import UNFINISHED, locked, one_run
+from allegro_twin.files.output_folder import UNFINISHED, lock_folder, write_run
 from allegro_twin.surfaces.cli import complete, console
 
 Config = Annotated[
@@ -58,7 +58,7 @@ def folder(context: typer.Context, param: typer.CallbackParam, value: Path | Non
     if value is None or context.resilient_parsing:  # The shell asks what may follow.
         return value
     try:
-        context.with_resource(locked(value))
+        context.with_resource(lock_folder(value))
     except RecordingError as error:
         raise RecordingError(f"{option(param)} {error}") from error
     return value
@@ -66,9 +66,9 @@ def folder(context: typer.Context, param: typer.CallbackParam, value: Path | Non
 
 @contextmanager
 def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
-    """`one_run` of a folder, with what was recorded before an interruption or a fault kept, and said."""
+    """`write_run` of a folder, with what was recorded before an interruption or a fault kept, and said."""
     try:
-        with one_run(folder, last, keep=True) as staging:
+        with write_run(folder, last, keep=True) as staging:
             yield staging
     except BaseException as error:
         if (folder / UNFINISHED).exists():

@@ -20,7 +20,7 @@ from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
 from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture, load_trajectory
+from allegro_twin.hands.library.library import load_posture, load_trajectory
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.bounds import JointBounds

@@ -14,7 +14,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.controller import ContactSource, TimedGrasp, make_grasp_controller
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.motion import Goal, MotionControl

@@ -87,7 +87,7 @@ class MotionMonitor:
         self._place = np.where(resting, self._place, state.position)
         self._since = np.where(resting & pushing, self._since, state.t)
         stuck = pushing & ((state.t - self._since >= _STUCK) | (late >= _LATEST))
-        self._stuck = {self._spec.readable[k]: float(abs(error[k])) for k in np.flatnonzero(stuck)}
+        self._stuck = {self._spec.joint_labels[k]: float(abs(error[k])) for k in np.flatnonzero(stuck)}
         self.arrived = over and not pushing.any()
         return bool(self._stuck)
 

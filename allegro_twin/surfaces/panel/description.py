@@ -10,11 +10,10 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import is_model
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.specs import is_hand_model
 from allegro_twin.hands.library.gains import gains_names
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp, load_posture, posture_names
+from allegro_twin.hands.library.library import Library, load_grasp, load_posture, posture_names
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.requests import OpenScene
@@ -68,9 +67,9 @@ def scene_of(config: RunConfig, request: OpenScene) -> RunConfig:
     content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
     if request.scenario is None:
         home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
-        return parse(RunConfig, content | home, "the scene")
+        return parse_settings(RunConfig, content | home, "the scene")
     task = {"scenario": request.scenario} | ({} if request.thing is None else {"object": request.thing})
-    return parse(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
+    return parse_settings(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
 
 
 def _meta(rig: Rig) -> Mapping[str, Any]:
@@ -89,7 +88,9 @@ def _scenarios(spec: HandSpec) -> tuple[str, ...]:
     """Those of a model of hand with a folder of its own; else those in no other model's folder."""
     folder = data_root() / "scenarios"
     own = folder / spec.model
-    found = own.glob("*.yaml") if own.is_dir() else (p for p in folder.rglob("*.yaml") if not is_model(p.parent.name))
+    found = (
+        own.glob("*.yaml") if own.is_dir() else (p for p in folder.rglob("*.yaml") if not is_hand_model(p.parent.name))
+    )
     return tuple(sorted(p.stem for p in found if "grasps" not in p.relative_to(folder).parts[:-1]))
 
 

@@ -13,7 +13,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.intrinsics import Intrinsics
 from allegro_twin.cell.remote.remote_control import FingersCommand, PalmCommand, RemoteControl, StayCommand
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import message_types as v
@@ -69,7 +69,7 @@ class CellTopics(SessionTopics):
         return "" if self._remote else "the state machine leads the cell; begin it with --follow to lead it from here"
 
     def first(self, stamp: int) -> Iterator[Publication]:
-        still = self._hand.still(self._words, stamp)
+        still = self._hand.static_transforms(self._words, stamp)
         base = np.array([*self._cell.robot.base.position, 1.0, 0.0, 0.0, 0.0])
         still.transforms.append(build.transform(self._words, stamp, build.WORLD, self._arm.root, base))
         yield "/tf_static", still
@@ -93,8 +93,8 @@ class CellTopics(SessionTopics):
         yield STATES, build.joint_states(words, stamp, list(zip(specs, states, strict=True)))
         yield POSE, build.pose(words, stamp, build.WORLD, extras["tool"])
         yield WRENCH, build.wrench(words, stamp, build.WORLD, extras["force"])
-        links = self._arm.at(words, stamp, states[0].position)
-        links.transforms.extend(self._hand.at(words, stamp, states[1].position).transforms)
+        links = self._arm.transforms_at(words, stamp, states[0].position)
+        links.transforms.extend(self._hand.transforms_at(words, stamp, states[1].position).transforms)
         for frame, name in ((self._hand.root, "tool"), (_GOAL, "goal")):
             links.transforms.append(build.transform(words, stamp, build.WORLD, frame, extras[name]))
         yield "/tf", links
@@ -130,7 +130,7 @@ class CellTopics(SessionTopics):
         message = self._words.decode(data, v.POSE)
         pose, frame, base = build.pose_in(message, "target_frame"), message.header.frame_id, self._arm.root
         if frame == base:
-            return placed(self._cell.robot.base, pose)
+            return compose(self._cell.robot.base, pose)
         if frame not in ("", build.WORLD):
             raise ConfigError(f"target_frame is in {frame!r}; this cell knows {build.WORLD!r} and {base!r}")
         return pose

@@ -11,7 +11,7 @@ from uuid import UUID
 import numpy as np
 
 from allegro_twin.errors import ConfigError, HandError, unknown
-from allegro_twin.hands.library.named import grasp_names, posture_names
+from allegro_twin.hands.library.library import grasp_names, posture_names
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.messages import build
@@ -104,7 +104,7 @@ class HandTopics(SessionTopics):
 
     def first(self, stamp: int) -> Iterator[Publication]:
         yield "robot_description", self._words.make(v.STRING, data=urdf_text(self._spec))
-        yield "/tf_static", self._frames.still(self._words, stamp)
+        yield "/tf_static", self._frames.static_transforms(self._words, stamp)
 
     def messages(self, event: SessionEvent) -> Maker | None:
         assert isinstance(event, DeviceSample)
@@ -122,7 +122,7 @@ class HandTopics(SessionTopics):
     def _sample(self, stamp: int, sample: Sample) -> Iterator[Publication]:
         words, state = self._words, sample.state
         yield "joint_states", build.joint_states(words, stamp, [(self._spec, state)])
-        yield "/tf", self._frames.at(words, stamp, state.position)
+        yield "/tf", self._frames.transforms_at(words, stamp, state.position)
         for finger, force in self._fingertip_forces(sample).items():
             tip, wrench = self._spec.finger(finger).tip, np.append(force, np.zeros(3))
             yield WRENCH.format(finger=finger), build.wrench(words, stamp, tip, wrench)

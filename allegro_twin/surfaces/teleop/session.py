@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.teleop.follower import HandFollower, Told

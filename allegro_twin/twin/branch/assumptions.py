@@ -24,7 +24,7 @@ def list_assumptions(
 ) -> Iterator[str]:
     """What is known of the instant, what is estimated, and what is assumed."""
     row = int(np.searchsorted(mirrored.t, at - 1e-9))
-    push, names = mirrored.disturbance[row], recording.spec.readable
+    push, names = mirrored.disturbance[row], recording.spec.joint_labels
     most = int(np.abs(push).argmax())
     yield (
         f"Known at {at:g} s: the joints' positions and commands. Estimated by a mirror that has seen all before it: "

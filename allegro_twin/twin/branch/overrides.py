@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import parse_yaml
-from allegro_twin.files.schema import models_in, parse
+from allegro_twin.files.schema import models_in, parse_settings
 from allegro_twin.plugins import Registry
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.joints import JointChange
@@ -65,7 +65,7 @@ def recorded_config(recording: Recording) -> RunConfig:
     content = recording.meta.get("config")
     if content is None:
         raise ConfigError(f"{recording.path} does not say with which config it was made")
-    return parse(RunConfig, _written_keys(RunConfig, content), f"{recording.path}: config")
+    return parse_settings(RunConfig, _written_keys(RunConfig, content), f"{recording.path}: config")
 
 
 def _written_keys(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:

@@ -215,4 +215,4 @@ def _play(found: Identification) -> str:
 
 def _joints(found: Identification) -> tuple[str, ...]:
     spec = found.motions[0].spec
-    return spec.readable
+    return spec.joint_labels

@@ -12,7 +12,7 @@ from typing import Self
 import rerun as rr
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.reader import CellRecording
 from allegro_twin.spec import HandSpec
@@ -162,7 +162,7 @@ def write_rrd(samples: Iterable[Sample], viewer: Viewer, path: Path, look: Look 
 
 def write_events(events: Iterable[SessionEvent], viewer: Viewer, path: Path) -> None:
     """Consume all events of a session into a `.rrd` file, which is there only when it is whole."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         viewer.to_file(temporary)
         try:
             for event in events:

@@ -11,7 +11,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, SelfCollision
-from allegro_twin.hands.description.hands import load_spec, side_of
+from allegro_twin.hands import hand_side, load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
@@ -107,5 +107,5 @@ def _settings(config: AllegroConfig) -> RunConfig:
     settings = load_config(config.config)
     if config.hand is None:
         return settings
-    side = side_of(config.hand)
+    side = hand_side(config.hand)
     return settings.changed(hand={"serial": config.hand} | ({} if side is None else {"side": side}))

@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.cell.arm.limits import arm_limits
 from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.controller import Controller
-from allegro_twin.hands.description.arms import load_arm
+from allegro_twin.hands.description.arms import load_arm_spec
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
@@ -44,14 +44,14 @@ class Rig(NamedTuple):
 
 def rig(name: str = "fer", force: Array | None = None, spec: ArmSpec | None = None) -> Rig:
     """An arm in an empty world; `force` on its flange for every period, (k, 3), N."""
-    spec = spec or load_arm(name)
+    spec = spec or load_arm_spec(name)
     push = None if force is None else Push(spec.flange, force)
     return _rig(spec, compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))), push)
 
 
 def at_a_wall(name: str = "fer", frictionloss: float | None = None) -> Rig:
     """An arm with a stick of 0.1 m on its flange, above a plate on a spring that has no friction."""
-    spec = load_arm(name)
+    spec = load_arm_spec(name)
     if frictionloss is not None:
         spec = replace(spec, actuation=replace(spec.actuation, frictionloss=frozen(np.full(7, frictionloss))))
     scene = hand_spec(spec)

@@ -18,11 +18,11 @@ from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import is_model, load_spec
 from allegro_twin.hands.description.mounts import load_mount
+from allegro_twin.hands.description.specs import is_hand_model, load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.kinematics.arm import turned
-from allegro_twin.kinematics.pose import Pose, placed, seen_from
+from allegro_twin.kinematics.arm import rotate
+from allegro_twin.kinematics.pose import Pose, compose, relative_to
 from allegro_twin.loop import run, together
 from allegro_twin.sim.model.arm_with_hand import CAMERA
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
@@ -30,7 +30,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import Load
 from allegro_twin.types import frozen
 
-HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_model(path.stem))
+HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_hand_model(path.stem))
 DOWN = np.array([0.0, 0.0, -9.81])
 CAN = PlacedObject(load_object("tomato_soup_can"), (0.1, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
 
@@ -184,7 +184,7 @@ def test_weighing_finds_what_hangs_on_the_flange() -> None:
 
 def test_a_load_is_told_from_a_bias_by_turning_it_or_not_at_all() -> None:
     load, bias = Load(0.8, frozen([0.01, -0.02, 0.1])), np.array([0.5, -0.3, 0.2, 0.02, 0.01, -0.03])
-    axes = [turned(np.eye(3), np.array(turn)) for turn in ([0, 0, 0], [0.6, 0, 0], [0, 0.6, 0], [0.3, -0.5, 0])]
+    axes = [rotate(np.eye(3), np.array(turn)) for turn in ([0, 0, 0], [0.6, 0, 0], [0, 0.6, 0], [0.3, -0.5, 0])]
     found = identify_tool(axes, [tool_weight(load, each, DOWN) + bias for each in axes], DOWN)
     assert found.load.mass == pytest.approx(0.8)
     np.testing.assert_allclose(found.load.centre, load.centre, atol=1e-9)
@@ -205,7 +205,7 @@ def test_a_bias_is_gone_after_a_tare_and_only_then() -> None:
 
 def test_a_force_at_a_point_has_no_torque_about_it() -> None:
     force, at = np.array([1.0, -2.0, 3.0]), np.array([0.01, 0.02, 0.1])
-    axes = turned(np.eye(3), np.array([0.3, 0.2, -0.1]))
+    axes = rotate(np.eye(3), np.array([0.3, 0.2, -0.1]))
     compensation = WrenchCompensation(Load(0.5, frozen([0.0, 0.0, 0.05])))
     wrench = tool_weight(compensation.load, axes, DOWN) + np.concatenate([force, np.cross(at, force)])
     outside = compensation.base_wrench(wrench, axes, DOWN, at)
@@ -216,7 +216,7 @@ def test_a_palm_goes_where_the_flange_is_told_to_bring_it() -> None:
     robot = make_arm_with_hand("fer", load_spec())
     state = robot.arm.reset()
     palm = robot.palm(state)
-    asked = Pose(palm.position + np.array([0.05, 0.1, -0.1]), turned(palm.rotation, np.array([0.0, 0.0, 0.3])))
+    asked = Pose(palm.position + np.array([0.05, 0.1, -0.1]), rotate(palm.rotation, np.array([0.0, 0.0, 0.3])))
     flange = robot.flange_for(asked)
     at = robot.model.reach(flange, state.position)
     robot.world.data.qpos[: robot.spec.n_joints] = at
@@ -224,7 +224,7 @@ def test_a_palm_goes_where_the_flange_is_told_to_bring_it() -> None:
 
     mujoco.mj_kinematics(robot.world.model, robot.world.data)
     np.testing.assert_allclose(robot.world.data.body("palm_link").xpos, asked.position, atol=2e-4)
-    np.testing.assert_allclose(placed(palm, seen_from(palm, asked)).position, asked.position, atol=1e-12)
+    np.testing.assert_allclose(compose(palm, relative_to(palm, asked)).position, asked.position, atol=1e-12)
 
 
 def test_a_hand_on_another_hands_flange_is_one_line_with_the_way_out() -> None:

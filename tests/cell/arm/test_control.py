@@ -14,8 +14,8 @@ from allegro_twin.cell.arm.impedance import Impedance, Stiffness, hung
 from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.hands.description.arms import load_arm
-from allegro_twin.kinematics.arm import ArmModel, turn, turned
+from allegro_twin.hands.description.arms import load_arm_spec
+from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
@@ -72,7 +72,7 @@ def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is
 def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_arm_swing(dry: float) -> None:
     push = np.zeros((2500, 3))
     push[50:, 0] = -10.0
-    told = load_arm("fer")
+    told = load_arm_spec("fer")
     arm = rig(force=push, spec=replace(told, actuation=replace(told.actuation, frictionloss=frozen(np.full(7, dry)))))
     noisy = DisturbedBackend(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
     *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), compensation=BARE)))
@@ -84,12 +84,12 @@ def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_ar
 @pytest.mark.parametrize("stiffness", [150.0, 1000.0])
 def test_the_tool_comes_to_rest_near_a_target_that_moved_and_turned(stiffness: float) -> None:
     arm = rig()
-    goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), turned(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
+    goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), rotate(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
     arm.target.move(goal)
     state = arm.after(3.0, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0)))
     pose = arm.model.pose(state.position)
     assert np.linalg.norm(pose.position - goal.position) < 2.0 / stiffness  # Dry friction: up to two newtons.
-    assert np.linalg.norm(turn(goal.rotation, pose.rotation)) < 0.02
+    assert np.linalg.norm(rotation_between(goal.rotation, pose.rotation)) < 0.02
     assert np.abs(state.velocity).max() < 5e-3
 
 
@@ -211,13 +211,13 @@ def test_compliance_presses_with_what_it_is_asked_to() -> None:
 def test_a_set_point_goes_straight_and_turns_by_slerp_no_faster_than_it_may() -> None:
     start, goal = (
         Pose(np.zeros(3), np.eye(3)),
-        Pose(np.array([1.0, 2.0, 2.0]), turned(np.eye(3), np.array([0, 0, 2.0]))),
+        Pose(np.array([1.0, 2.0, 2.0]), rotate(np.eye(3), np.array([0, 0, 2.0]))),
     )
     rule, pose, far = Smoothing(speed=0.3, turning=1.0, share=1.0), start, 0.0
     for step in range(1, 101):
         before, pose = pose, approach(pose, goal, 0.01, rule)
         assert np.linalg.norm(pose.position - before.position) <= 0.003 + 1e-12
-        assert np.linalg.norm(turn(before.rotation, pose.rotation)) <= 0.01 + 1e-12
+        assert np.linalg.norm(rotation_between(before.rotation, pose.rotation)) <= 0.01 + 1e-12
         far = 0.003 * step / 3.0
         np.testing.assert_allclose(pose.position, far * goal.position, atol=1e-12)
     halfway: Array = matrix_from_quaternion(slerp([1, 0, 0, 0], quaternion_from_matrix(goal.rotation), 0.5))

@@ -10,7 +10,7 @@ from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.errors import Refusal, check_age
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from tests.cell.camera.scenes import PLANE, WRIST, camera, scene
 
 MOUNT = CameraMount(body="wrist", position=(0.1, 0.0, 0.0), towards=(0.1, 0.0, -0.5), up=(0.0, 1.0, 0.0))
@@ -82,4 +82,4 @@ def test_a_scene_that_is_reset_begins_its_pictures_anew() -> None:
 
 def test_the_cameras_that_ship_are_read() -> None:
     for path in sorted((data_root() / "conf" / "cameras").glob("*.yaml")):
-        assert load(DepthCameraSettings, path).intrinsics.width == 640
+        assert load_settings(DepthCameraSettings, path).intrinsics.width == 640

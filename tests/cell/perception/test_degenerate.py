@@ -12,10 +12,10 @@ from allegro_twin.cell.perception.fits.solids import fit_solids
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.types import Array
 
-SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+SETTINGS = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
 LENS = D435I_DEPTH["424x240"]
 POSE = looking((-0.36, 0.05, 0.38), (0.0, 0.0, 0.03))
 RAYS = LENS.rays().astype(np.float64) @ POSE.rotation.T

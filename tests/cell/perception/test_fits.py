@@ -7,8 +7,8 @@ import pytest
 
 from allegro_twin.cell.perception.fits.model import PointSample, Solid
 from allegro_twin.cell.perception.fits.solids import fit_solids
-from allegro_twin.cell.perception.principal import principal_frame
 from allegro_twin.types import Array
+from benchmarks.principal_frame import principal_frame
 from tests.cell.perception import surfaces
 from tests.cell.perception.surfaces import ball, box, cylinder, egg, lying, seen
 

@@ -7,11 +7,12 @@ from scipy.sparse import coo_matrix  # type: ignore[import-untyped]  # Its types
 from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
-from allegro_twin.cell.perception.cloud import finite, pass_through, voxel
+from allegro_twin.cell.perception.cloud import finite, pass_through
 from allegro_twin.cell.perception.clusters import find_clusters
 from allegro_twin.cell.perception.fits.model import solve
 from allegro_twin.cell.perception.segmentation import find_plane
 from allegro_twin.types import Array
+from benchmarks.principal_frame import voxel
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -17,13 +17,13 @@ from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.target import GraspTarget, grasp_target
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load, parse
+from allegro_twin.files.schema import load_settings, parse_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
 from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from benchmarks.perception import apart
 
-SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+SETTINGS = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
 EYE = (-0.36, 0.05, 0.38)
 
 
@@ -222,6 +222,6 @@ def test_without_scipy_perception_names_the_extra(monkeypatch: pytest.MonkeyPatc
 
 def test_settings_name_what_is_wrong_in_them() -> None:
     with pytest.raises(ConfigError, match="every upper bound is the greater"):
-        parse(PerceptionSettings, {"region": {"lower": [0, 0, 0], "upper": [1, 0, 1]}}, "here.yaml")
+        parse_settings(PerceptionSettings, {"region": {"lower": [0, 0, 0], "upper": [1, 0, 1]}}, "here.yaml")
     with pytest.raises(ConfigError, match="did you mean 'stride'"):
-        parse(PerceptionSettings, SETTINGS.model_dump() | {"strid": 2}, "here.yaml")
+        parse_settings(PerceptionSettings, SETTINGS.model_dump() | {"strid": 2}, "here.yaml")

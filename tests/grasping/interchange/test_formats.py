@@ -17,7 +17,7 @@ from allegro_twin.grasping.interchange.orders import joint_orders, permute_joint
 from allegro_twin.grasping.interchange.ours import write_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
 from allegro_twin.grasping.interchange.read import read_grasps
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
 from allegro_twin.spec import HandSpec, Side

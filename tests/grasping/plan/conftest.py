@@ -7,7 +7,7 @@ import pytest
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import PlannedGrasp
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 

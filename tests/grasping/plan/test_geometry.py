@@ -20,7 +20,7 @@ from allegro_twin.grasping.plan.propose import weight_loads
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of

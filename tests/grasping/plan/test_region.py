@@ -18,7 +18,7 @@ from allegro_twin.grasping.plan.validate import GraspValidator, PlannedGrasp, va
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 

@@ -24,13 +24,12 @@ from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.entry_files import read_file
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.sources import read_file
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.hands.library.library import Library, load_grasp
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
@@ -85,7 +84,7 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     store_grasp(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, describe(planned), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
-    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
+    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirror_posture(planned.grasp.squeeze))
 
 
 def grasp_beside(scenario: Path) -> GraspFile:
@@ -267,7 +266,7 @@ def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
     scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
     around = make_stage(scenario, load_protocol("table_pick"), "right", Path())
     bench = GraspScene(SPEC, around)
-    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
     position = around.position - np.array(scenario.wrist.retreat)
     bench.place(position, rotation, grasp.preshape)
     assert not bench.meets_anything()

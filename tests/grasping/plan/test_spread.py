@@ -14,8 +14,8 @@ from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudg
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import PlannedGrasp
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 from allegro_twin.sweep.local import Local
 

@@ -21,8 +21,8 @@ from allegro_twin.grasping.plan.improve import (
 )
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.spec import Side
 from allegro_twin.sweep.local import Local
 

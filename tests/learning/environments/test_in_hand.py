@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, turned_by
+from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, rotate_quaternion
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Observation
@@ -78,7 +78,7 @@ def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() ->
     for step in range(1, 33):
         lean = np.radians(28.0) if 10 < step <= 20 else 0.0
         thing.pose[0, :3] = ALOFT
-        thing.pose[0, 3:] = turned_by(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, step * 0.21))
+        thing.pose[0, 3:] = rotate_quaternion(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, step * 0.21))
         thing.velocity[0] = thing.spin[0] = 0.0
         _, _, failed, _, info = env.step(np.zeros(16, np.float32))
         assert not failed
@@ -106,7 +106,7 @@ def test_rocking_to_and_fro_earns_nothing() -> None:
         yaw = 0.1 * part if forth else 0.1 * (1.0 - part)
         thing.pose[0, :3] = ALOFT
         lean = quaternion_from_vector((0.0, 0.0 if forth else np.radians(28.0), 0.0))
-        thing.pose[0, 3:] = turned_by(lean, (0.0, 0.0, yaw))
+        thing.pose[0, 3:] = rotate_quaternion(lean, (0.0, 0.0, yaw))
         thing.velocity[0] = thing.spin[0] = 0.0
         _, _, _, _, info = env.step(np.zeros(16, np.float32))
         paid += info["speed"]
@@ -192,7 +192,7 @@ def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
     env.reset(seed=0)
     task = env.engine.task
     assert task.thing is not None
-    task.thing.pose[:, 3:] = turned_by(task.thing.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
+    task.thing.pose[:, 3:] = rotate_quaternion(task.thing.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
     assert tilt(task.thing.pose[:, 3:]).min() > 0.2
     task._renew(np.arange(env.num_envs))  # type: ignore[attr-defined]  # Of Reorient.
     goals = np.array(task.goal(), float)
@@ -207,7 +207,7 @@ def test_to_wait_beside_a_goal_for_ten_seconds_is_worth_less_than_to_reach_it() 
         task = batch("Reorient", decimation=decimation).engine.task
         assert isinstance(task, GoalTask)
         goal = np.array([[1.0, 0.0, 0.0, 0.0]])
-        beside = turned_by(goal, np.array([[0.0, 0.0, REACHED + 0.001]]))
+        beside = rotate_quaternion(goal, np.array([[0.0, 0.0, REACHED + 0.001]]))
         waiting, there = (float(task.reward(where, goal, np.zeros(1))[0]) for where in (beside, goal))
         assert 10.0 / (0.003 * decimation) * waiting < there
 

@@ -94,8 +94,9 @@ def test_a_folder_without_scenarios_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_what_a_run_shall_leave_behind_reaches_it(
-    flags: list[str], expected: Outputs, command: Run, monkeypatch: pytest.MonkeyPatch
+    flags: list[str], expected: Outputs, command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     given = []
 
     def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> Outcome:

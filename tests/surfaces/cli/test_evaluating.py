@@ -17,7 +17,7 @@ import pytest
 
 from allegro_twin.grasping.batch import trials
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.variation import varied
 from tests.app.files import grasps, scenario, short
 from tests.grasping.interchange.samples import bench, saved

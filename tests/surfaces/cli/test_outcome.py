@@ -16,11 +16,11 @@ import allegro_twin.surfaces.hand
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile, TrajectoryFile
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.taxonomy import KINDS, Observed
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.grasps import gallery
@@ -171,8 +171,8 @@ def test_the_page_of_grasps_is_in_the_order_of_the_taxonomy_with_a_picture_each(
 ) -> None:
     seen = {"prismatic_3_finger": 7, "ring": 31}
     stored = {
-        name: load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml").model_copy(
-            update={"observed": Observed(number=number, name=KINDS[number].name)}
+        name: load_settings(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml").model_copy(
+            update={"observed": ObservedType(number=number, name=GRASP_TYPES[number].name)}
         )
         for name, number in seen.items()
     }

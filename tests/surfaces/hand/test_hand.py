@@ -15,8 +15,8 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp, load_posture, load_trajectory
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp, load_posture, load_trajectory
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import angle_between

@@ -14,7 +14,7 @@ from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_grasp, load_posture
+from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand

@@ -11,8 +11,8 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Waypoint
 from allegro_twin.errors import MotionStalled, SelfCollision
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import grasp_names, load_posture, posture_names
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import grasp_names, load_posture, posture_names
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.cli.hand.keys import play, pressed
 from allegro_twin.surfaces.hand import Hand, collision_free_paths

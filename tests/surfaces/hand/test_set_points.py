@@ -9,9 +9,9 @@ import pytest
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
-from allegro_twin.spec import GIVE
+from allegro_twin.spec.hand import GIVE
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints

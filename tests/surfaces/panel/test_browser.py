@@ -242,7 +242,7 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     """Where a place over a fingertip of a hand that is stretched is in the picture, pixels; `above`, m."""
     import numpy as np
 
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.panel.page.scene import eye
     from allegro_twin.surfaces.panel.page.tip_ik import TipIK
     from allegro_twin.viewing.scenery import scenery

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp, load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.surfaces.panel.page.html import banner, health, joint_groups, joint_states, units
 from allegro_twin.surfaces.panel.stream import StreamFrame
@@ -37,7 +37,7 @@ def joints_in(text: str) -> list[Any]:
 def test_a_joint_has_its_place_between_its_limits_its_numbers_and_its_torque(spec: HandSpec) -> None:
     middle = (spec.lower + spec.upper) / 2
     found = joints_in(joint_states(spec, frame(spec, middle, torque=-0.25)))
-    assert [row[0] for row in found] == list(spec.readable)
+    assert [row[0] for row in found] == list(spec.joint_labels)
     for joint, (_, _, part, position, effort, torque) in enumerate(found):
         assert (part, effort) == (0.5, -0.25)
         assert position == f"{middle[joint]:+.3f}"
@@ -107,4 +107,4 @@ def test_a_motor_of_several_fingers_has_one_slider(hand: str, found: dict[str, i
     assert {group.name: len(group.joints) for group in made} == found
     assert sorted(joint for group in made for joint in group.joints) == list(range(spec.n_joints))
     assert units(spec) == ("rad" if hand == "leap" else "of the motor")
-    assert sorted(row[0] for row in joints_in(joint_states(spec, frame(spec, spec.lower)))) == sorted(spec.readable)
+    assert sorted(row[0] for row in joints_in(joint_states(spec, frame(spec, spec.lower)))) == sorted(spec.joint_labels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.panel.page.tip_ik import TipIK
 

@@ -12,7 +12,7 @@ import pytest
 import typer.main
 import yaml
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.cli.main import app
 from allegro_twin.surfaces.ros.hand_topics import NAMESPACE

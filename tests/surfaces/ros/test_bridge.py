@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand

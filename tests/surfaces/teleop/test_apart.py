@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError, HandError, LinkError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.teleop import webcam as camera

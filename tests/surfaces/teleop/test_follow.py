@@ -81,7 +81,7 @@ def test_how_the_arm_is_turned_and_where_it_is_does_not_matter(spec: HandSpec) -
 @pytest.mark.parametrize("tracked", ["right", "left"])
 def test_either_hand_of_a_person_leads_either_of_the_robots(tracked: Side, side: Side, spec: HandSpec) -> None:
     """The left hand of each is the right one's mirror image."""
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
 
     shown = hand(0.4) * [1.0, 1.0 if tracked == "right" else -1.0, 1.0]
     expected = FingertipTargets(spec, "right")(hand(0.4)) * [1.0, 1.0 if side == "right" else -1.0, 1.0]

@@ -11,8 +11,8 @@ import yaml
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.open_loop import OpenLoopPlayer
@@ -242,7 +242,7 @@ def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(hand_file, "with_note", broken)
+    monkeypatch.setattr(hand_file, "set_note", broken)
     with pytest.raises(KeyboardInterrupt):
         hand_file.write_hand_file(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
     assert file.read_text() == "actuation: {damping: 0.08}\n"

@@ -13,8 +13,8 @@ from allegro_twin.app.config import load_config
 from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.engine.backend import SimBackend

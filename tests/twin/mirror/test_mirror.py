@@ -13,7 +13,7 @@ import pytest
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
@@ -229,7 +229,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
 
 @pytest.mark.slow
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
-    off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
+    off = replace(spec, drive=Drive.from_values({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_parameters(off, ONE, np.full(N, 0.05))
     each = Mirror(spec, Observer(spec, drive, 0.003), ONE)
     hand = make_sim(off, posture=(spec.lower + spec.upper) / 2.0)
@@ -271,7 +271,9 @@ def sticky(spec: HandSpec) -> HandSpec:
     """Its friction breaks away, and its encoders are noisy."""
     own = replace(spec.actuation, frictionloss=np.full(N, 0.05))
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3, "load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N))
+    return replace(
+        spec, actuation=own, drive=Drive.from_values({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N)
+    )
 
 
 def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tuple[Vector, Array, Mirror]:

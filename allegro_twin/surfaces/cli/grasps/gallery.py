@@ -12,8 +12,8 @@ from PIL import Image
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.app.config import RunConfig
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.schema import load
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.schema import load_settings
 from allegro_twin.grasping.evaluation.campaign import (
     JUDGE,
     SamplingSettings,
@@ -24,13 +24,13 @@ from allegro_twin.grasping.evaluation.campaign import (
 from allegro_twin.grasping.evaluation.outcomes import row_rate, summarise
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
-from allegro_twin.hands.library.named import grasp_names, load_grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.library import grasp_names, load_grasp
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.loop import run, until
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import cores
+from allegro_twin.sweep.local import core_count
 from allegro_twin.sweep.runner import run as run_sweep
 from allegro_twin.viewing.camera import Camera, Picture
 from allegro_twin.viewing.views import View
@@ -55,19 +55,19 @@ def make(folder: Path, draws: int, advance: Callable[[str], None]) -> int:
     """Write <folder>/images/grasps/*.jpg and <folder>/grasps.md; the number of grasps. Raises HandError."""
     rows = []
     for shown, picture in _shown(draws):
-        with whole_file(folder / "images" / "grasps" / f"{shown.name}.jpg") as temporary:
+        with atomic_file(folder / "images" / "grasps" / f"{shown.name}.jpg") as temporary:
             Image.fromarray(picture).resize((_SIZE, _SIZE)).save(temporary, quality=82)
         rows.append(shown)
         advance(shown.name)
     rows.sort(key=_place)
-    with whole_file(folder / "grasps.md") as temporary:
+    with atomic_file(folder / "grasps.md") as temporary:
         temporary.write_text(_page(rows, draws))
     return len(rows)
 
 
 def _shown(draws: int) -> Iterator[tuple[Shown, Picture]]:
     for name in grasp_names():
-        stored = load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml")
+        stored = load_settings(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml")
         if stored.evidence and not stored.evidence.startswith(_POSTURE):
             report, picture = _held(stored.evidence, name)
             margins = [phase for phase in report.phases if phase.check]
@@ -101,7 +101,7 @@ def _often(scenario: str, grasp: str, draws: int) -> str:
     _, path = load_scenario(scenario)
     targets = find_targets([path], TargetOptions(sides=("right",), grasp=grasp))
     items, shared, *_ = make_campaign(targets, SamplingSettings(draws))
-    table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // cores()))
+    table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // core_count()))
     (row,) = summarise(targets, table.to_pylist())
     return str(row_rate(row))
 
@@ -120,7 +120,7 @@ def _posed(name: str) -> Picture:
         return camera.take()
 
 
-def _typed(kind: Observed) -> str:
+def _typed(kind: ObservedType) -> str:
     """With what acts against what, what carries, and of none of the 33 why."""
     place = ", ".join(filter(None, (str(kind), kind.type, kind.opposition)))
     why = f" ({kind.why})" if kind.why else ""

@@ -40,7 +40,7 @@ def improve(
 ) -> None:
     """Make a grasp hold more often where it is: wrist, postures and squeeze, judged on draws that it was not chosen
     on."""
-    from allegro_twin.files.output_folder import undisturbed
+    from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.grasping.plan.improve import GraspImprovement
     from allegro_twin.grasping.plan.save import save_grasp
     from allegro_twin.surfaces.cli import console
@@ -54,7 +54,7 @@ def improve(
     )  # fmt: skip
     better = _searched(search, path.stem)
     told = _told(better, unseen, path.stem, begun.name)
-    with undisturbed():  # A grasp of one search in a scenario of another would be neither's.
+    with defer_signals():  # A grasp of one search in a scenario of another would be neither's.
         where = save_grasp(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
     console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
 
@@ -62,8 +62,8 @@ def improve(
 def _begun(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenario, Grasp, HandSpec, Path]:
     """What there is, and its file. Raises ConfigError."""
     from allegro_twin.grasping.scenario import load_scenario, parse_object
-    from allegro_twin.hands.description.hands import load_spec
-    from allegro_twin.hands.library.named import load_grasp
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.hands.library.library import load_grasp
 
     settings, path = load_scenario(scenario)
     spec = load_spec(settings.hand)

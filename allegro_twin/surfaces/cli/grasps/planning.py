@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
     from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.scenario import Scenario
-    from allegro_twin.sweep.local import Engine
+    from allegro_twin.sweep.local import SweepEngine
 
 
 Thing = Annotated[
@@ -80,14 +80,14 @@ def plan(
 ) -> None:
     """Find grasps for an object that stands on a table: proposed by geometry, closed in physics, tried under draws of
     what the hand is not told, and proven in the whole trial."""
-    from allegro_twin.files.output_folder import add_to_run, locked, one_run
+    from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
     from allegro_twin.grasping.plan.region import parse_region
     from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
     from allegro_twin.grasping.plan.templates import grasp_templates
     from allegro_twin.grasping.plan.validate import judge_planned
     from allegro_twin.grasping.scenario import load_protocol
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.verdicts import engine_of
 
@@ -121,8 +121,8 @@ def plan(
     with ExitStack() as stack:
         folder = out or Path("plans") / name
         if out is None:
-            stack.enter_context(locked(folder))
-        with one_run(folder) as staging:
+            stack.enter_context(lock_folder(folder))
+        with write_run(folder) as staging:
             made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
             paths = [folder / path.relative_to(staging) for path in made]
         for number, planned in enumerate(found, 1):
@@ -147,7 +147,7 @@ def _searched(search: GraspSearch, n: int, budget: SearchBudget) -> list[Planned
         )
 
 
-def _spread(search: GraspSearch, n: int, budget: SearchBudget, seeds: int, engine: Engine) -> list[PlannedGrasp]:
+def _spread(search: GraspSearch, n: int, budget: SearchBudget, seeds: int, engine: SweepEngine) -> list[PlannedGrasp]:
     """One search a processor."""
     from allegro_twin.grasping.plan.parallel import search_in_parallel
     from allegro_twin.surfaces.cli import console
@@ -176,16 +176,16 @@ def new(
     """Begin a scenario and a grasp of your own: a palm that is free of object and table, and fingers that close.
 
     Nothing says yet that it holds; `plan` looks for those that do."""
-    from allegro_twin.files.output_folder import undisturbed
+    from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.grasping.plan.initial_guess import first_guess
     from allegro_twin.grasping.plan.save import save_grasp
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
 
     spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
-    with undisturbed():
+    with defer_signals():
         (out / f"{name}_new.png").unlink(missing_ok=True)  # Of another guess.
         path = save_grasp(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:

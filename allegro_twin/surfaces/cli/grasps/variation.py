@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.uncertainty import Uncertainty
 
 _UNITS = {"position": 1e-3, "yaw": 1.0, "size": 1e-2, "mass": 1e-2, "torque": 1e-2}
@@ -27,7 +27,7 @@ def varied(text: str) -> Uncertainty:
         except ValueError as error:
             way = "a number, or two as 0.5-0.9" if key == "friction" else "a number"
             raise ConfigError(f"--vary: {key}={value}: must be {way}") from error
-    return parse(Uncertainty, content, "--vary")
+    return parse_settings(Uncertainty, content, "--vary")
 
 
 def _friction(text: str) -> tuple[float, float] | None:

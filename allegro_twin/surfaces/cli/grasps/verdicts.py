@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from allegro_twin.grasping.evaluation.campaign import EvaluationTarget, SamplingSettings
     from allegro_twin.sweep.jobs import Sweep
-    from allegro_twin.sweep.local import Engine
+    from allegro_twin.sweep.local import SweepEngine
 
 UNIT = 32
 """Trials in a unit at most: more side by side gain little, and more would be made again after an interruption."""
@@ -37,18 +37,18 @@ class Tried(NamedTuple):
 class Chosen(NamedTuple):
     """What computes, and how much of it at once."""
 
-    engine: Engine
+    engine: SweepEngine
     at_once: int
 
 
 def engine_of(name: str, address: str | None, count: int | None) -> Chosen:
     """`local` or `ray`. Raises ConfigError where Ray is not installed, or for an address without it; LinkError where no
     cluster answers."""
-    from allegro_twin.sweep.local import Local, cores
+    from allegro_twin.sweep.local import Local, core_count
 
     if address is not None and name != "ray":
         raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
-    at_once = count or cores()
+    at_once = count or core_count()
     if name == "ray":
         from allegro_twin.sweep.cluster import RayCluster
 
@@ -85,7 +85,7 @@ def told(
     """Show the table and write the files; the rows, one a target. Raises HandError."""
 
     from allegro_twin.grasping.evaluation.outcomes import rates, sample_columns, summarise
-    from allegro_twin.sweep.results import write_results
+    from allegro_twin.sweep.table import write_results
 
     rows = summarise(targets, trials.rows)
     console.console.print(_table(rows, noise))
@@ -100,7 +100,7 @@ def told(
             console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
     if out is not None:
         (out / "report.html").unlink(missing_ok=True)  # Until the new one is there, none says what other trials were.
-        write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
+        write_results(out / "results.parquet", trials.table, trials.sweep.all_stamps(),
                       sample_columns(targets, trials.sweep.items))  # fmt: skip
         if rrd is not None:
             record(targets, rows, rrd, out / "recordings")
@@ -119,7 +119,7 @@ def _report(targets: Sequence[EvaluationTarget], rows: list[dict[str, Any]], swe
         for number in chosen:
             _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
             bar.advance(task)
-    stamps = sweep.stamped()
+    stamps = sweep.all_stamps()
     write_html_report(
         out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")}
     )

@@ -30,7 +30,7 @@ def new(
 ) -> None:
     """Write the card of a hand from its MJCF, and a config that runs it: what is driven and how far, what follows, and
     guesses of its fingers and of where its palm looks."""
-    from allegro_twin.files.templates import written
+    from allegro_twin.files.yaml_edit import write_settings
     from allegro_twin.sim.mjcf_import.explore import explore_mjcf
     from allegro_twin.surfaces.cli import console
 
@@ -43,14 +43,14 @@ def new(
             raise ConfigError(f"{path} is there already: --force writes over it, --name calls the hand something else")
     found = explore_mjcf(model, root)
     content = found.card | {"mjcf": os.path.relpath(model.resolve(), out.resolve()), "side": side}
-    written(
+    write_settings(
         card,
         content,
         f"{called}: written by `allegro-twin hand new` from {model.name}; `palm` and `fingers` are guesses.",
     )
     kind = "pd" if content["commands"] == ["torque"] else "position"
     run = {"hand": {"model": str(card), "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
-    written(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
+    write_settings(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
     for note in found.notes:
         console.console.print(f"Note: {note}", soft_wrap=True)
     driven, followers = len(content["driven"]), len(content.get("followers", ()))

@@ -204,7 +204,7 @@ def show(
 ) -> None:
     """The joints of a hand: the model's limits, the measured ones, the margin, and the motors."""
     from allegro_twin.app.config import load_config
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.performers import on_hand
 

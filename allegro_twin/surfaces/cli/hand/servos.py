@@ -25,7 +25,7 @@ def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float |
     from allegro_twin.drivers.base.serve import serve
     from allegro_twin.drivers.base.terminal import Terminal
     from allegro_twin.drivers.can.driver.realtime import ask_short_slice
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
 
     config = configs[0]

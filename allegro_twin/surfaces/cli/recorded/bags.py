@@ -10,7 +10,7 @@ from allegro_twin.errors import ConfigError
 
 def unpacked(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand; its rows. Raises RecordingError, ConfigError."""
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.rosbag import from_bag as read
 

@@ -139,16 +139,16 @@ def _reports(targets: list[str], chosen: Options, outputs: Outputs, out: Path | 
     """Do it all; whether every run did what it was for."""
     from allegro_twin.surfaces.cli.run.runs import configs_of
     from allegro_twin.surfaces.cli.run.several import Wanted
-    from allegro_twin.sweep.local import cores
+    from allegro_twin.sweep.local import core_count
 
     jobs = configs_of(targets, chosen)
     single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
     if len(jobs) > 1 and any(single):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     if out is None:
-        return _run_all(jobs, Wanted(outputs, None), count or cores())[1]
+        return _run_all(jobs, Wanted(outputs, None), count or core_count())[1]
     with options.run_folder(out, REPORT) as staging:
-        reports, done = _run_all(jobs, Wanted(outputs, staging), count or cores())
+        reports, done = _run_all(jobs, Wanted(outputs, staging), count or core_count())
         shown = _written(reports, staging)
     _tell_folder(reports, out, shown=shown)
     return done

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from allegro_twin.app.session import Outcome, Outputs
     from allegro_twin.spec import HandSpec
-    from allegro_twin.sweep.workers import Done, Failed, Lost
+    from allegro_twin.sweep.workers import UnitDone, UnitFailed, WorkerLost
 
 _TELLING = 0.1
 """s of the hand's time between two words of a process about how far it is."""
@@ -123,7 +123,7 @@ def _in_turn(jobs: Sequence[Job], wanted: Wanted, bar: Progress, tell: Tell) -> 
 def _side_by_side(jobs: Sequence[Job], wanted: Wanted, count: int, bar: Progress) -> Iterator[Ran]:
     """What came of each, in order. The error that counts is the earliest job's: for it later ones are stopped, and
     earlier ones are waited for."""
-    from allegro_twin.sweep.workers import Told, Workers
+    from allegro_twin.sweep.workers import WorkerEvent, Workers
 
     bars, ended = _Bars(jobs, bar), dict[int, Ran | HandError]()
     begun, end, number = 0, len(jobs), 0
@@ -133,7 +133,7 @@ def _side_by_side(jobs: Sequence[Job], wanted: Wanted, count: int, bar: Progress
                 workers.give(begun, jobs[begun])
                 begun += 1
             for event in workers.events():
-                if isinstance(event, Told):
+                if isinstance(event, WorkerEvent):
                     bars.told(event.task, event.message)
                     continue
                 bars.end(event.task)
@@ -148,13 +148,13 @@ def _side_by_side(jobs: Sequence[Job], wanted: Wanted, count: int, bar: Progress
                 number += 1
 
 
-def _ended(event: Done | Failed | Lost, jobs: Sequence[Job]) -> Ran | HandError:
-    from allegro_twin.sweep.workers import Done, Failed
+def _ended(event: UnitDone | UnitFailed | WorkerLost, jobs: Sequence[Job]) -> Ran | HandError:
+    from allegro_twin.sweep.workers import UnitDone, UnitFailed
 
-    if isinstance(event, Done):
+    if isinstance(event, UnitDone):
         ran: Ran = event.result
         return ran
-    if isinstance(event, Failed):
+    if isinstance(event, UnitFailed):
         return event.error
     how = f"was killed by signal {-event.code}" if event.code < 0 else f"ended with code {event.code}"
     job = jobs[event.task]

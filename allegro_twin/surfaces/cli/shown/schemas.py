@@ -35,13 +35,13 @@ def schemas(
     folder: Annotated[Path, typer.Argument(help="Where the .schema.json files go.", callback=options.folder)],
 ) -> None:
     """Write JSON Schemas of the YAML files, by which an editor completes keys and shows mistakes and units."""
-    from allegro_twin.files.atomic_write import whole_file
-    from allegro_twin.files.json_schema import json_schema
+    from allegro_twin.files.atomic_write import atomic_file
+    from allegro_twin.files.schema import json_schema
     from allegro_twin.surfaces.cli import console
 
     for kind, model in models().items():
         text = json.dumps(json_schema(model, f"allegro-twin: {kind}"), indent=2, ensure_ascii=False)
-        with whole_file(folder / f"{kind}.schema.json") as temporary:
+        with atomic_file(folder / f"{kind}.schema.json") as temporary:
             temporary.write_text(text + "\n")
     settings = {str(folder / f"{kind}.schema.json"): place for kind, place in PLACES.items()}
     console.console.print(f"{len(settings)} schemas in {folder}; for VS Code's YAML extension, in settings.json:")

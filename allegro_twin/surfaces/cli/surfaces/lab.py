@@ -55,11 +55,11 @@ def lab(
     from allegro_twin.cell.journal.observers import Observers
     from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.settings import LabSettings
-    from allegro_twin.files.assets import find
-    from allegro_twin.files.schema import load
+    from allegro_twin.files.assets import find_file
+    from allegro_twin.files.schema import load_settings
     from allegro_twin.surfaces.cli.console import console
 
-    settings = load(LabSettings, find(config, "config", "conf"))
+    settings = load_settings(LabSettings, find_file(config, "config", "conf"))
     first = settings.objects[0]
     placed = (first.model_copy(update={"name": thing or first.name}), *settings.objects[1:])
     settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})

@@ -196,7 +196,7 @@ def mirror(
             found = mirroring.live(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
             )
-    console.console.print(mirroring.table(found, spec.readable))
+    console.console.print(mirroring.table(found, spec.joint_labels))
     console.warn(mirroring.unnamed(found, free))
     for line in mirroring.lines(found, spec):
         console.console.print(line, highlight=False)

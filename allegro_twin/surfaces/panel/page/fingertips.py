@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.hands.description.appearance import of_series
+from allegro_twin.hands.description.appearance import series_color
 from allegro_twin.surfaces.panel.page.html import BAD, CALM
 from allegro_twin.surfaces.panel.page.page_state import Browser, update
 from allegro_twin.surfaces.panel.page.scene import PALM
@@ -119,5 +119,5 @@ class TipHandles:
 
 
 def _rgb() -> tuple[int, int, int]:
-    red, green, blue = (round(255 * part) for part in of_series(0))
+    red, green, blue = (round(255 * part) for part in series_color(0))
     return red, green, blue

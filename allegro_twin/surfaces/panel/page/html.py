@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
-from allegro_twin.hands.description.appearance import of_series
+from allegro_twin.hands.description.appearance import series_color
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.stream import StreamFrame
 
@@ -67,7 +67,7 @@ def joint_states(spec: HandSpec, frame: StreamFrame) -> str:
             lower, upper, limit = spec.lower[joint], spec.upper[joint], spec.actuation.torque_limit[joint]
             position, torque = float(frame.position[joint]), float(frame.torque[joint])
             part, effort = (position - lower) / (upper - lower), torque / limit
-            rows.append([spec.readable[joint], hexed(place), _inside(part, 0.0), f"{position:+.3f}",
+            rows.append([spec.joint_labels[joint], hexed(place), _inside(part, 0.0), f"{position:+.3f}",
                          _inside(effort, -1.0), f"{torque:+.3f}"])  # fmt: skip
     heads = '<span>goal</span><span class="is">is</span><span class="torque">torque</span>'
     return f'<div class="joint-states" data-joints="{escape(json.dumps(rows))}">{heads}</div>'
@@ -102,7 +102,7 @@ def banner(lines: Sequence[tuple[str, str]]) -> str:
 
 def hexed(number: int) -> str:
     """The colour of a series, as CSS has it."""
-    return "#" + "".join(f"{round(255 * part):02x}" for part in of_series(number))
+    return "#" + "".join(f"{round(255 * part):02x}" for part in series_color(number))
 
 
 def _inside(part: float, least: float) -> float | None:

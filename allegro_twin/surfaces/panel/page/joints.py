@@ -39,7 +39,7 @@ class JointSliders:
         lower, upper = _ceiled(spec.lower[joint]), _floored(spec.upper[joint])
         start = min(max(0.0, lower), upper)
         hint = f"{lower:g} to {upper:g} {units(spec)}"
-        slider = gui.add_slider(spec.readable[joint], lower, upper, 0.001, start, hint=hint)
+        slider = gui.add_slider(spec.joint_labels[joint], lower, upper, 0.001, start, hint=hint)
 
         async def moved(event: viser.GuiEvent[Any]) -> None:
             if event.client_id is None:

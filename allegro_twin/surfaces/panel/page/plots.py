@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from allegro_twin.hands.description.appearance import LIMIT, Color, lighter, of_series
+from allegro_twin.hands.description.appearance import LIMIT, Color, lighten, series_color
 from allegro_twin.surfaces.panel.page.html import JointGroup, hexed, joint_groups, units
 from allegro_twin.surfaces.panel.page.page_state import Browser
 from allegro_twin.surfaces.panel.stream import StreamFrame
@@ -54,8 +54,8 @@ class Plots:
     def _draw(self, group: JointGroup, rows: Any, limits: int) -> None:
         for chart in self._charts or ():
             chart.remove()
-        names = [self._spec.readable[joint] for joint in group.joints]
-        goals = [_series(f"{n} goal", _css(lighter(of_series(k))), 1) for k, n in enumerate(names)]
+        names = [self._spec.joint_labels[joint] for joint in group.joints]
+        goals = [_series(f"{n} goal", _css(lighten(series_color(k))), 1) for k, n in enumerate(names)]
         ends = [_series("limit", _css(LIMIT), 1) for _ in range(2 * limits)]
         measured = [_series(name, hexed(k), 2) for k, name in enumerate(names)]
         with self._place:  # Else they would stand below every tab.

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.appearance import of_series
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import VisualShape, series_color
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.glb import glb
@@ -106,7 +105,7 @@ class SceneView:
         self._placed[name] = np.array(pose)
         node.position, node.wxyz = pose[:3], pose[3:]
 
-    def _mesh(self, name: str, shapes: Sequence[Shape]) -> None:
+    def _mesh(self, name: str, shapes: Sequence[VisualShape]) -> None:
         if shapes:
             whole = join_surfaces([surface_of(shape) for shape in shapes])
             self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
@@ -124,7 +123,7 @@ class SceneView:
         rows = np.stack([ends - _ARROW * np.where(there[:, None], vectors, 0.0), ends], axis=1)
         rows[~there] = _NOWHERE
         if self._arrows is None:
-            colors = np.array([[round(255 * c) for c in of_series(k)] for k in range(len(rows))], dtype=np.uint8)
+            colors = np.array([[round(255 * c) for c in series_color(k)] for k in range(len(rows))], dtype=np.uint8)
             self._arrows = self._server.scene.add_arrows(
                 "/contact", rows, colors,
                 shaft_radius=0.0015, head_radius=0.004, head_length=0.009,

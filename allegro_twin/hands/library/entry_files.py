@@ -1,4 +1,4 @@
-"""Where entries come from: the files that ship, and the files of the user."""
+"""Files with library entries: those that ship with the package, and the user's."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import NamedTuple, get_args
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, parse_yaml, read_yaml
-from allegro_twin.files.yaml_edit import ENTRIES, holds_anything, line_of, read_text
-from allegro_twin.hands.library.entries import Entry, Kind, parse_entry
+from allegro_twin.files.yaml_edit import ENTRIES, has_content, line_of, read_text
+from allegro_twin.hands.library.entries import Entry, EntryKind, parse_entry
 
-_FOLDERS: dict[Kind, str] = {kind: f"conf/{kind}s" for kind in ("posture", "grasp")} | {
+_FOLDERS: dict[EntryKind, str] = {kind: f"conf/{kind}s" for kind in ("posture", "grasp")} | {
     "trajectory": "conf/trajectories"
 }
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
-class Listed(NamedTuple):
+class LibraryEntry(NamedTuple):
     """An entry with its name and where it is."""
 
     name: str
@@ -29,7 +29,7 @@ class Listed(NamedTuple):
     shipped: bool = False
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> EntryKind:
         return self.entry.kind
 
     @property
@@ -41,34 +41,34 @@ class Listed(NamedTuple):
 
 
 @cache
-def shipped(kind: Kind | None = None) -> dict[str, Path]:
+def shipped_entries(kind: EntryKind | None = None) -> dict[str, Path]:
     """The file of every entry that ships with the package."""
     if kind is not None and kind not in _FOLDERS:
         raise ConfigError(unknown("kind", kind, _FOLDERS))
-    kinds = get_args(Kind) if kind is None else (kind,)
+    kinds = get_args(EntryKind) if kind is None else (kind,)
     return {path.stem: path for each in kinds for path in _files(data_root() / _FOLDERS[each])}
 
 
-def read_shipped(name: str) -> Listed:
-    """One of those that ship."""
-    return one(shipped()[name])._replace(shipped=True)
+def read_shipped_entry(name: str) -> LibraryEntry:
+    """An entry that ships with the package, by its name."""
+    return read_single_entry(shipped_entries()[name])._replace(shipped=True)
 
 
-def one(path: Path) -> Listed:
-    """The entry of a file that holds one, or that of several which is named as the file. Raises ConfigError."""
+def read_single_entry(path: Path) -> LibraryEntry:
+    """The only entry of a file, or the one that has the file's name. Raises ConfigError."""
     content = read_yaml(path)
     if ENTRIES in content:
         for listed in read_file(path):
             if listed.name == path.stem:
                 return listed
         raise ConfigError(f"{path} holds `{ENTRIES}`: give its path to Library, and ask for an entry by name")
-    return Listed(path.stem, parse_entry(content, str(path)), path)
+    return LibraryEntry(path.stem, parse_entry(content, str(path)), path)
 
 
-def read_file(path: Path) -> list[Listed]:
+def read_file(path: Path) -> list[LibraryEntry]:
     """All entries of a file: one named as the file, or those under `entries`. Raises ConfigError with the line."""
     text = read_text(path)
-    if not holds_anything(text):
+    if not has_content(text):
         return []
     content = parse_yaml(text, str(path))
 
@@ -77,7 +77,7 @@ def read_file(path: Path) -> list[Listed]:
 
     if ENTRIES not in content:
         check_name(path.stem, str(path))
-        return [Listed(path.stem, parse_entry(content, lambda keys: line(*keys)), path)]
+        return [LibraryEntry(path.stem, parse_entry(content, lambda keys: line(*keys)), path)]
     if extra := [str(key) for key in content if key != ENTRIES]:
         raise ConfigError(f"{line(extra[0])}: {extra[0]}: unknown key; a file with `{ENTRIES}` has nothing else")
     entries = content[ENTRIES] or {}
@@ -86,19 +86,19 @@ def read_file(path: Path) -> list[Listed]:
     for name in entries:
         check_name(name, f"{path}: {ENTRIES}")
 
-    def listed(name: str) -> Listed:
+    def listed(name: str) -> LibraryEntry:
         row = parse_entry(entries[name], lambda keys: f"{line(ENTRIES, name, *keys)}: {name}")
-        return Listed(name, row, path)
+        return LibraryEntry(name, row, path)
 
     return [listed(name) for name in entries]
 
 
-def read_all(paths: Iterable[Path]) -> dict[str, Listed]:
+def read_all(paths: Iterable[Path]) -> dict[str, LibraryEntry]:
     """All entries in the user's files and folders. Raises ConfigError for a name that is taken already."""
-    found: dict[str, Listed] = {}
+    found: dict[str, LibraryEntry] = {}
     for file in dict.fromkeys(file.resolve() for path in paths for file in _files(path)):
         for listed in read_file(file):
-            if listed.name in shipped():
+            if listed.name in shipped_entries():
                 raise ConfigError(f"{file}: {listed.name!r} ships with the package; choose another name")
             if listed.name in found:
                 raise ConfigError(f"{file}: {listed.name!r} is also in {found[listed.name].path}; keep one of them")

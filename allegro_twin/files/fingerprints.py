@@ -1,4 +1,4 @@
-"""Fingerprints of content: what results were made of, by hash. Two contents that differ in a byte have two of them.
+"""Fingerprints: hashes of what results are made of. Contents that differ in a byte have different fingerprints.
 
 `fingerprint` is of values (settings, arrays, files), `source_fingerprint` of the code that a function can reach.
 """
@@ -23,7 +23,7 @@ from allegro_twin._lazy import PROVIDERS
 from allegro_twin.errors import ConfigError
 
 DIGITS = 16
-"""Of a SHA-256, that are kept: 64 bits."""
+"""Digits of a SHA-256 that are kept: 64 bits."""
 _OWN = __name__.partition(".")[0]
 
 
@@ -84,7 +84,7 @@ def _bytes(path: Path) -> bytes:
 
 @cache
 def source_fingerprint(module: str) -> str:
-    """Of the sources that code of this module can reach: its own, and those of this package and of its own top-level
+    """The fingerprint of all sources that a module reaches: its own, and those of this package and of its own top-level
     package that they import, within functions too. What it never imports does not count. As they are when it is first
     asked for: a process goes on with the code that it has. Empty for what has none."""
     files = reached_sources(module)
@@ -154,9 +154,8 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _imports(target: _Target, path: Path) -> Iterator[_Target]:
-    """What a module imports. A package whose names are fetched when they are first asked for says them under
-    TYPE_CHECKING; what it asks of a higher wing is in PROVIDERS; one that imports by name may import whatever stands
-    beside it."""
+    """The imports of a module. A package with lazy names imports them under TYPE_CHECKING; what a wing needs from a
+    higher one is in PROVIDERS; a module that imports by name may import every module next to it."""
     package = target.module if path.name == "__init__.py" else target.module.rpartition(".")[0]
     lazy = path.name == "__init__.py" and target.whole
     for node in _nodes(_tree(path), types=lazy):

@@ -1,4 +1,4 @@
-"""The report's object frame: centroid and principal axes of what is seen. Kept as the baseline; see `fits`."""
+"""The baseline of perception: voxels, centroid and principal axes of the visible points, as in the lab's report."""
 
 from __future__ import annotations
 
@@ -35,3 +35,16 @@ def principal_frame(points: Array, before: PrincipalFrame | None = None) -> Prin
     elif second[1] > 0.0:
         second = -second
     return PrincipalFrame(centroid, np.stack([first, second, np.cross(first, second)], axis=1), spread[::-1])
+
+
+def voxel(points: Array, edge: float) -> Array:
+    """The mean of the points (n, 3) of each cube of `edge`, m, (k, 3). All must be known."""
+    if len(points) == 0:
+        return np.empty((0, 3))
+    cells = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
+    spans = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2]
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    sums = np.add.reduceat(points[order].astype(np.float64), starts, axis=0)
+    return np.asarray(sums / np.diff(starts, append=len(points))[:, None])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint, reached_sources, source_fingerprint
+from allegro_twin.files.fingerprints import fingerprint, reached_sources, source_fingerprint
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.tasks import start_states
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import Stage, compile_scene

@@ -1,4 +1,4 @@
-"""From a hand's files to its HandSpec: the table of facts, and the calibration in conf/hands."""
+"""HandSpec of a hand from its files: the table of facts, and what was measured on it in conf/hands."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import data_root, find, read_yaml
+from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.hands.description import arms, facts
-from allegro_twin.hands.description.calibration import NOMINAL, Version
-from allegro_twin.hands.description.card import spec_of
-from allegro_twin.hands.description.wiring import HIDDEN, NOTHING, load_wiring
-from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
+from allegro_twin.hands.description.calibration import HIDDEN, NOMINAL, NOTHING, Version, load_wiring
+from allegro_twin.hands.description.card import spec_from_card
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.spec.hand import aliases
 from allegro_twin.types import Vector, frozen
 
 _MOTOR = ("damping", "armature", "frictionloss")
@@ -35,15 +35,15 @@ def load_spec(
     `version` is the hand's, where its file does not say; it decides how much torque its driver lets through. `over`
     overrides the file key by key. Raises ConfigError that names the file and the key.
     """
-    if model in arms.names():
+    if model in arms.arm_names():
         return _arm(model, side, serial)
-    its = side_of(serial) if serial else None
+    its = hand_side(serial) if serial else None
     if its is not None and its != side:
         raise ConfigError(f"{serial} is a {its} hand; hand.side is {side}")
-    if not facts.known(model):
+    if not facts.has_facts(model):
         return _by_card(model, side, serial)
     _check_own(model, serial)
-    hand = facts.load(model, side)
+    hand = facts.load_facts(model, side)
     lower, upper = _limits(hand.joints, serial)
     fingers = tuple(Finger(name, joints, f"{hand.last_link(name).name}_tip") for name, joints in hand.fingers.items())
     joints = hand.joints
@@ -69,45 +69,45 @@ def _arm(model: str, side: Side, serial: str) -> HandSpec:
         raise ConfigError(
             f"{model} is an arm, and an arm has no side and no file of its own: leave out side and serial"
         )
-    return arms.load_arm(model)
+    return arms.load_arm_spec(model)
 
 
 def _check_own(model: str, serial: str) -> None:
     """Raises ConfigError for one hand's file that speaks of electronics that its model does not have."""
     if not serial or "wire" in read_yaml(_nominal(model)):
         return
-    path = find(serial, "hand", "conf/hands")
+    path = find_file(serial, "hand", "conf/hands")
     if "wire" in read_yaml(path):
         raise ConfigError(f"{path} is not of a {model}: it has a `wire` block, and no hand of that model is on CAN")
 
 
-def is_model(name: str) -> bool:
+def is_hand_model(name: str) -> bool:
     """Whether it names a model of hand, not one hand of a model: by its facts, or a card."""
-    if facts.known(name):
+    if facts.has_facts(name):
         return True
     path = Path(name) if Path(name).suffix == ".yaml" else data_root() / "conf" / "hands" / f"{name}.yaml"
     return path.is_file() and "driven" in read_yaml(path)
 
 
 def _by_card(model: str, side: Side, serial: str) -> HandSpec:
-    path = find(model, "hand", "conf/hands")
+    path = find_file(model, "hand", "conf/hands")
     if serial:
         raise ConfigError(f"{path} is the hand's only file: leave out hand.serial ({serial})")
-    found = spec_of(path, Path(model).stem, side)
+    found = spec_from_card(path, Path(model).stem, side)
     return replace(found, card=str(path)) if Path(model).suffix == ".yaml" else found
 
 
-def side_of(serial: str) -> Side | None:
-    """Which hand a file in conf/hands is of, where it says. Raises ConfigError."""
+def hand_side(serial: str) -> Side | None:
+    """The side of the hand in a file in conf/hands, where the file says it. Raises ConfigError."""
     return load_wiring(serial=serial).side
 
 
-def _limits(joints: tuple[facts.Joint, ...], serial: str) -> tuple[Vector, Vector]:
+def _limits(joints: tuple[facts.JointFacts, ...], serial: str) -> tuple[Vector, Vector]:
     """The model's joint limits, or those that were measured on this very hand."""
     lower, upper = frozen([joint.lower for joint in joints]), frozen([joint.upper for joint in joints])
     if not serial:
         return lower, upper
-    path = find(serial, "hand", "conf/hands")
+    path = find_file(serial, "hand", "conf/hands")
     measured = read_yaml(path).get("limits")
     if measured is None:
         return lower, upper
@@ -125,7 +125,7 @@ def _limits(joints: tuple[facts.Joint, ...], serial: str) -> tuple[Vector, Vecto
 
 def _foreign(serial: str, fingers: list[str], n_joints: int) -> ForeignModel | None:
     """The name map in a hand's file, where it simulates somebody else's MJCF. A relative path is the file's own."""
-    path = find(serial, "hand", "conf/hands")
+    path = find_file(serial, "hand", "conf/hands")
     table = read_yaml(path)
     if "mjcf" not in table:
         return None
@@ -163,7 +163,7 @@ def load_actuation(
 
 
 def _nominal(model: str) -> Path:
-    """What is written of every hand of a model."""
+    """The file that holds for every hand of a model."""
     return data_root() / "conf" / "hands" / f"{model}.yaml"
 
 
@@ -187,16 +187,16 @@ def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
     for where, table in _own(serial, over):
         values |= _block(where, table, "drive", None)
         try:
-            Drive.made(values, n_joints)
+            Drive.from_values(values, n_joints)
         except ConfigError as error:
             raise ConfigError(f"{where}: drive{error}") from error
-    return Drive.made(values, n_joints) if values else None
+    return Drive.from_values(values, n_joints) if values else None
 
 
 def _own(serial: str, over: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """What is said of one hand, by its file and over it, each with its source."""
+    """The blocks for one hand, of its file and of what overrides it, each with its source."""
     if serial:
-        path = find(serial, "hand", "conf/hands")
+        path = find_file(serial, "hand", "conf/hands")
         yield str(path), read_yaml(path)
     if over:
         yield HIDDEN, over
