@@ -22,7 +22,7 @@ import numpy as np
 from allegro_twin.control.controllers import PD
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.sim.drivetrain.backlash import able
+from allegro_twin.sim.drivetrain.backlash import allow_backlash
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import AILMENTS, Ailment
@@ -71,7 +71,10 @@ class Called(NamedTuple):
 def called(spec: HandSpec, calm: Thresholds, seed: int, what: str | None, seconds: float) -> Called:
     """What the mirror says of a hand with which something goes wrong."""
     tips = [finger.joints[-1] for finger in spec.fingers]
-    rng, backend = np.random.default_rng((seed, 6)), simulated(able(spec, tips) if what == "loose" else spec, seed)
+    rng, backend = (
+        np.random.default_rng((seed, 6)),
+        simulated(allow_backlash(spec, tips) if what == "loose" else spec, seed),
+    )
     another = hand(seed + 500, mismatched=has_breakaway_friction(spec.drive))
     file = replace(another, drive=spec.drive) if what == "wrong_file" else spec
     each = Mirror(spec, mirror_of(file).observer, np.ones(N), calm)

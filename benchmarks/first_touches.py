@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.control.force_grasp import CentroidGrasp, CentroidMemory, fingers_in_contact
-from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.fault_detection import Thresholds
@@ -66,9 +66,9 @@ class Watched:
 def prepared(spec: HandSpec, above: Array, grasp: str, thing: str, seed: int) -> tuple[Trial, CentroidGrasp, Mirror]:
     """A trial of a grasp with an object, its controller, and a mirror that knows what a touch is."""
     scenario, path = load_scenario(grasp)
-    bench, draw = Bench(spec, threads=1), draws(Uncertainty(torque=0.0), 1, seed)[0]
+    bench, draw = TrialRunner(spec, threads=1), sample_perturbations(Uncertainty(torque=0.0), 1, seed)[0]
     scenario = scenario.model_copy(update={"objects": load_scenario(thing)[0].objects[:1]})
-    case = Case(scenario, load_grasp(scenario.grasp, spec), draw, load_protocol("table_pick"), path.parent)
+    case = TrialCase(scenario, load_grasp(scenario.grasp, spec), draw, load_protocol("table_pick"), path.parent)
     trial = bench.trial(case)
     controller = bench.controller(trial)
     assert isinstance(controller, CentroidGrasp)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.training.evaluation import evaluate

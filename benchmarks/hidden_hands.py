@@ -13,10 +13,9 @@ import numpy as np
 import yaml
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, read_motion
 from allegro_twin.twin.identify.pipeline import Identification, identify_hand, measure_gaps
@@ -141,16 +140,16 @@ def best(truth: Mapping[str, Any], motion: RecordedMotion) -> Array:
     (n,). Nearer no fit can come but by chance; a joint on the verge of breaking away is far off."""
     mine = load_spec(motion.spec.model, motion.spec.side)
     loose = truth["drive"]["backlash"] > 0.0
-    player = Player(mine, motion.period, bristly="stiction" in truth["drive"], loose=loose)
+    player = OpenLoopPlayer(mine, motion.period, bristly="stiction" in truth["drive"], loose=loose)
     found: Array = gap_errors(motion, player, _true(truth)).joint[-1]
     return found
 
 
-def _true(truth: Mapping[str, Any]) -> Parameters:
+def _true(truth: Mapping[str, Any]) -> DriveParameters:
     drive, usual = truth["drive"], {"stiction": 1.0, "stribeck_speed": 1.0, "bristle": 0.0, "load_friction": 0.0}
     every = {**truth["wire"], **truth["actuation"], **usual, **drive}
     rows = {name: np.broadcast_to(np.asarray(value, dtype=float), (_N,)).copy() for name, value in every.items()}
-    return Parameters(
+    return DriveParameters(
         **{name: rows[name] for name in ("torque_constant", *truth["actuation"], "mass_scale", *usual)}
         | {
             "offset": rows["encoder_offset"],

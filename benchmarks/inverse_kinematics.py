@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import (
     euler_from_matrix,

@@ -17,9 +17,9 @@ from allegro_twin.app.config import load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.grasping.trial import make_trial
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run
 from allegro_twin.recording.recorder import record
 from allegro_twin.safety import Guard, Limits

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.control.controllers import PD
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.observer.observer import Observer

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.backend import torque_of
-from allegro_twin.cell.arm.faults import InFront
+from allegro_twin.cell.arm.faults import PassThroughBackend
 from allegro_twin.control.controllers import PD
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
@@ -35,7 +35,7 @@ BURST = (5, 30)  # Periods.
 PUSH = 0.06  # N·m, of one joint.
 
 
-class Host(InFront):
+class Host(PassThroughBackend):
     """A simulated hand as a CAN host hears it, `loss`: share of reports of one finger that are lost; `bursts`: share of
     periods that begin a burst."""
 

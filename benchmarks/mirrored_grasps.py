@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.batch.trials import Bench, Case
-from allegro_twin.grasping.scenario import Protocol, load_protocol, load_scenario
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.scenario import TrialProtocol, load_protocol, load_scenario
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 
 
 @cache
-def rules(*, slippery: bool) -> Protocol:
+def rules(*, slippery: bool) -> TrialProtocol:
     """`table_pick`; `slippery`: to a longer hold, which ends it."""
     protocol = load_protocol("table_pick")
     if not slippery:
@@ -83,8 +83,10 @@ def rules(*, slippery: bool) -> Protocol:
 def grasped(spec: HandSpec, calm: Thresholds, name: str, seed: int, *, slippery: bool) -> Said:
     """One grasp with a mirror beside it."""
     scenario, path = load_scenario(name)
-    bench, draw = Bench(spec, threads=1), draws(Uncertainty(torque=0.0), 1, seed)[0]
-    trial = bench.trial(Case(scenario, load_grasp(scenario.grasp, spec), draw, rules(slippery=slippery), path.parent))
+    bench, draw = TrialRunner(spec, threads=1), sample_perturbations(Uncertainty(torque=0.0), 1, seed)[0]
+    trial = bench.trial(
+        TrialCase(scenario, load_grasp(scenario.grasp, spec), draw, rules(slippery=slippery), path.parent)
+    )
     each = Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
     amount = float(np.random.default_rng((seed, 8)).uniform(*AILMENTS["slippery"]))
     at = next(window.begin for window in trial.windows if window.name == "hold") + HELD

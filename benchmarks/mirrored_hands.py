@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from allegro_twin.backend import torque_of
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
@@ -62,7 +62,7 @@ def hand(seed: int, *, mismatched: bool = False) -> HandSpec:
     if mismatched:
         ranges = {"stiction": (1.2, 1.8), "stribeck_speed": (0.08, 0.2), "bristle": (5e-4, 2e-3)}
         drive |= {name: rng.uniform(*ends, N).tolist() for name, ends in ranges.items()} | {"load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made(drive, N))
+    return replace(spec, actuation=own, drive=Drive.from_values(drive, N))
 
 
 def simulated(spec: HandSpec, seed: int) -> SimBackend:

@@ -25,7 +25,7 @@ with Progress() as bar:
 # Whoever trains again because of this looks elsewhere in the end: `allegro-twin evaluate` has episodes of its own.
 compared = compare_policy(trained.policy, recipe, episodes=50, seed=2_000_000_000)
 for each in compared:
-    print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.still.rate:.1%}")
+    print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.no_action.rate:.1%}")
 write_report(compared, folder / "evaluation.json")
 film_policy(load_policy(trained.policy).policy, recipe, folder / "policy.mp4")
 assert all((folder / name).stat().st_size > 0 for name in ("policy.onnx", "evaluation.json", "policy.mp4"))

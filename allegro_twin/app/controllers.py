@@ -18,7 +18,7 @@ from allegro_twin.app.references import posture_of, wanted_of
 from allegro_twin.backend import limp_of
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
@@ -26,7 +26,7 @@ from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, GravityFeedforward
-    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.hands.library.grasps import Grasp
 
@@ -94,7 +94,7 @@ def _policy(settings: PolicySettings, context: ControllerContext) -> MadeControl
     from allegro_twin.learning.policy.loading import load_policy
 
     spec, trial = context.spec, context.trial
-    path = find(settings.file, "policy", "conf/policies", ".onnx")
+    path = find_file(settings.file, "policy", "conf/policies", ".onnx")
     loaded = load_policy(path, trust=settings.trust)
     interface = loaded.card.interface(spec)
     if abs(interface.period - context.period) > 1e-9:
@@ -131,9 +131,11 @@ def _position(settings: PositionSettings, context: ControllerContext) -> MadeCon
     return MadeController(PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds)
 
 
-def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
+def _gripping(
+    settings: PositionSettings, grasp: Grasp, timed: TimedGrasp, spec: HandSpec, gains: Gains
+) -> Controller[Any]:
     """The controller of a grasp that controls force; it always carries the hand's weight."""
-    from allegro_twin.grasping.controller import performer
+    from allegro_twin.grasping.controller import make_grasp_controller
     from allegro_twin.kinematics.hand import hand_kinematics
 
     if settings.kind != "pd" or not settings.compensate:
@@ -141,7 +143,7 @@ def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: Hand
         raise ConfigError(
             f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
         )
-    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_kinematics(spec))
+    return make_grasp_controller(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_kinematics(spec))
 
 
 def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> GravityFeedforward:

@@ -27,7 +27,7 @@ _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
 ExtraColumns = Callable[[], Mapping[str, Array]]
 
 
-class _Done(NamedTuple):
+class _Written(NamedTuple):
     """What is safely in the file."""
 
     rows: int
@@ -44,7 +44,7 @@ class Recorder:
     def __init__(
         self, place: Path | Sink, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None
     ) -> None:
-        self._rows, self._done, self._ended = 0, _Done(0, 0), False
+        self._rows, self._done, self._ended = 0, _Written(0, 0), False
         self._meta = {
             "format": FORMAT,
             "version": VERSION,
@@ -104,7 +104,7 @@ class Recorder:
         fields = [field.with_metadata({"unit": UNITS.get(field.name, "")}) for field in fields]
         schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(self._meta)})
         self._put(schema.serialize())
-        self._done = _Done(0, 1)
+        self._done = _Written(0, 1)
         self._schema = schema
 
     def _flush(self) -> None:
@@ -113,7 +113,7 @@ class Recorder:
             return
         columns = [arrow_column(buffer[:count]) for buffer in self._buffers.values()]
         self._put(pa.record_batch(columns, schema=self._schema).serialize())
-        self._done = _Done(self._rows, self._done.messages + 1)
+        self._done = _Written(self._rows, self._done.messages + 1)
 
     def _put(self, message: Any) -> None:
         """Write after what is done, wherever an earlier attempt ended."""

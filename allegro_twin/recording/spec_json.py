@@ -7,7 +7,7 @@ from typing import Any
 
 from allegro_twin.spec import Actuation, Finger, HandSpec
 from allegro_twin.spec.arm import ArmSpec, Load, Slowing
-from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import frozen
 
@@ -39,7 +39,7 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
     drive = content.get("drive")
     kind = HandSpec if "arm" not in content else partial(ArmSpec, **_arm_from(content["arm"]))
     return kind(
-        drive=None if drive is None else Drive.made(drive, len(content["joints"])),
+        drive=None if drive is None else Drive.from_values(drive, len(content["joints"])),
         model=content["model"],
         side=content["side"],
         serial=content["serial"],
@@ -50,7 +50,9 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
         upper=frozen(content["upper"]),
         actuation=Actuation(**{key: frozen(row) for key, row in content["actuation"].items()}),
         commands=tuple(content.get("commands", ("torque",))),
-        followers=tuple(Follower(f["name"], f["driven"], frozen(f["positions"])) for f in content.get("followers", ())),
+        followers=tuple(
+            CoupledJoint(f["name"], f["driven"], frozen(f["positions"])) for f in content.get("followers", ())
+        ),
         mirror_flips=tuple(content["mirror_flips"]),
     )
 

@@ -90,12 +90,12 @@ def report(
 ) -> None:
     """Write the report of the trials that folders have, as one study, and say what they show: hands may be made by as
     many programs, each into a folder of its own, and one that is made anew takes the place of the old one."""
-    from allegro_twin.files.output_folder import locked
+    from allegro_twin.files.output_folder import lock_folder
 
     if out is None and len(folders) > 1:
         raise ConfigError(f"{len(folders)} folders: say with --out where their one report goes")
     folder = folders[0] if out is None else out
-    with locked(folder):
+    with lock_folder(folder):
         _say(folders, folder, where)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.control.trajectory import BatchedTrajectories, Moves, Trajectory, Waypoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 
 

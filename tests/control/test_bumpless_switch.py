@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from allegro_twin.control.bumpless_switch import HANDOVER, BumplessSwitch
 from allegro_twin.control.controllers import PD, PID, ConstantTorque, GravityCompensation, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run

@@ -16,7 +16,7 @@ from allegro_twin.control.force_grasp import (
     pressing_forces,
     update_stall,
 )
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.types import Array
 

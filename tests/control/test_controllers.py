@@ -10,7 +10,7 @@ import pytest
 from allegro_twin.control.controllers import PD, PID, ConstantTorque, GravityCompensation, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
@@ -73,7 +73,7 @@ def test_gravity_compensation_lets_no_finger_sink(
     spec = load_spec(side=side)
     fingers = (1.0, 0.0, 0.0) if facing[2] else UPRIGHT
     start = step_start(spec, 1.0) + 0.1
-    start = spec.posture(start if side == "right" else spec.mirrored(start))
+    start = spec.posture(start if side == "right" else spec.mirror_posture(start))
     _, position = settle(
         make_sim(spec, facing=facing, fingers=fingers, posture=start), GravityCompensation(gravity_of(spec)), 1.0
     )

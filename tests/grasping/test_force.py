@@ -10,13 +10,13 @@ import pytest
 
 from allegro_twin.app import Rig, assemble, scenario_config
 from allegro_twin.control.force_grasp import CentroidGrasp, pressing_forces
-from allegro_twin.grasping.scenario import ObjectSettings, load_scenario
+from allegro_twin.grasping.scenario import ScenarioObject, load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 from tests.grasping.test_trial import DEMO
@@ -26,14 +26,14 @@ SIDES = ["right", pytest.param("left", marks=pytest.mark.long)]
 """Both in the long run; a trial of the left hand is the mirror image of the right hand's."""
 
 
-def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[Report, Trial]:
+def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[TrialReport, Trial]:
     """The trial of a force grasp with an object of the catalogue, or with a changed one."""
     rig = assemble(scenario_config(grasp, side, thing=thing))
     assert rig.trial is not None
     trial, hand = rig.trial, rig.backend
     if changes:
         scenario, _ = load_scenario(grasp)
-        own = ObjectSettings.model_validate({"name": "thing", **changes})
+        own = ScenarioObject.model_validate({"name": "thing", **changes})
         trial = Trial(scenario.model_copy(update={"objects": (own,)}), rig.spec, trial.grasp)
         limit = np.full(rig.spec.n_joints, 12.0)
         hand = Guard(trial.backend, Limits(rig.spec.actuation.torque_limit, limit, rig.spec.lower, rig.spec.upper))
@@ -113,7 +113,7 @@ def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_fr
     name, wanted = "grasp_3", 2.5
     rig = assemble(scenario_config(name))
     scenario, _ = load_scenario(name)
-    ball = ObjectSettings(name="thing", shape="sphere", size=(0.06,), mass=0.005)
+    ball = ScenarioObject(name="thing", shape="sphere", size=(0.06,), mass=0.005)
     trial = Trial(scenario.model_copy(update={"objects": (ball,)}), rig.spec, load_grasp(name, rig.spec))
     controller = rig.controller
     assert isinstance(controller, CentroidGrasp)
@@ -140,7 +140,7 @@ def test_the_envelop_grasp_wraps_cans_of_any_diameter_from_their_side(diameter: 
 def enveloped(thing: str) -> str:
     """The scenario in which `envelop` takes an object: what is round and stands higher than 80 mm from its side, all
     else from above."""
-    own = named(thing)
+    own = load_object(thing)
     return "envelop" if own.shape == "cylinder" and own.size[1] > 0.080 else "envelop_above"
 
 

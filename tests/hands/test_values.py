@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.spec import SIDES, Side
@@ -60,10 +60,10 @@ def test_a_turned_palm_turns_the_jacobian_into_the_world(seed: int, side: Side) 
 @given(SEEDS)
 def test_the_left_jacobian_is_the_mirrored_right_one(seed: int) -> None:
     q = posture(seed, "right")
-    right, left = HANDS["right"].jacobian(q), HANDS["left"].jacobian(SPECS["right"].mirrored(q))
+    right, left = HANDS["right"].jacobian(q), HANDS["left"].jacobian(SPECS["right"].mirror_posture(q))
     mirror = np.diag([1.0, -1, 1, -1, 1, -1])  # A spin is a pseudovector.
     for name in right:
-        np.testing.assert_allclose(left[name], SPECS["right"].mirrored(mirror @ right[name]), atol=1e-15)
+        np.testing.assert_allclose(left[name], SPECS["right"].mirror_posture(mirror @ right[name]), atol=1e-15)
 
 
 @settings(max_examples=30, deadline=None)

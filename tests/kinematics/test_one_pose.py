@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
-from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector, quaternion_product
 from allegro_twin.kinematics.solutions import Solutions
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
@@ -32,7 +32,7 @@ def asked(finger: ClosedFormFinger, q: Array, seed: int) -> list[dict[str, Array
 
 
 def _noisy(quaternion: Array, noise: Array) -> Array:
-    return matrix_from_quaternion(product(quaternion, noise))
+    return matrix_from_quaternion(quaternion_product(quaternion, noise))
 
 
 def agree(one: Solutions, batch: Solutions, row: int) -> None:

@@ -70,7 +70,7 @@ import sys, numpy as np
 from pathlib import Path
 sys.path.insert(0, {root!r})
 from tests.recording.test_recording import sample
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.recorder import Recorder
 recorder = Recorder(Path({path!r}), load_spec(), 0.003)
 tick = 0
@@ -204,7 +204,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 from pathlib import Path
 from tests.recording.test_recording import record
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.errors import RecordingError
 try:
     record(Path({str(path)!r}), load_spec(), 10_000)

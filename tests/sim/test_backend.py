@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from allegro_twin.control.controllers import ConstantTorque
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.orientation import facing, quaternion_facing
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.orientation import matrix_facing, quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend, substeps
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -63,7 +63,7 @@ def test_gravity_is_reported_in_the_palm_frame(
 
 def test_a_palm_cannot_look_where_its_fingers_point() -> None:
     with pytest.raises(ConfigError, match="must not be parallel"):
-        facing((0, 0, 1), (0, 0, 2))
+        matrix_facing((0, 0, 1), (0, 0, 2))
     np.testing.assert_allclose(quaternion_facing((1, 0, 0), (0, 0, 1)), [1, 0, 0, 0], atol=1e-12)
 
 

@@ -17,9 +17,9 @@ from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec

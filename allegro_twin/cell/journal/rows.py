@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.actions import Work
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.perception.cloud import finite
-from allegro_twin.cell.perception.errors import Refused
-from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.target import Target, target
-from allegro_twin.cell.states import Now
+from allegro_twin.cell.perception.target import GraspTarget, grasp_target
+from allegro_twin.cell.states import MachineState
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.journal import FieldKind
 from allegro_twin.types import Array
@@ -39,7 +39,7 @@ PICTURES: dict[str, FieldKind] = {
 (rows, columns), mm as uint16, 0 unknown, as ROS has it."""
 
 
-def event(now: Now, work: Work) -> dict[str, Any]:
+def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     """A state begins."""
     way, check, end = work.way, work.checked, now.end
     row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
@@ -52,11 +52,11 @@ def event(now: Now, work: Work) -> dict[str, Any]:
     return row
 
 
-def perceived(frame: Frame, seen: Found | Refused, settings: PerceptionSettings) -> dict[str, Any]:
+def perception_entry(frame: CameraFrame, seen: Detection | Refusal, settings: PerceptionSettings) -> dict[str, Any]:
     """A picture was looked at."""
     known = int(np.count_nonzero(finite(frame.cloud)))
     row: dict[str, Any] = {"t": frame.time, "number": frame.number, "known": known}
-    if not isinstance(seen, Found):
+    if not isinstance(seen, Detection):
         return row | {"verdict": seen.reason, "sentence": seen.sentence}
     solid, table = seen.solid, seen.table
     row |= {
@@ -64,13 +64,13 @@ def perceived(frame: Frame, seen: Found | Refused, settings: PerceptionSettings)
         "pose": _seven(Pose(solid.position, solid.axes)), "sigma": seen.sigma,
         "table": np.append(table.normal, table.offset), "points": seen.points.astype(np.float32),
     }  # fmt: skip
-    frame_for = target(seen, settings.target)
-    if isinstance(frame_for, Target):
+    frame_for = grasp_target(seen, settings.target)
+    if isinstance(frame_for, GraspTarget):
         row |= {"target": _seven(Pose(frame_for.position, frame_for.rotation)), "width": frame_for.width}
     return row
 
 
-def pictured(frame: Frame) -> dict[str, Any]:
+def picture_entry(frame: CameraFrame) -> dict[str, Any]:
     """A picture was taken for whoever looks on."""
     lens = frame.lens
     return {

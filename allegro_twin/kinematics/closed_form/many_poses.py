@@ -66,9 +66,9 @@ def _fill_preferred(
     angle: Array,
 ) -> None:
     angle[...] = 0.0
-    wishes = repeat(None) if target.near is None else zip(*(column.tolist() for column in target.near), strict=True)
-    for row, (one, wish) in enumerate(zip(_rows(base), wishes, strict=False)):
-        q = chain.preferred(one, wish)
+    nears = repeat(None) if target.near is None else zip(*(column.tolist() for column in target.near), strict=True)
+    for row, (one, near) in enumerate(zip(_rows(base), nears, strict=False)):
+        q = chain.preferred(one, near)
         joints[:, 0, row], within[0, row] = (nan if q is None else q), q is not None
 
 

@@ -103,8 +103,8 @@ class Chain:
     def preferred(self, base: BaseTarget[float], near: tuple[float, ...] | None) -> Posture | None:
         """The posture inside the limits that reaches a target nearest to the hand's posture `near`, rad, or else
         furthest from every limit; None where none reaches it."""
-        wish = None if near is None else (near[0] * self.sign, *near[1:])
-        return self._redundancy.preferred(base.x, base.y, base.z, wish)
+        wanted = None if near is None else (near[0] * self.sign, *near[1:])
+        return self._redundancy.preferred(base.x, base.y, base.z, wanted)
 
     def nearest(
         self, base: BaseTarget[float], mode: Mode, angle: float, *, limited: bool

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import fetched, library
+from allegro_twin.array_api import array_namespace, fetch
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
 from allegro_twin.learning.environments.random_streams import Draws
@@ -17,7 +17,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, ResetOption
 from allegro_twin.learning.policy.interface import BOUND, Floats, InterfaceMemory, Observation
 from allegro_twin.learning.tasks import make_task
 from allegro_twin.learning.tasks.base import Flags, StepOutcome
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.types import Array
 
@@ -94,7 +94,7 @@ class EpisodeEngine:
 
     def fetch(self, tree: Any) -> Any:
         """Arrays as NumPy arrays, as `array_api.fetched`."""
-        return tree if self.worlds.xp is np else fetched(tree)
+        return tree if self.worlds.xp is np else fetch(tree)
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
         """Let all simulations, or some, take an action each, (n, joints), from `clip_actions`."""
@@ -107,7 +107,7 @@ class EpisodeEngine:
         gains, pd_torque_into, torque, step = (
             sensing.gains(self._gains),
             interface.pd_torque_into,
-            worlds.torque,
+            worlds.control,
             worlds.step,
         )
         live = worlds.live if sensing.ideal else None
@@ -206,7 +206,7 @@ class EpisodeEngine:
 
 def _append_numbers(seen: Floats, more: list[Array]) -> Floats:
     """Append numbers, within bounds."""
-    xp = library(seen)
+    xp = array_namespace(seen)
     finite = [each if _finite(each) else xp.nan_to_num(each) for each in more]
     bounded = [xp.asarray(xp.minimum(xp.maximum(each, -BOUND), BOUND), np.float32) for each in finite]
     found: Floats = xp.concatenate([seen, *bounded], axis=-1)

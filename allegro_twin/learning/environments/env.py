@@ -16,7 +16,7 @@ from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import GoalTask
-from allegro_twin.viewing.batch import Pictures, has_screen
+from allegro_twin.viewing.batch import BatchCamera, has_screen
 
 _ONE = np.zeros(1, np.int64)
 
@@ -43,7 +43,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         self.observation_space = observation_space(self.engine.task, self.engine.n_state)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
-        self._pictures: Pictures | None = None
+        self._pictures: BatchCamera | None = None
         if isinstance(self.engine.task, GoalTask):
             # Stable-Baselines3 treats an environment with these as a goal environment.
             self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._goal_reward
@@ -76,7 +76,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         if self.render_mode is None:
             return None
         if self._pictures is None:
-            self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
+            self._pictures = BatchCamera(self.engine.worlds, *self._size, mode=self.render_mode)
         return self._pictures.take(0, self.engine.task.marks(0))
 
     def close(self) -> None:

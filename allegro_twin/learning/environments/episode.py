@@ -84,7 +84,7 @@ class EpisodeBackend:
         self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
         self.count, self.shares = 0.0, dict.fromkeys(self.engine.task.share_terms, 0.0)
         self._most = None
-        if self.engine.worlds.leads:
+        if self.engine.worlds.closes_loop:
             self._most = np.array(self._ranges())
         self.write(limp_of(self.spec))
         return self._state()
@@ -137,7 +137,7 @@ class EpisodeBackend:
         if not np.isfinite(position).all():
             raise HandFault(f"the simulation diverged at {self._tick * self.period:.3f} s")
         t = self._tick * self.period
-        torque = self._told if self._most is None else frozen(self.engine.worlds.given()[0])
+        torque = self._told if self._most is None else frozen(self.engine.worlds.applied_torque[0])
         return HandState(t, self._tick, position, velocity, torque, self._unknown, frozen(self._gravity()))
 
     def _gravity(self) -> Array:

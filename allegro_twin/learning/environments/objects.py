@@ -9,19 +9,19 @@ from pydantic import BeforeValidator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import parse
-from allegro_twin.grasping.scenario import ObjectSettings, Scenario, load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.objects import catalogue as objects
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 
 FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
 """Folders of scenarios with one object each. Folders of other hands have the hand's name."""
 SCENARIOS, MESHES = (".yaml", ".yml"), (".obj", ".stl")
 
 
-class OwnObject(ObjectSettings):
+class OwnObject(ScenarioObject):
     """An object as in a scenario, and the catalogue's object that it is grasped like. A relative path starts at the
     current folder."""
 
@@ -32,7 +32,7 @@ class OwnObject(ObjectSettings):
 def _read(value: Any) -> Any:
     """Read a mapping, or the path of a mesh."""
     if isinstance(value, dict):
-        return parse(OwnObject, value, "objects")
+        return parse_settings(OwnObject, value, "objects")
     if isinstance(value, str) and Path(value).suffix.lower() in MESHES:
         return OwnObject(name=Path(value).stem, shape="mesh", file=Path(value))
     return value
@@ -71,14 +71,14 @@ def scenario_of(choice: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, 
     return found, path.parent
 
 
-def load_object(choice: ObjectChoice) -> Thing:
+def load_object(choice: ObjectChoice) -> GraspObject:
     """The object itself. Raises ConfigError."""
     if isinstance(choice, str) and not _is_scenario(choice):
-        return objects.named(choice)
+        return objects.load_object(choice)
     if isinstance(choice, OwnObject) and choice.like is None:
         choice = choice.model_copy(update={"like": "rubiks_cube"})
     scenario, folder = scenario_of(choice, object_scenarios())
-    return stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
+    return make_stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
 
 
 def _is_scenario(choice: str) -> bool:

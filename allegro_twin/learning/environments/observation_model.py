@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.array_api import array_namespace
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
 from allegro_twin.learning.tasks.vectors import rotate_vectors
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.types import Array
 
 
@@ -22,7 +22,7 @@ class SignalModel:
     """Noise, quantisation and delays of the joint signals and commands of `n` hands. Ranges that are not set cost
     nothing."""
 
-    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
         n, joints = worlds.position.shape
         self._worlds, self._xp = worlds, worlds.xp
         xp = worlds.xp
@@ -33,8 +33,8 @@ class SignalModel:
             if getattr(settings, name) is not None
         }
         # Where the hand closes the loop, both belong to its motors: `randomise` writes them into the models.
-        self._strength = None if settings.strength is None or worlds.leads else xp.ones((n, 1))
-        self._gains = None if settings.gains is None or worlds.leads else xp.ones((n, 2))
+        self._strength = None if settings.strength is None or worlds.closes_loop else xp.ones((n, 1))
+        self._gains = None if settings.gains is None or worlds.closes_loop else xp.ones((n, 2))
         self._late = {
             name: xp.zeros(n, np.int64)
             for name in ("sensor_delay", "actuator_delay")
@@ -61,7 +61,7 @@ class SignalModel:
         if "sensor_delay" in self._past:
             here = self._xp.concatenate([self._worlds.position[rows], self._worlds.velocity[rows]], axis=-1)
             self._past["sensor_delay"][:, rows] = here
-        if "actuator_delay" in self._past and self._worlds.leads:
+        if "actuator_delay" in self._past and self._worlds.closes_loop:
             here = self._worlds.position[rows]  # Until the first command arrives the hand stays where it is.
             self._past["actuator_delay"][:, rows] = self._xp.concatenate([here, 0.0 * here], axis=-1)
 
@@ -95,7 +95,7 @@ class SignalModel:
             command = self._delay("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
             command = self._xp.clip(command, -self._limit, self._limit) * self._strength
-        self._worlds.tell(command)
+        self._worlds.command(command)
 
     def _delay(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
         """Values from `late` periods ago, from a ring buffer with one place per period."""
@@ -109,7 +109,7 @@ class ExternalTorque:
     """External torque on the joints of `n` hands, as a mirror beside a hand estimates it
     (docs/explanation/mirror.md). It includes the joints' dry friction, which looks like a contact at one moment."""
 
-    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
         self._worlds = worlds
         self._xp, self._limit = worlds.xp, worlds.xp.asarray(worlds.spec.actuation.torque_limit)
         self._range = settings.touch_noise
@@ -125,7 +125,7 @@ class ExternalTorque:
 
     def observe(self, tick: NDArray[np.int64]) -> Array:
         """Shares of the torque limit, (n, joints), at the hands' periods `tick` (n,); zeros before the first period."""
-        torque = self._xp.where(tick[:, None] > 0, self._worlds.external(), 0.0)
+        torque = self._xp.where(tick[:, None] > 0, self._worlds.external_torque, 0.0)
         if self._noise is not None:
             torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
         share: Array = torque / self._limit
@@ -147,7 +147,7 @@ class PrivilegedState:
     0.5 m/s), angular velocity (by 5 rad/s), and `FACTORS`.
     """
 
-    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         spec, self._xp = worlds.spec, worlds.xp
         place = worlds.xp.asarray
@@ -169,8 +169,8 @@ class PrivilegedState:
         parts = [
             (worlds.position - self._middle) / self._half,
             worlds.velocity / SPEED,
-            xp.where(begun, worlds.given(), 0.0) / self._limit,
-            xp.where(begun, worlds.external(), 0.0) / self._limit,
+            xp.where(begun, worlds.applied_torque, 0.0) / self._limit,
+            xp.where(begun, worlds.external_torque, 0.0) / self._limit,
         ]
         if (thing := self._thing) is not None:
             pose, spin = thing.pose, rotate_vectors(thing.pose[:, 3:], thing.spin)
@@ -196,8 +196,8 @@ class ObjectCamera:
     """Observes a body in `n` simulations once per decision. Noise is drawn anew in each picture; a picture is late by
     whole decisions. Speeds have the delay, but no noise."""
 
-    def __init__(self, settings: Randomise, body: Body, decimation: int) -> None:
-        n, xp = len(body.pose), library(body.pose)
+    def __init__(self, settings: Randomise, body: FreeBody, decimation: int) -> None:
+        n, xp = len(body.pose), array_namespace(body.pose)
         self._body, self._decimation, self._xp = body, decimation, xp
         self._key, self._own = xp.zeros(n, np.uint64), xp.arange(n)
         self._noise = {
@@ -226,7 +226,7 @@ class ObjectCamera:
         if (width := self._noise.get("camera_shift")) is not None:
             position = position + width * jitter(self._key, picture, 8, 3)
         if (width := self._noise.get("camera_turn")) is not None:
-            quaternion = turned_by(quaternion, width * jitter(self._key, picture, 9, 3))
+            quaternion = rotate_quaternion(quaternion, width * jitter(self._key, picture, 9, 3))
         return ObjectObservation(position, quaternion, velocity, spin)
 
     def _now(self) -> Array:

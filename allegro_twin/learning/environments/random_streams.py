@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 from allegro_twin.types import Array
 
 _STREAM = 15  # Stream of the numbers that resets draw by counter.
@@ -24,7 +24,7 @@ class Draws:
 
     def __init__(self, uniform: Array) -> None:
         """`uniform`: in [0, 1), (m, COLUMNS)."""
-        self._uniform, self._xp = uniform, library(uniform)
+        self._uniform, self._xp = uniform, array_namespace(uniform)
         self._next = 0
 
     @classmethod
@@ -80,7 +80,7 @@ class Draws:
 
 def jitter(key: NDArray[np.uint64], counter: NDArray[np.int64], stream: int, count: int) -> Array:
     """Uniform in [-1, 1), shape (n, count): the numbers of each key (n,) at its own counter (n,)."""
-    found: Array = library(key).asarray(_uniform_numbers(key, counter, stream, count), np.float64)
+    found: Array = array_namespace(key).asarray(_uniform_numbers(key, counter, stream, count), np.float64)
     return found
 
 
@@ -101,7 +101,7 @@ def _uniform_numbers(key: Any, counter: Any, stream: int, count: int) -> Any:
         seed = key * np.uint64(_STEP) + counter.astype(np.uint64)
         mixed = _mix(_mix(seed)[:, None] + column)
         return (mixed >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
-    column = library(key).arange(count) + stream * 1024
+    column = array_namespace(key).arange(count) + stream * 1024
     mixed = _mix_signed(_mix_signed(key * _to_signed(_STEP) + counter)[:, None] + column)
     return _shift_right(mixed, 11).double() * 2.0**-52 - 1.0
 

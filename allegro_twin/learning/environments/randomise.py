@@ -9,9 +9,9 @@ from pydantic import AfterValidator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector, quaternion_product
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -160,7 +160,7 @@ def draw_values(settings: Randomise, draws: Draws) -> dict[str, Array]:
 class PhysicsRandomiser:
     """Writes randomised values into the models of the simulations."""
 
-    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         self._dofs = worlds.xp.asarray(worlds.dofs)
         self._loss = worlds.xp.asarray(worlds.model.dof_damping[worlds.dofs])
@@ -210,7 +210,7 @@ class PhysicsRandomiser:
 
     def _gains(self, rows: Rows, factors: Array) -> None:
         """Stiffness and damping of the loop that a hand closes itself, (m, 2)."""
-        if self._worlds.leads:
+        if self._worlds.closes_loop:
             stiffness, motors = factors[:, None, :1], self._worlds.motors
             self._worlds.expand("actuator_gainprm")[rows, motors, :1] *= stiffness
             bias = self._worlds.expand("actuator_biasprm")
@@ -218,14 +218,14 @@ class PhysicsRandomiser:
             bias[rows, motors, 2:3] *= factors[:, None, 1:]
 
     def _strength(self, rows: Rows, factor: Array) -> None:
-        if self._worlds.leads:
+        if self._worlds.closes_loop:
             self._worlds.expand("actuator_forcerange")[rows, self._worlds.motors] *= factor[:, None, None]
 
     def _tilt(self, rows: Rows, angles: Array) -> None:
         """Rotate by a rotation vector in the palm's own axes, rad."""
         palm = self._worlds.model.body("palm_link").id
         own = self._worlds.expand("body_quat")
-        own[rows, palm] = product(own[rows, palm], quaternion_from_vector(angles))
+        own[rows, palm] = quaternion_product(own[rows, palm], quaternion_from_vector(angles))
 
 
 _HOW: dict[str, Callable[[PhysicsRandomiser, Rows, Array], None]] = {

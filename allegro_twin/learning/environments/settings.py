@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import Field, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import Positive, Settings, parse_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.randomise import Randomise, parse_randomise
 from allegro_twin.learning.policy.interface import Mode
-from allegro_twin.sim.batch.warp_model import Device
+from allegro_twin.sim.batch.warp import SimDevice
 from allegro_twin.spec import SIDES, HandSpec, Side
 
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
@@ -53,7 +53,7 @@ class EnvSettings(Settings):
     """Name in conf/gains."""
     step: Positive | None = None
     """rad of a joint per action, in the mode `delta`. None: the task's own."""
-    device: Device = "cpu"
+    device: SimDevice = "cpu"
     """Simulator: `cpu`, MuJoCo; `warp`, MuJoCo Warp on an NVIDIA GPU; `warp:cpu`, its kernels on one processor."""
     contacts: Annotated[int, Field(ge=1)] = 64
     """Most contacts on a Warp device, for each simulation; twice what the busiest task has
@@ -116,7 +116,7 @@ def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
     side = values.pop("of_side", None)
     if side is not None and values.setdefault("side", side) != side:
         raise ConfigError(f"this id is the {side} hand's, and side is {values['side']!r}: take the id without a side")
-    return parse(EnvSettings, values, "environment")
+    return parse_settings(EnvSettings, values, "environment")
 
 
 def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> ResetOptions:
@@ -128,4 +128,4 @@ def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task:
             raise ConfigError(unknown("option", key, OPTIONS))
         if key not in allowed:
             raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
-    return parse(ResetOptions, values, "options")
+    return parse_settings(ResetOptions, values, "options")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.array_api import tensors
+from allegro_twin.array_api import tensor_namespace
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import read_settings
@@ -27,7 +27,7 @@ class TensorVectorEnv:
     ) -> None:
         self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
-        self.xp = tensors("cpu") if self._own is np else self._own
+        self.xp = tensor_namespace("cpu") if self._own is np else self._own
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)

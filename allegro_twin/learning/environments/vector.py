@@ -15,7 +15,7 @@ from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.viewing.batch import Pictures
+from allegro_twin.viewing.batch import BatchCamera
 
 Rows = NDArray[np.int64]
 
@@ -65,7 +65,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         self.metadata = self.metadata | {"autoreset_mode": self._mode, "render_fps": fps}
         self._generators: list[np.random.Generator] = []
         self._ended = np.zeros(num_envs, bool)
-        self._pictures: Pictures | None = None
+        self._pictures: BatchCamera | None = None
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -102,7 +102,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         if self.render_mode is None:
             return None
         if self._pictures is None:
-            self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
+            self._pictures = BatchCamera(self.engine.worlds, *self._size, mode=self.render_mode)
         frames = [self._pictures.take(row, self.engine.task.marks(row)) for row in range(self.num_envs)]
         return tuple(frame for frame in frames if frame is not None)
 

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
 from allegro_twin.learning.policy.script import (
     SampledScript,
@@ -132,7 +132,7 @@ def read_card(path: Path) -> PolicyCard:
     if text is None:
         raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
     content: Any = json.loads(text)
-    return parse(PolicyCard, content, str(path))
+    return parse_settings(PolicyCard, content, str(path))
 
 
 def write_card(path: Path, card: PolicyCard) -> None:

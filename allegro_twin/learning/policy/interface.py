@@ -58,9 +58,9 @@ class InterfaceMemory(NamedTuple):
 class DecisionSetPoints(NamedTuple):
     """Set-points of every control period from one decision to the next."""
 
-    wish: Array | None
+    targets: Array | None
     """Targets, rad, and their rates, rad/s: shape (decimation, 2, ..., n); None: torque alone."""
-    push: Array | None
+    torque: Array | None
     """Additional torque, shape (..., n), N·m."""
 
 
@@ -305,8 +305,8 @@ class Interface:
         self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Pair | None = None
     ) -> Array:
         """The hand's command `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
-        if self.takes_positions and set_points.wish is not None:
-            return np.asarray(set_points.wish[k, 0])
+        if self.takes_positions and set_points.targets is not None:
+            return np.asarray(set_points.targets[k, 0])
         return self.torque(position, velocity, set_points, k, gains)
 
     def torque(

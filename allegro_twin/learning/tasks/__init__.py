@@ -7,6 +7,7 @@ from importlib import import_module
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Task
+from allegro_twin.plugins import entry_points_of
 
 TASKS = {
     "Reach": "reach",
@@ -18,20 +19,28 @@ TASKS = {
     "Rotate": "rotate",
 }
 """Module of each task."""
+GROUP = "allegro_twin.tasks"
+"""Entry points of installed packages: a name, and its `module:Class`."""
 NO_BATCH = "ArmPick"
 """An environment without a batch, and so without recipes and policy cards."""
 
 
+def task_names() -> tuple[str, ...]:
+    """The tasks of the package, and those that installed packages add by entry point."""
+    return (*TASKS, *(name for name in sorted(entry_points_of(GROUP)) if name not in TASKS))
+
+
 def task_type(name: str) -> type[Task]:
-    """A task of the package, or `module:Class` of your own. Raises ConfigError with the nearest names."""
-    if ":" in name:
-        return _user_task(name)
+    """A task of the package or of an installed one, or `module:Class` of your own. Raises ConfigError with the nearest
+    names."""
     if name == NO_BATCH:
         raise ConfigError(explain_no_batch())
-    if name not in TASKS:
-        raise ConfigError(unknown("task", name, TASKS))
-    found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), f"{name}Task")
-    return found
+    if name in TASKS:
+        found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), f"{name}Task")
+        return found
+    if ":" not in name and name not in task_names():
+        raise ConfigError(unknown("task", name, task_names()))
+    return _user_task(name if ":" in name else entry_points_of(GROUP)[name].value)
 
 
 def explain_no_batch() -> str:

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import check_randomise
 from allegro_twin.learning.environments.settings import TASK_SETTINGS, EnvSettings, ResetOptions
 from allegro_twin.learning.policy.card import GraspScript, PolicyCard
 from allegro_twin.learning.policy.interface import Interface, Observation
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
@@ -62,7 +62,7 @@ class Task(ABC):
     """Numbers in an observation that no real hand has. A task with any is privileged."""
     settings: EnvSettings
     interface: Interface
-    worlds: Worlds
+    worlds: SimBatch
     count_term: ClassVar[str] = ""
     """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
     count_unit: ClassVar[str] = ""
@@ -72,7 +72,7 @@ class Task(ABC):
     """Goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
     """Largest distance of new goals, rad, where a task has such."""
-    thing: Body | None = None
+    thing: FreeBody | None = None
     """The object, where there is one."""
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:

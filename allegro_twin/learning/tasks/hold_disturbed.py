@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from allegro_twin.array_api import host
+from allegro_twin.array_api import to_numpy
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
@@ -29,7 +29,7 @@ from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, GraspTask
 from allegro_twin.learning.tasks.scenes import THING, TaskScene, known_scenarios, require_objects
 from allegro_twin.learning.tasks.scripted_closing import ObjectVariation
 from allegro_twin.learning.tasks.vectors import effort_cost, length
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -159,16 +159,16 @@ class HoldDisturbedTask(GraspTask):
         scene, period = self.scenes[number], self.settings.period
         release = int(self._release[number])
         last = release + round(SETTLE / period)
-        path = scene.pose[:3] - host(self._left)[:, None] * scene.retreat
+        path = scene.pose[:3] - to_numpy(self._left)[:, None] * scene.retreat
         positions: list[Array] = []
 
-        def around(worlds: Worlds, k: int) -> None:
+        def around(worlds: SimBatch, k: int) -> None:
             hand, _, holds = worlds.presenter()
             if k == 0:
-                worlds.free(THING).pose[0, :3] = path[0]
+                worlds.free_body(THING).pose[0, :3] = path[0]
             hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
             if k in (release, last - 1):
-                positions.append(np.array(worlds.free(THING).pose[0, :3]))
+                positions.append(np.array(worlds.free_body(THING).pose[0, :3]))
 
         script = sample_script(closing_moves(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
         self.worlds.keep_start(number, play_script(self.spec, scene.model, self.gains, script, self.settings, around))
@@ -181,15 +181,15 @@ def play_script(
     gains: Gains,
     script: SampledScript,
     settings: EnvSettings,
-    before_period: Callable[[Worlds, int], None],
+    before_period: Callable[[SimBatch, int], None],
 ) -> Array:
     """State after the hand has followed a script; `before_period` acts on the one simulation before every period."""
-    worlds = Worlds(spec, model, 1, 1)
+    worlds = SimBatch(spec, model, 1, 1)
     worlds.choose(np.zeros(1, np.int64), np.zeros(1, np.int64))
     worlds.place(np.zeros(1, np.int64), script.position[:1])
     for k, (position, velocity) in enumerate(zip(script.position, script.velocity, strict=True)):
         before_period(worlds, k)
         error, rate = position - worlds.position[0], velocity - worlds.velocity[0]
-        worlds.tell(position[None] if worlds.leads else laws.pd(error, rate, gains.kp, gains.kd)[None])
+        worlds.command(position[None] if worlds.closes_loop else laws.pd(error, rate, gains.kp, gains.kd)[None])
         worlds.step(None, substeps(settings.period, settings.timestep))
     return worlds.state(0)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import HAND
+from allegro_twin.kinematics.orientation import quaternion_product
 from allegro_twin.learning.environments.objects import load_object
 from allegro_twin.learning.environments.observation_model import ObjectCamera, ObjectObservation
 from allegro_twin.learning.environments.random_streams import Draws
@@ -18,7 +19,7 @@ from allegro_twin.learning.tasks.base import Flags, Task, Ticks
 from allegro_twin.learning.tasks.scenes import THING, make_worlds, upturned_model
 from allegro_twin.learning.tasks.start_states import StartStates, load_start_states
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.objects import catalogue
 from allegro_twin.types import Array
 
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 from collections.abc import Sequence
 from typing import Any
 
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector
 from allegro_twin.learning.tasks.scenes import FACING, PALM
 from allegro_twin.learning.tasks.vectors import rotate_vectors
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 
 ON_PALM = 0.005
 """m. An object whose lowest point is less than this above the palm's surface counts as on the palm. Episodes begin 8 mm
@@ -43,7 +44,7 @@ class ObjectShapes:
     """Shapes of objects, on the device of the simulations: kind, half-sizes, (k, 3), m, and for meshes the vertices,
     (k, vertices, 3), m."""
 
-    def __init__(self, things: Sequence[Thing], xp: Any) -> None:
+    def __init__(self, things: Sequence[GraspObject], xp: Any) -> None:
         self.kind = xp.asarray(np.array([_KINDS[thing.shape] for thing in things]), np.int64)
         self.half = xp.asarray(np.stack([thing.half_extents() for thing in things]))
         vertices = [thing.mesh().vertices if thing.shape == "mesh" else np.zeros((1, 3)) for thing in things]
@@ -55,15 +56,15 @@ class ObjectShapes:
 def palm_normal(tilt: Array) -> Array:
     """Normal of the upturned palm's surface, world, for wrists turned by rotation vectors (..., 3), rad, in the palm's
     own axes; shape (..., 3)."""
-    facing = library(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
-    upward = library(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
-    return rotate_vectors(product(facing, quaternion_from_vector(tilt)), upward)
+    facing = array_namespace(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
+    upward = array_namespace(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
+    return rotate_vectors(quaternion_product(facing, quaternion_from_vector(tilt)), upward)
 
 
 def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array) -> Array:
     """Height of the objects' lowest points over the palm's surface, shape (n,), m; negative below it. `pose`: (n, 7),
     world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3)."""
-    xp, back = library(pose), pose[:, 3:] * library(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
+    xp, back = array_namespace(pose), pose[:, 3:] * array_namespace(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
     down, half = -rotate_vectors(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
     shape = shapes.kind[kind]
@@ -101,14 +102,14 @@ class InHandTask(Task):
                               f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
         self.n_privileged = 13 if settings.observation == "full" else 0
         self._held: list[StartStates] = []
-        self._things: list[catalogue.Thing] = []
+        self._things: list[catalogue.GraspObject] = []
         self._names: list[str] = []
         self._table: StartStates | None = None
         for choice in settings.objects or ("rubiks_cube",):
             self._add_object(load_object(choice), n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
-        self.thing = self.worlds.free(THING)
+        self.thing = self.worlds.free_body(THING)
         self.camera = ObjectCamera(settings.randomise, self.thing, settings.decimation)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))
@@ -199,7 +200,7 @@ class InHandTask(Task):
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
         return {"clearance": over, "on_palm": self._low / decisions}
 
-    def _add_object(self, thing: catalogue.Thing, n: int, threads: int) -> None:
+    def _add_object(self, thing: catalogue.GraspObject, n: int, threads: int) -> None:
         """Add an object with its start states. Raises ConfigError for one that is too large."""
         longest = 2 * thing.half_extents().max()
         if longest > LARGEST:
@@ -239,7 +240,7 @@ class InHandTask(Task):
 def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:
     """Index of a start state for each row, from sizes in order (m, k), inf where there are no more, and numbers `among`
     in [0, 1), (m,); near the wanted size (m,). Raises ConfigError where there is none."""
-    xp = library(sizes)
+    xp = array_namespace(sizes)
     count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:
         state: Rows = xp.minimum(xp.asarray(among * count, np.int64), count - 1)

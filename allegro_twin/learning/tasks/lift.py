@@ -21,7 +21,7 @@ from allegro_twin.learning.tasks.scenes import (
 )
 from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
 from allegro_twin.learning.tasks.vectors import effort_cost, length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.model import wrist
 from allegro_twin.types import Array, Vector
 
@@ -47,7 +47,7 @@ class LiftTask(ScriptedClosingTask):
         """Position of the object on the table, m, world."""
         self._level = xp.asarray(np.array([1.0, 1.0, 0.0]))
         self._periods = xp.arange(settings.decimation)[:, None]
-        _, self._wish = self.worlds.joint("wrist_z")
+        self._wish = self.worlds.set_point("wrist_z")
 
     def object_choices(self) -> tuple[ObjectChoice, ...]:
         """The demo's objects alone, or all."""
@@ -72,8 +72,8 @@ class LiftTask(ScriptedClosingTask):
         for row, scene in zip(courses, self.scenes, strict=True):
             waiting = self.closing_period(scene) * period - DOWN
             moves = [(DOWN, -scene.retreat[2]), (waiting, 0.0), (UP, HEIGHT)]
-            segments = [wrist.Segment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
-            heights = wrist.commands(segments, period, wrist.load(scene.model))[: len(row), 2]
+            segments = [wrist.WristSegment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
+            heights = wrist.wrist_set_points(segments, period, wrist.wrist_load(scene.model))[: len(row), 2]
             row[: len(heights)] = heights
             row[len(heights) :] = heights[-1]
         self._wishes = place(courses)

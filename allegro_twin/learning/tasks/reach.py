@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import host, own
+from allegro_twin.array_api import as_array, to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture, posture_names
+from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
@@ -15,8 +15,8 @@ from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import StepOutcome, Task, Ticks
 from allegro_twin.learning.tasks.scenes import compile_task_scene, make_worlds
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.worlds import Rows
-from allegro_twin.sim.contact.probe import free_of_contact
+from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.contact.probe import contact_free_postures
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
@@ -54,7 +54,7 @@ class ReachTask(Task):
         middle, half = self.interface.middle, self.interface.half
         # The table of the right hand, mirrored: both sides have the same goals.
         wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
-        free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
+        free, xp = contact_free_postures(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
         self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
         home = load_posture("home", self.spec) if posture_names(self.spec.model) else self.spec.rest
@@ -73,7 +73,7 @@ class ReachTask(Task):
     def marks(self, row: int) -> list[Mark]:
         """A ball at each goal. The palm's frame is the world's, except for a randomised tilt of the wrist."""
         size = np.full(3, MARK)
-        places = host(self._goal[row]).astype(np.float64).reshape(-1, 3)
+        places = to_numpy(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
 
     def goal(self) -> Floats:
@@ -97,5 +97,5 @@ class ReachTask(Task):
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Distance of every fingertip, (..., fingers), m."""
-        distances = own(desired) - own(achieved)
+        distances = as_array(desired) - as_array(achieved)
         return length(distances.reshape(*distances.shape[:-1], -1, 3))

@@ -7,15 +7,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import host, library, own
-from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
+from allegro_twin.array_api import array_namespace, as_array, to_numpy
+from allegro_twin.kinematics.orientation import angle_between_quaternions, rotate_quaternion
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import twist
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
@@ -67,8 +67,8 @@ class ReorientTask(InHandTask):
     def marks(self, row: int) -> list[Mark]:
         """The object in its goal orientation, beside the hand."""
         assert self.thing is not None
-        size = host(self.worlds.expand("geom_size")[row, self.thing.geoms.start])
-        pose = np.concatenate([host(self.place[row]) + BESIDE, host(self._goal[row])])
+        size = to_numpy(self.worlds.expand("geom_size")[row, self.thing.geoms.start])
+        pose = np.concatenate([to_numpy(self.place[row]) + BESIDE, to_numpy(self._goal[row])])
         kind = "box" if size.min() > 0 else "sphere"
         return [Mark(kind, np.array(size), pose, material="object_look")]
 
@@ -106,7 +106,7 @@ class ReorientTask(InHandTask):
 
     def _near(self, angle: Array) -> Array:
         """A second at the goal is worth 1, for any number of decisions per second."""
-        found: Array = self.interface.seconds * library(angle).exp(-angle / WIDTH)
+        found: Array = self.interface.seconds * array_namespace(angle).exp(-angle / WIDTH)
         return found
 
     def _draw_goals(self, rows: Rows) -> None:
@@ -125,14 +125,14 @@ class ReorientTask(InHandTask):
             height = 2.0 * z - 1.0
             radius = xp.sqrt(xp.maximum(1.0 - height * height, 0.0))
             axis = xp.stack([radius * xp.cos(2 * np.pi * around), radius * xp.sin(2 * np.pi * around), height], axis=-1)
-        turned = turned_by(here, axis * angle[:, None])
+        turned = rotate_quaternion(here, axis * angle[:, None])
         self._goal[rows] = xp.asarray(turned, np.float32)
 
 
 def _angle(achieved: ArrayLike, desired: ArrayLike) -> Array:
-    return angle_between_quaternions(own(achieved), own(desired))
+    return angle_between_quaternions(as_array(achieved), as_array(desired))
 
 
 def _bonus(angle: Array) -> Array:
-    found: Array = library(angle).where(angle < REACHED, BONUS, 0.0)
+    found: Array = array_namespace(angle).where(angle < REACHED, BONUS, 0.0)
     return found

@@ -10,7 +10,7 @@ from allegro_twin.learning.policy.interface import Observation
 from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import length, tilt, twist
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array
 
 FASTEST = 0.6  # rad/s. Faster turning earns no more.
@@ -62,7 +62,7 @@ class RotateTask(InHandTask):
         gained = xp.minimum((farthest - self._farthest) / self.interface.seconds / FASTEST, 1.0)
         self._farthest = farthest
         away = self.worlds.position - self.start
-        torque = xp.minimum(xp.maximum(self.worlds.torque, -self._limit), self._limit)
+        torque = xp.minimum(xp.maximum(self.worlds.control, -self._limit), self._limit)
         terms = {
             "speed": xp.where(leaning < UPRIGHT, gained, 0.0),
             "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),

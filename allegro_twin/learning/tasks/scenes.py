@@ -10,17 +10,17 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name, object_scenarios, scenario_of
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.sim.batch.warp import WarpWorlds
-from allegro_twin.sim.batch.worlds import Worlds
+from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.warp import WarpBatch
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import N_SIZES, Placement, Thing
+from allegro_twin.sim.objects.catalogue import SIZES_OF_KIND, GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -60,7 +60,7 @@ def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[
     """The default objects of a task. Raises ConfigError for a hand without grasps in the package."""
     if not names:
         raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
-                          f"as allegro-twin plan OBJECT --hand {spec.called} writes them")  # fmt: skip
+                          f"as allegro-twin plan OBJECT --hand {spec.model_reference} writes them")  # fmt: skip
     return names
 
 
@@ -91,10 +91,12 @@ def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, gra
 def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
     settings, folder = scenario_of(choice, known_scenarios(spec.model))
     if settings.model != spec.model:
-        raise ConfigError(f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is "
-                          f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
+        raise ConfigError(
+            f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is {spec.model}: "
+            f"allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
+        )
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
-    surroundings = stage(settings, load_protocol(settings.protocol), spec.side, folder)
+    surroundings = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, surroundings, mirror * settings.wrist.retreat
 
 
@@ -104,7 +106,7 @@ def _build_scene(
     placed = surroundings.things[0]
     obj = replace(placed, thing=replace(placed.thing, name=THING))
     # On a device a geom has the same type in all simulations.
-    one_layout = settings.device != "cpu" and placed.thing.shape in N_SIZES
+    one_layout = settings.device != "cpu" and placed.thing.shape in SIZES_OF_KIND
     model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
     return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
@@ -117,11 +119,11 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 
 
 def upturned_model(
-    spec: HandSpec, obj: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
+    spec: HandSpec, obj: GraspObject, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
 ) -> mujoco.MjModel:
     """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
     palm's x is up and its y the world's y."""
-    placed = Placement(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    placed = PlacedObject(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
     surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction)
     return compile_task_scene(spec, surroundings, settings)
 
@@ -136,9 +138,9 @@ def compile_task_scene(spec: HandSpec, surroundings: Stage, settings: EnvSetting
     return model
 
 
-def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
+def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> SimBatch:
     """Make `n` simulations that begin as `model`, on the device of the settings."""
     if settings.device == "cpu":
-        return Worlds(spec, model, n, threads)
+        return SimBatch(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}
-    return WarpWorlds(spec, model, n, device=settings.device, **room)
+    return WarpBatch(spec, model, n, device=settings.device, **room)

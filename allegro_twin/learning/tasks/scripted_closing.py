@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import host
+from allegro_twin.array_api import to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.hands.library.library import load_posture
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, Level, ResetOptions
@@ -21,8 +21,8 @@ from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.script import SampledScript, closing_moves, closing_time, sample_script, script_table
 from allegro_twin.learning.tasks.base import Task
 from allegro_twin.learning.tasks.scenes import THING, TaskScene, make_worlds
-from allegro_twin.sim.batch.worlds import Rows
-from allegro_twin.sim.contact.overlap import overlap
+from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.contact.contacts import penetration_depth
 from allegro_twin.types import Array, Vector
 
 _Range = tuple[float, float]
@@ -94,7 +94,7 @@ class ScriptedClosingTask(Task):
             if index == 0:
                 self.worlds = make_worlds(self.spec, scene.model, n, threads, settings)
             self._add_object(scene, choice, None)
-        self.thing = self.worlds.free(THING)
+        self.thing = self.worlds.free_body(THING)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
         """Offset of each object, m, world."""
@@ -109,7 +109,7 @@ class ScriptedClosingTask(Task):
         """Penetration depth of an object of `size` times its size and the pre-shaped hand, m."""
         pose = scene.pose.copy()
         pose[:3] += self.grasp_offset(scene, size)
-        return overlap(scene.model, self.spec, scene.grasp.preshape, THING, pose, size)
+        return penetration_depth(scene.model, self.spec, scene.grasp.preshape, THING, pose, size)
 
     @abstractmethod
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
@@ -151,7 +151,7 @@ class ScriptedClosingTask(Task):
         self.worlds.place(rows, start)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._poses[variant, :3]
-        self.thing.pose[rows, 3:] = turned_by(self._poses[variant, 3:], yaw)
+        self.thing.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
@@ -164,7 +164,7 @@ class ScriptedClosingTask(Task):
         return {
             "object": np.array([scene.thing for scene in scenes], dtype=object),
             "grasp": np.array([scene.grasp.name for scene in scenes], dtype=object),
-            "position_noise": host(self.offset[rows]),
+            "position_noise": to_numpy(self.offset[rows]),
         }
 
     def closing_period(self, scene: TaskScene) -> int:

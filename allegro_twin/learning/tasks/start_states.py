@@ -14,11 +14,10 @@ import numpy as np
 
 from allegro_twin.control import laws
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.cache import cache_folder
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.assets import cache_folder, data_root
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_vector
@@ -27,9 +26,9 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
 from allegro_twin.learning.tasks.scenes import PALM, THING, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.model.physics import Physics as ScenePhysics
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -105,16 +104,16 @@ class StartStateSearch:
 
 
 def try_candidates(
-    thing: Thing, search: StartStateSearch, rng: np.random.Generator
+    thing: GraspObject, search: StartStateSearch, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
     """Try one batch. Returns what was held: joint positions and targets (m, 16), rad, pose (m, 7), m, and factor on the
     size (m,)."""
     spec = load_spec(side="right")
     gains = load_gains("default", spec)
     model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds, rows = Worlds(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
+    worlds, rows = SimBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
-    body = worlds.free(THING)
+    body = worlds.free_body(THING)
     physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, rng.uniform(*SIZES, AT_ONCE))
     height = 2.0 * size * thing.half_extents()[2]
@@ -132,7 +131,7 @@ def try_candidates(
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
         wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
-        worlds.torque[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
         worlds.step(None if k < _SEEN else going, 1)
     still = np.intersect1d(going, _unmoved(body.pose[:, :3], watched, _STILL))
     kept = still[_in_place(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)]
@@ -172,7 +171,7 @@ class StartStates:
     """Factor on the object's size, (m,)."""
 
 
-def load_start_states(thing: Thing, side: str, search: StartStateSearch = SEARCH) -> StartStates:
+def load_start_states(thing: GraspObject, side: str, search: StartStateSearch = SEARCH) -> StartStates:
     """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
     Raises ConfigError without a cache."""
     name = file_name(thing, search)
@@ -185,16 +184,18 @@ def load_start_states(thing: Thing, side: str, search: StartStateSearch = SEARCH
     return found if side == "right" else _mirror(found)
 
 
-def write_start_states(thing: Thing, path: Path, search: StartStateSearch = SEARCH) -> None:
+def write_start_states(thing: GraspObject, path: Path, search: StartStateSearch = SEARCH) -> None:
     """Search for the start states of the right hand and write them. Raises RecordingError."""
     found = search_start_states(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 
-def search_start_states(thing: Thing, search: StartStateSearch, count: int = COUNT, seed: int = SEED) -> StartStates:
+def search_start_states(
+    thing: GraspObject, search: StartStateSearch, count: int = COUNT, seed: int = SEED
+) -> StartStates:
     """Search for `count` states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
@@ -208,7 +209,7 @@ def search_start_states(thing: Thing, search: StartStateSearch, count: int = COU
     return StartStates(*(column[order] for column in columns))
 
 
-def file_name(thing: Thing, search: StartStateSearch = SEARCH) -> str:
+def file_name(thing: GraspObject, search: StartStateSearch = SEARCH) -> str:
     """File name; it depends on the search, the object and the hand."""
     own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
     whole = (
@@ -237,7 +238,7 @@ def _mirror(right: StartStates) -> StartStates:
     """The same states of the left hand."""
     spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
-    return StartStates(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
+    return StartStates(spec.mirror_posture(right.position), spec.mirror_posture(right.target), pose, right.size)
 
 
 def _read(path: Path) -> StartStates:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.array_api import cross, library
+from allegro_twin.array_api import array_namespace, cross
 from allegro_twin.types import Array
 
 
 def length(v: Array) -> Array:
     """Length of vectors (..., k), shape (...)."""
-    size: Array = library(v).sqrt((v * v).sum(axis=-1))
+    size: Array = array_namespace(v).sqrt((v * v).sum(axis=-1))
     return size
 
 
@@ -30,7 +30,7 @@ def rotate_vectors(quaternion: Array, vector: Array) -> Array:
 
 def tilt(quaternion: Array) -> Array:
     """Angle between a body's own z axis and the vertical, from its orientation (..., 4), shape (...), rad."""
-    x, y, xp = quaternion[..., 1], quaternion[..., 2], library(quaternion)
+    x, y, xp = quaternion[..., 1], quaternion[..., 2], array_namespace(quaternion)
     upward = 1.0 - 2.0 * (x * x + y * y)  # At most 1.
     angle: Array = xp.arccos(xp.maximum(upward, -1.0))
     return angle
@@ -38,6 +38,6 @@ def tilt(quaternion: Array) -> Array:
 
 def twist(quaternion: Array) -> Array:
     """Turn of bodies (..., 4) about the vertical, without their tilt, shape (...), rad in [-π, π]."""
-    turn = 2.0 * library(quaternion).arctan2(quaternion[..., 3], quaternion[..., 0])
+    turn = 2.0 * array_namespace(quaternion).arctan2(quaternion[..., 3], quaternion[..., 0])
     angle: Array = (turn + np.pi) % (2.0 * np.pi) - np.pi
     return angle

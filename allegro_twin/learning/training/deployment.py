@@ -16,8 +16,7 @@ from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Version, load_wiring
 from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import PolicyController

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 
 # (entry of the result, sign, entry of the goal, entry of what is achieved)
 _PRODUCTS = [
@@ -42,7 +42,7 @@ def goal_difference(desired: Any, achieved: Any, turns: bool) -> Any:
     """Difference of goals (n, k), or with `turns` of orientations (n, 4), shape (n, 3)."""
     if not turns:
         return desired - achieved
-    xp = library(desired)
+    xp = array_namespace(desired)
     wanted, had, scalar, vector = (xp.asarray(matrix, np.float32) for matrix in (WANTED, HAD, SCALAR, VECTOR))
     products = (desired @ wanted) * (achieved @ had)
     return (products @ vector) * xp.sign(products @ scalar)

@@ -12,7 +12,7 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.policy.card import PolicyCard, write_card
 from allegro_twin.learning.training.goal_features import HAD, SCALAR, VECTOR, WANTED
 from allegro_twin.learning.training.progress import ACHIEVED, GOAL
@@ -80,7 +80,7 @@ def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
     whole = helper.make_graph(graph.nodes, "policy", inputs, [_floats("action", card.action)], graph.weights)
     made = helper.make_model(whole, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR)
     onnx.checker.check_model(made)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         onnx.save(made, str(temporary))
         write_card(temporary, card)
 

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import gains_names, load_gains
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.sim.objects.catalogue import object_catalogue
 
 GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # Names of Gymnasium.
 STATE = "state"
@@ -64,7 +64,7 @@ def input_fingerprints(recipe: Recipe) -> dict[str, str]:
         "code": fingerprint([source_fingerprint(module) for module in _MODULES]),
         f"hand {spec.name}": hand_fingerprint(spec),
         f"gains of {spec.model}": fingerprint({name: load_gains(name, spec) for name in gains_names(spec)}),
-        "objects": fingerprint(catalogue()),
+        "objects": fingerprint(object_catalogue()),
     }
 
 
@@ -104,7 +104,7 @@ def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> Non
 def check_same_recipe(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
     """Raise ConfigError for a checkpoint of another recipe. More steps are a longer training of the same kind, and the
     device may change."""
-    then, now = (each.model_dump(mode="json") for each in (parse(Recipe, was, str(path)), recipe))
+    then, now = (each.model_dump(mode="json") for each in (parse_settings(Recipe, was, str(path)), recipe))
     for each in (then, now):
         each["environment"].pop("device", None)
     changed = [key for key in sorted(now.keys() | then.keys()) if key != "steps" and then.get(key) != now.get(key)]
@@ -162,7 +162,7 @@ class LearningCurve:
                 rows = [row for row in csv.DictReader(file) if None not in row.values()]  # The last row may be cut.
                 kept = [row for row in rows if int(row["steps"]) <= steps]
         self._path = path
-        with whole_file(path) as temporary, temporary.open("w", newline="") as file:
+        with atomic_file(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(kept)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
@@ -38,7 +38,7 @@ class Comparison:
 
     name: str
     policy: Evaluation
-    still: Evaluation
+    no_action: Evaluation
     """Without action: the script alone where the task has one, else a hand that stays."""
 
 
@@ -92,8 +92,8 @@ def as_shipped(settings: EnvSettings) -> EnvSettings:
 
 def write_report(compared: list[Comparison], path: Path) -> None:
     """Write JSON: rates, standard errors, and successes of every object."""
-    content = {each.name: {"policy": _figures(each.policy), "script": _figures(each.still)} for each in compared}
-    with whole_file(path) as temporary:
+    content = {each.name: {"policy": _figures(each.policy), "script": _figures(each.no_action)} for each in compared}
+    with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1))
 
 

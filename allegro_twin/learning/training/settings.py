@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import data_root, find, read_yaml
-from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.tasks import NO_BATCH, TASKS, explain_no_batch
+from allegro_twin.learning.tasks import NO_BATCH, TASKS, explain_no_batch, task_names
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -76,8 +76,8 @@ class Recipe(Settings):
     @field_validator("task")
     @classmethod
     def _check_task(cls, value: str) -> str:
-        if value not in TASKS and ":" not in value:
-            raise ValueError(unknown("task", value, TASKS))
+        if value not in task_names() and ":" not in value:
+            raise ValueError(unknown("task", value, task_names()))
         return value
 
     @model_validator(mode="after")
@@ -121,12 +121,12 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
         raise ConfigError(explain_no_batch())
     # Shipped recipes are for one hand, with its objects: for another hand a task's name means the defaults.
     foreign = name in TASKS and own.get("hand", HAND) != HAND
-    if ":" in name or foreign or (name in TASKS and name.lower() not in shipped):
-        return parse(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
+    if ":" in name or foreign or (name in task_names() and name.lower() not in shipped):
+        return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
     if "." not in name and "/" not in name and name.lower() not in shipped:
-        raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))
-    path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
+        raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
+    path = shipped.get(name.lower()) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
     if own:
         content["environment"] = content.get("environment", {}) | own
-    return parse(Recipe, content | given, str(path))
+    return parse_settings(Recipe, content | given, str(path))

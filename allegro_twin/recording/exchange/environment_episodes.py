@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.exchange import minari
 from allegro_twin.recording.exchange.episodes import check_new_folder
 from allegro_twin.recording.exchange.lerobot import DatasetOrigin, LerobotEpisode, write_dataset
@@ -61,7 +61,7 @@ def to_lerobot(episodes: Sequence[EnvironmentEpisode], folder: Path, period: flo
     """Write a new LeRobot data set, whole or not at all. Its frames are the steps: the observation before the step, and
     its result (`next.…`). Raises ConfigError for a folder that is not empty."""
     check_new_folder(folder)
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         write_dataset(
             [LerobotEpisode(each.task, _features(each)) for each in episodes],
             DatasetOrigin(robot, period, {}),

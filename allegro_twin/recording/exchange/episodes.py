@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import Recording
 from allegro_twin.types import Array
@@ -79,5 +79,5 @@ def write_arrow(recording: Recording, path: Path) -> None:
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     fields = [pa.field(name, a.type).with_metadata({"unit": UNITS.get(name, "")}) for name, a in arrays.items()]
     schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(dict(recording.meta))})
-    with whole_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
+    with atomic_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
         writer.write_table(pa.table(list(arrays.values()), schema=schema))

@@ -17,7 +17,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.exchange.episodes import KEPT, action_of, check_recordings, rebuild_recording, task_of
 from allegro_twin.recording.reader import Recording, numpy_column
@@ -68,8 +68,8 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     check_recordings(recordings, folder)
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
-    labels = {name: [f"{what}.{alias}" for alias in first.spec.readable] for name, what in names.items()}
-    with whole_folder(folder) as temporary:
+    labels = {name: [f"{what}.{alias}" for alias in first.spec.joint_labels] for name, what in names.items()}
+    with atomic_folder(folder) as temporary:
         origin = DatasetOrigin(first.spec.name, first.period, labels)
         write_dataset(
             [LerobotEpisode(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.exchange.episodes import (
     KEPT,
     action_of,
@@ -77,7 +77,7 @@ def write_dataset(
         "dataset_id": name, "minari_version": VERSION, "data_format": "hdf5", "jpeg_encoding": False,
         "total_episodes": len(steps), "total_steps": sum(steps), "dataset_size": round(len(made.getvalue()) / 1e6, 1),
     }  # fmt: skip
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         (temporary / DATA).parent.mkdir()
         (temporary / DATA).write_bytes(made.getvalue())
         (temporary / METADATA).write_text(json.dumps(head | dict(content)))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file, whole_folder
+from allegro_twin.files.atomic_write import atomic_file, atomic_folder
 from allegro_twin.recording.arrow_writer import FORMAT, VERSION
 from allegro_twin.recording.exchange.episodes import rebuild_recording
 from allegro_twin.recording.messages import message_types as v
@@ -151,7 +151,7 @@ def _joint_states(path: Path, reader: Any, spec: HandSpec) -> _JointStates:
 
 def to_mcap(recording: Recording, path: Path) -> None:
     """Write one file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises RecordingError."""
-    with whole_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    with atomic_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / "bag"
         _write(recording, bag, mcap=True)
         shutil.move(next(bag.glob("*.mcap")), temporary)
@@ -160,7 +160,7 @@ def to_mcap(recording: Recording, path: Path) -> None:
 def to_rosbag2(recording: Recording, folder: Path) -> None:
     """Write a folder with metadata.yaml and SQLite, which every distribution reads without further packages. Raises
     ConfigError for a folder with content, and RecordingError."""
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         inner = temporary / "bag"
         _write(recording, inner, mcap=False)
         for file in inner.iterdir():

@@ -62,12 +62,12 @@ def bag_messages(
     frames = LinkFrames(spec)
     yield BagMessage(META, 0, words.make(v.STRING, data=json.dumps(dict(meta))))
     yield BagMessage(f"{NAMESPACE}/robot_description", 0, words.make(v.STRING, data=urdf_text(spec)))
-    yield BagMessage("/tf_static", 0, frames.still(words, 0))
+    yield BagMessage("/tf_static", 0, frames.static_transforms(words, 0))
     layout = words.make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
     placed = {name: frame or frames.root for name, frame in POSES.items() if name in columns}
     for row, t in enumerate(columns["t"].tolist()):
         at = max(round((t - float(columns["t"][0])) * 1e9), 0)
-        moving = frames.at(words, at, columns["position"][row])
+        moving = frames.transforms_at(words, at, columns["position"][row])
         for name, frame in placed.items():
             moving.transforms.append(transform(words, at, WORLD, frame, columns[name][row]))
         yield BagMessage("/tf", at, moving)

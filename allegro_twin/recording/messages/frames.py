@@ -51,13 +51,13 @@ class LinkFrames:
         self._axis = np.array([frame.axis for frame in self.moving])
         self._turn = np.array([frame.turn for frame in self.moving])
 
-    def at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
+    def transforms_at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
         """TFMessage of all joints at a posture, (n,), rad."""
-        half = self._spec.moved(position)[self._index, None] / 2.0
+        half = self._spec.all_positions(position)[self._index, None] / 2.0
         turns = _multiply(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
         return _message(words, stamp, self.moving, turns)
 
-    def still(self, words: RosTypes, stamp: int) -> Message:
+    def static_transforms(self, words: RosTypes, stamp: int) -> Message:
         """TFMessage of the fixed frames: the fingertips on their links."""
         return _message(words, stamp, self.fixed, np.array([frame.turn for frame in self.fixed]).reshape(-1, 4))
 
@@ -68,10 +68,10 @@ def _frame(joint: ElementTree.Element, spec: HandSpec) -> LinkFrame:
         return "" if found is None else found.get(key, "")
 
     name = str(joint.get("name"))
-    fixed = joint.get("type") == "fixed" or name not in spec.moving
+    fixed = joint.get("type") == "fixed" or name not in spec.all_joints
     xyz, rpy = (np.array((part("origin", key) or "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
     axis = None if fixed else np.array((part("axis", "xyz") or "1 0 0").split(), dtype=float)
-    index = -1 if fixed else spec.moving.index(name)
+    index = -1 if fixed else spec.all_joints.index(name)
     return LinkFrame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
 
 

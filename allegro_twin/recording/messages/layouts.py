@@ -23,7 +23,7 @@ def foxglove(spec: HandSpec) -> str:
             plots[f"Plot!{finger.name}_{field}"] = {
                 "foxglovePanelTitle": f"{finger.name}: {field}",
                 "paths": [
-                    {"value": f"{STATES}.{field}[{joint}]", "label": spec.readable[joint], "enabled": True,
+                    {"value": f"{STATES}.{field}[{joint}]", "label": spec.joint_labels[joint], "enabled": True,
                      "timestampMethod": "receiveTime"}
                     for joint in finger.joints
                 ],

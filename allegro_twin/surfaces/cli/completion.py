@@ -25,9 +25,9 @@ def hands() -> list[str]:
 
 def models() -> list[str]:
     """Models of hands."""
-    from allegro_twin.hands.description.hands import is_model
+    from allegro_twin.hands.description.specs import is_hand_model
 
-    return [name for name in hands() if is_model(name)]
+    return [name for name in hands() if is_hand_model(name)]
 
 
 def protocols() -> list[str]:
@@ -44,9 +44,9 @@ def targets() -> list[str]:
 
 
 def objects() -> list[str]:
-    from allegro_twin.sim.objects.catalogue import catalogue
+    from allegro_twin.sim.objects.catalogue import object_catalogue
 
-    return sorted(catalogue())
+    return sorted(object_catalogue())
 
 
 def kinds() -> list[str]:
@@ -57,9 +57,9 @@ def kinds() -> list[str]:
 
 
 def tasks() -> list[str]:
-    from allegro_twin.learning.tasks import TASKS
+    from allegro_twin.learning.tasks import task_names
 
-    return sorted(TASKS)
+    return sorted(task_names())
 
 
 def recipes() -> list[str]:

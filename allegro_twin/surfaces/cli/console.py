@@ -13,14 +13,14 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.plan.search import Search
-    from allegro_twin.grasping.plan.validate import Planned
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.plan.search import GraspSearch
+    from allegro_twin.grasping.plan.validate import PlannedGrasp
+    from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.training.evaluation import Evaluation
     from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
     from allegro_twin.spec import HandSpec
-    from allegro_twin.surfaces.hand.grasps import Grasped
+    from allegro_twin.surfaces.hand.grasps import GraspOutcome
     from allegro_twin.twin.identify.motions.limits import FoundLimits
     from allegro_twin.types import HandState
 
@@ -48,7 +48,7 @@ def progress() -> Iterator[Progress]:
         yield bar
 
 
-def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str], engine: str) -> Table:
+def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str, str], engine: str) -> Table:
     """One row for each trial: verdict and margins."""
     held = sum(report.held for report in reports.values())
     table = Table(title=f"{held} of {len(reports)} held ({engine})", title_style="bold")
@@ -77,7 +77,7 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
     return table
 
 
-def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
+def _counted(reports: Mapping[tuple[str, str], TrialReport]) -> str:
     """Rate with its interval. Mirrored trials of the left hand do not count as trials of their own."""
     from allegro_twin.grasping.statistics import wilson
 
@@ -90,9 +90,9 @@ def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
     )
 
 
-def plan_table(name: str, found: Sequence[Planned]) -> Table:
+def plan_table(name: str, found: Sequence[PlannedGrasp]) -> Table:
     """One row for each grasp, in the order of the search: rates on the search's draws, and on fresh ones."""
-    from allegro_twin.grasping.evaluation.outcomes import rate
+    from allegro_twin.grasping.evaluation.outcomes import make_rate
 
     table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
     words = ("from", "like", "type")
@@ -102,13 +102,13 @@ def plan_table(name: str, found: Sequence[Planned]) -> Table:
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, str(each.grasp.kind),
             f"{each.held} of {each.tried}" if each.tried else "",
-            str(rate("", each.judged_held, each.judged)) if each.judged else "",
+            str(make_rate("", each.judged_held, each.judged)) if each.judged else "",
             f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
 
 
-def search_summary(search: Search, seeds: int) -> str:
+def search_summary(search: GraspSearch, seeds: int) -> str:
     """Size of a search, and how to repeat it."""
     from allegro_twin.grasping.plan.validate import JUDGED
 
@@ -122,13 +122,13 @@ def search_summary(search: Search, seeds: int) -> str:
     )
 
 
-def _stalls(report: Report) -> str:
+def _stalls(report: TrialReport) -> str:
     """Share of time that the most loaded joint spends at its torque limit."""
     share = max(report.at_limit.values(), default=0.0)
     return f"{share:.0%}" if share >= 0.005 else ""
 
 
-def phases(title: str, report: Report) -> Table:
+def phases(title: str, report: TrialReport) -> Table:
     """One row for each phase of a trial."""
     table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held[/] ' + report.reason}")
     parts = list(report.phases[0].contact_force) if report.phases else []
@@ -139,13 +139,13 @@ def phases(title: str, report: Report) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import stalled
+    from allegro_twin.grasping.evaluation.rejudge import stalled_joints
 
     kind = report.observed
     acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
-        f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}{acts}"
+        f"{100 * report.margin:.0f} % of the limits left; {stalled_joints(report)}{acts}"
     )
     return table
 
@@ -162,7 +162,7 @@ def final_state(spec: HandSpec, state: HandState) -> Table:
     return table
 
 
-def grasp_forces(grasped: Grasped) -> Table:
+def grasp_forces(grasped: GraspOutcome) -> Table:
     """Forces of the fingers at the end of a grasp, from joint torques."""
     table = Table(title=f"{grasped.name}: what the joints felt")
     for name, justify in (("finger", "left"), ("pad presses N", "right")):
@@ -182,7 +182,7 @@ def limits(spec: HandSpec, found: FoundLimits) -> Table:
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
         table.add_column(name, justify="left" if name == "joint" else "right")
     offsets = centring_offsets(found, spec)
-    for k, name in enumerate(spec.readable):
+    for k, name in enumerate(spec.joint_labels):
         row = (found.lower[k], spec.lower[k], found.upper[k], spec.upper[k], offsets[k])
         table.add_row(name, *(f"{value:+.3f}" for value in row))
     return table
@@ -209,7 +209,7 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     for k, name in enumerate(mine.joints):
         limit = (model.lower[k], model.upper[k], mine.lower[k] + margin, mine.upper[k] - margin)
         motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
-        table.add_row(name, mine.readable[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
+        table.add_row(name, mine.joint_labels[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
     return table
 
 
@@ -226,12 +226,12 @@ def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Tabl
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
-        shares = [success_rate(each.policy), success_rate(each.still)]
+        shares = [success_rate(each.policy), success_rate(each.no_action)]
         if (counted := each.policy.counts) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
         for name in kind.share_terms:
-            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
+            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.no_action)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
 

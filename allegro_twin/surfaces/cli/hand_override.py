@@ -10,7 +10,7 @@ from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import is_model, side_of
+from allegro_twin.hands.description.specs import hand_side, is_hand_model
 
 
 def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
@@ -18,11 +18,11 @@ def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> Run
     if hand is None and side is None:
         return config
     blocks: dict[str, Any] = {}
-    if hand is not None and is_model(hand):
+    if hand is not None and is_hand_model(hand):
         blocks |= {"model": hand, "serial": ""}
     elif hand is not None:
         blocks["serial"] = hand
-        side = side or side_of(hand)
+        side = side or hand_side(hand)
     if side is not None:
         blocks["side"] = side
     changed = config.changed(hand=blocks)
@@ -35,7 +35,7 @@ def own_scenarios(paths: list[Path], hand: str | None) -> tuple[list[Path], list
     """Replace scenarios by those of another model of hand for the same objects (scenarios/MODEL).
 
     Returns them, and the names without a replacement. Raises ConfigError if none has one."""
-    if hand is None or not is_model(hand):
+    if hand is None or not is_hand_model(hand):
         return paths, []
     found, missing = [], []
     for path in paths:

@@ -92,10 +92,10 @@ def folder(context: typer.Context, param: typer.CallbackParam, value: Path | Non
     RecordingError."""
     if value is None or context.resilient_parsing:  # Shell completion only.
         return value
-    from allegro_twin.files.output_folder import locked
+    from allegro_twin.files.output_folder import lock_folder
 
     try:
-        context.with_resource(locked(value))
+        context.with_resource(lock_folder(value))
     except RecordingError as error:
         raise RecordingError(f"{option(param)} {error}") from error
     return value
@@ -103,12 +103,12 @@ def folder(context: typer.Context, param: typer.CallbackParam, value: Path | Non
 
 @contextmanager
 def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
-    """An output folder that this run replaces as a whole. After an interruption or a fault the unfinished files stay
-    in a subfolder, and the message names it."""
-    from allegro_twin.files.output_folder import UNFINISHED, one_run
+    """Lock an output folder that this run replaces as a whole. After an interruption or a fault the unfinished files
+    stay in a subfolder, and the message names it."""
+    from allegro_twin.files.output_folder import UNFINISHED, write_run
 
     try:
-        with one_run(folder, last, keep=True) as staging:
+        with write_run(folder, last, keep=True) as staging:
             yield staging
     except BaseException as error:
         if (folder / UNFINISHED).exists():

@@ -16,7 +16,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.sim.contact.self_clearance import Clearance
+    from allegro_twin.sim.contact.self_clearance import SelfClearance
 
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
@@ -25,7 +25,7 @@ _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far f
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
 
 
-class Ways:
+class CollisionFreePaths:
     """Ways of one hand. The model that tells how near its parts are to each other is made at the first question."""
 
     def __init__(self, spec: HandSpec) -> None:
@@ -66,10 +66,10 @@ class Ways:
         return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
 
     @cached_property
-    def _clearance(self) -> Clearance:
-        from allegro_twin.sim.contact.self_clearance import Clearance
+    def _clearance(self) -> SelfClearance:
+        from allegro_twin.sim.contact.self_clearance import SelfClearance
 
-        return Clearance(self._spec)
+        return SelfClearance(self._spec)
 
     def _apart(self, postures: Array) -> Array:
         return self._clearance(postures)

@@ -6,7 +6,8 @@ import numpy as np
 
 from allegro_twin.control.demonstration import TaughtMotion, trim_demonstration
 from allegro_twin.errors import ConfigError
-from allegro_twin.spec import GIVE, HandSpec
+from allegro_twin.spec import HandSpec
+from allegro_twin.spec.hand import GIVE
 from allegro_twin.types import Array, Sample, Vector
 
 

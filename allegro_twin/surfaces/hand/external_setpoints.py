@@ -18,7 +18,7 @@ _MOST = 4000  # Such postures: some seconds of looking.
 _HERE = 0.05  # rad. A first posture without a time must be so near.
 
 
-class Outside:
+class ExternalSetpoints:
     """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
 
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:
@@ -92,7 +92,7 @@ class Outside:
         (lower, upper), start = self._hand.limits, rows[0]
         least, most = np.minimum(lower, start), np.maximum(upper, start)  # A joint that rests beyond them comes back.
         for row in rows[1:]:  # A smooth curve may swing beyond the postures that it goes through.
-            if said := self._hand.spec.beyond(row, least, most, 1e-9):
+            if said := self._hand.spec.limit_violation(row, least, most, 1e-9):
                 raise ConfigError(f"{what}: on its way, {said}")
         self._look(rows, what)
 

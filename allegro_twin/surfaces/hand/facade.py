@@ -20,15 +20,15 @@ from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
 from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture, load_trajectory
+from allegro_twin.hands.library.library import load_posture, load_trajectory
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.bounds import Bounds
-from allegro_twin.surfaces.hand.cartesian import straight
+from allegro_twin.surfaces.hand.bounds import JointBounds
+from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
-from allegro_twin.surfaces.hand.grasps import Grasped, begin, chosen, felt
-from allegro_twin.surfaces.hand.live_control import Direct
-from allegro_twin.surfaces.hand.motion import Kind, Mover
+from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, felt
+from allegro_twin.surfaces.hand.live_control import LiveControl
+from allegro_twin.surfaces.hand.motion import Kind, MotionControl
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ class Hand:
     `background=True` it passes on its own in real time, as it always does for a hand on a real bus."""
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
-        self._rig, self._bounds = rig, Bounds(rig.spec)
-        self._mover = Mover(rig, gains, background=background or rig.live)
-        self.direct = Direct(rig, self._mover, self._bounds)
+        self._rig, self._bounds = rig, JointBounds(rig.spec)
+        self._mover = MotionControl(rig, gains, background=background or rig.live)
+        self.direct = LiveControl(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
 
     @classmethod
@@ -183,7 +183,7 @@ class Hand:
         `move_to` does."""
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
-        moves = straight(mover.model, start, targets, speed, euler)
+        moves = straight_line_motion(mover.model, start, targets, speed, euler)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what)
@@ -193,7 +193,7 @@ class Hand:
     def grasp(
         self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True,
         by_mirror: bool = False,
-    ) -> Grasped:  # fmt: skip
+    ) -> GraspOutcome:  # fmt: skip
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: that a
         finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. What the hand

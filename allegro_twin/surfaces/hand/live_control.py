@@ -10,15 +10,15 @@ from allegro_twin.control.path_planning import postures_on_line
 from allegro_twin.control.trajectory import FASTEST, SLOWEST
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.surfaces.hand.bounds import Bounds
-from allegro_twin.surfaces.hand.motion import Mover
+from allegro_twin.surfaces.hand.bounds import JointBounds
+from allegro_twin.surfaces.hand.motion import MotionControl
 from allegro_twin.types import Vector
 
 
-class Direct:
+class LiveControl:
     """Of one hand, as `Hand.direct`. Any thread may call `limp`; all else comes from the one that makes wishes."""
 
-    def __init__(self, rig: Rig, mover: Mover, bounds: Bounds) -> None:
+    def __init__(self, rig: Rig, mover: MotionControl, bounds: JointBounds) -> None:
         self._rig, self._mover, self._bounds = rig, mover, bounds
 
     def prepare(self) -> None:

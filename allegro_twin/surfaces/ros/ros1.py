@@ -9,7 +9,7 @@ from typing import Any
 
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.recording.messages import message_types as v
-from allegro_twin.surfaces.ros.node_api import PLAIN, Quality, Received, checked, full
+from allegro_twin.surfaces.ros.node_api import PLAIN, QosProfile, Received, checked, full
 
 HINT = "apt-get install python3-rospy, in an environment made with --system-site-packages; docs/how-to/use_ros.md"
 TF = "tf2_msgs/msg/TFMessage"
@@ -29,7 +29,7 @@ class Ros1Node:
         self._subscribers: list[Any] = []
         self._heard: queue.Queue[Received] = queue.Queue(maxsize=1000)
 
-    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def advertise(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to publish a topic."""
         if kind == v.LOG:
             return  # ROS 1 has another type for it, and rospy says what is logged.
@@ -37,7 +37,7 @@ class Ros1Node:
             full(topic, self.namespace), self._raw(kind), latch=quality.latched, queue_size=quality.depth
         )
 
-    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to hear a topic."""
 
         def hear(message: Any) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.branch.recover_controller import BranchController
 from allegro_twin.twin.branch.result import BranchOptions
@@ -24,7 +24,7 @@ def list_assumptions(
 ) -> Iterator[str]:
     """What is known of the instant, what is estimated, and what is assumed."""
     row = int(np.searchsorted(mirrored.t, at - 1e-9))
-    push, names = mirrored.disturbance[row], recording.spec.readable
+    push, names = mirrored.disturbance[row], recording.spec.joint_labels
     most = int(np.abs(push).argmax())
     yield (
         f"Known at {at:g} s: the joints' positions and commands. Estimated by a mirror that has seen all before it: "
@@ -66,7 +66,7 @@ def _touches(at: float, mirrored: MirrorResult, options: BranchOptions) -> Itera
 def list_collisions(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[str]:
     """Parts of the hand that would penetrate each other in the branch, (k, n), rad, and did not in the recording."""
     step = max(round(_EVERY * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-9)), 1)
-    rows, clear = slice(0, len(branched), step), Clearance(spec)
+    rows, clear = slice(0, len(branched), step), SelfClearance(spec)
     was, would = (clear(np.clip(each[rows], spec.lower, spec.upper)) for each in (recorded, branched))
     deep = (would < 0.0) & (would < was - _DEEPER)
     for column in np.flatnonzero(deep.any(axis=0)):

@@ -15,7 +15,7 @@ from allegro_twin.app.rig import guarded
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.twin.branch.assumptions import list_assumptions, list_collisions
 from allegro_twin.twin.branch.model_backend import model_backend_at
 from allegro_twin.twin.branch.overrides import Changes, hand_change
@@ -39,7 +39,7 @@ def branch_from_estimate(
     other = change_controller(driver, recording, spec, row, changes)
     mirrored = mirror_recording(recording.path, options.hand, None, options.gravity)
     before = columns["position"][:row]
-    alone = _Future(recording, row, driver, Change(), options)
+    alone = _Future(recording, row, driver, JointChange(), options)
     unchanged = np.concatenate([before, [sample.state.position for sample in alone.samples()]])
     future, reference = _Future(recording, row, other, change, options), _References(columns["position"], unchanged)
     samples = chain(first_samples(recorded_samples(recording), row), future.samples())
@@ -75,7 +75,7 @@ class _Future:
     """The rows of a recording from one on, as a model has them."""
 
     def __init__(
-        self, recording: Recording, row: int, driver: BranchController, change: Change, options: BranchOptions
+        self, recording: Recording, row: int, driver: BranchController, change: JointChange, options: BranchOptions
     ) -> None:
         self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, options
         self._fault = ""

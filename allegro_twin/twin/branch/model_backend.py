@@ -19,7 +19,7 @@ from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
 from allegro_twin.errors import EndOfRecording
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
@@ -145,7 +145,7 @@ def recorded_encoder_noise(recording: Recording) -> Vector:
 
 
 def model_backend_at(
-    recording: Recording, row: int, change: Change, options: BranchOptions, *, closed: bool
+    recording: Recording, row: int, change: JointChange, options: BranchOptions, *, closed: bool
 ) -> ModelBackend:
     """The hand as its mirror knows it at a row, changed there; `closed`: under a controller. Raises ConfigError for a
     hand that has no mirror."""

@@ -11,10 +11,10 @@ from pydantic.fields import FieldInfo
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import parse_yaml
-from allegro_twin.files.schema import models_in, parse
+from allegro_twin.files.schema import models_in, parse_settings
 from allegro_twin.plugins import Registry
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.spec import HandSpec
 
 Changes: TypeAlias = Mapping[str, Any]
@@ -40,11 +40,11 @@ def parse_changes(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def hand_change(changes: Changes, spec: HandSpec) -> Change:
+def hand_change(changes: Changes, spec: HandSpec) -> JointChange:
     """The change of the hand itself. Raises ConfigError for a key that such a hand does not have."""
     if "strength" in changes and "torque" not in spec.commands:
         raise ConfigError(f"--set strength: {spec.name} closes its own loop; damping and frictionloss can be set")
-    return Change(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
+    return JointChange(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
 
 
 def controller_changes(changes: Changes) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def recorded_config(recording: Recording) -> RunConfig:
     content = recording.meta.get("config")
     if content is None:
         raise ConfigError(f"{recording.path} does not say with which config it was made")
-    return parse(RunConfig, _written_keys(RunConfig, content), f"{recording.path}: config")
+    return parse_settings(RunConfig, _written_keys(RunConfig, content), f"{recording.path}: config")
 
 
 def _written_keys(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 ReferenceColumns: TypeAlias = Callable[[], dict[str, Array]]
 """Columns beside a sample: the recording's joint positions (`target`), and what a trial reports."""
@@ -41,7 +41,7 @@ class BranchResult:
     branched: Array
     """Joint positions of the branch; fewer rows where the guard would have stopped the hand."""
     spec: HandSpec
-    report: Report | None = None
+    report: TrialReport | None = None
     """The verdict on the branch, where the recording is of a scenario."""
     unchanged: Array | None = None
     """The model's joint positions without any change: their distance from the recording is the model's error. None for

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit, Friction, fit_drive
 from allegro_twin.twin.identify.fitting.problem import Masses
@@ -27,9 +27,6 @@ from allegro_twin.twin.identify.results.uncertainty import (
     motion_coverage,
 )
 from allegro_twin.types import Vector
-
-Tell = Callable[[str], None]
-"""Called with a line on what is being done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,24 +60,24 @@ def identify_hand(
     masses_known: bool,
     hand: str = "",
     friction: Friction = "auto",
-    tell: Tell = lambda line: None,
+    progress: Callable[[str], None] = lambda line: None,
 ) -> Identification:
     """Identify a hand's drive from recordings of excitations. `weights`: masses at fingertips; `masses_known`: the
     file's link masses are right; `hand`: its file, whose `drive.mass_scale` are these masses; `friction`: model of dry
-    friction. Raises ConfigError or RecordingError."""
+    friction; `progress`: called with a line on what is being done. Raises ConfigError or RecordingError."""
     motions = _motions(paths, weights)
     spec = motions[0].spec
     # A file that does not exist yet says nothing of masses.
     file = load_spec(spec.model, spec.side, hand) if hand and Path(hand).is_file() else None
     own = file.drive.mass_scale if file is not None and file.drive is not None else np.ones(spec.n_joints)
     masses: Masses = "weighed" if weights else "known" if masses_known else "assumed"
-    player = Player(spec, motions[0].period)
+    player = OpenLoopPlayer(spec, motions[0].period)
     coverage = motion_coverage(motions, player)
-    tell("one line through everything")
+    progress("one line through everything")
     start = regress(motions, player, own)
     nominal = load_spec(spec.model, spec.side)
     base = drive_parameters(nominal, np.ones(spec.n_joints), np.zeros(spec.n_joints))
-    tell("the motion as the model would make it")
+    progress("the motion as the model would make it")
     fitted = fit_drive(motions, start, regress_breakaway(motions, player, start), base, masses, friction)
     stops = _stops(file, nominal) if file is not None else np.full(spec.n_joints, np.nan)
     return Identification(tuple(motions), coverage, fitted, identified_values(fitted, coverage), stops)
@@ -106,7 +103,7 @@ def _gap(motion: RecordedMotion, hand: str) -> Gap:
     nominal = load_spec(spec.model, spec.side)
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
-    player = Player(nominal, motion.period)
+    player = OpenLoopPlayer(nominal, motion.period)
     own = make_player(nominal, motion.period, mine.drive)
     after = drive_parameters(
         mine, constant, offset_shift(motion.version, motion.calibration, wiring.calibration.encoder_offset)

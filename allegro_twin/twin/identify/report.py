@@ -5,14 +5,11 @@ One file with nothing from elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from html import escape
-from typing import Literal, NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.evaluation.page.charts import round_numbers
-from allegro_twin.grasping.evaluation.page.style import STYLE
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.twin.identify.fitting.parameterisation import NAMES
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
@@ -21,64 +18,8 @@ from allegro_twin.twin.identify.pipeline import Identification
 from allegro_twin.twin.identify.results.hand_file import SCALE
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
 from allegro_twin.types import Array
+from allegro_twin.viewing.report import ChartLine, html_page, line_chart
 
-WIDTH, HEIGHT, LEFT, FOOT, TOP, RIGHT = 340, 210, 52, 40, 12, 14
-_MOST = 300
-"""Points of a line."""
-
-
-class ChartLine(NamedTuple):
-    """One line, (k,) each."""
-
-    x: Array
-    y: Array
-    kind: Literal["ink", "good", "bad", "soft"]
-    said: str
-
-
-def line_chart(lines: Sequence[ChartLine], across: str, upwards: str) -> str:
-    """SVG of all lines in one frame that holds them; `across` and `upwards` name the axes."""
-    x, y = (np.concatenate([line[k] for line in lines]) for k in (0, 1))
-    (x0, x1), (y0, y1) = _range(x), _range(y)
-    wide, tall = WIDTH - LEFT - RIGHT, HEIGHT - FOOT - TOP
-    body = []
-    for tick in round_numbers(y0, y1):
-        at = TOP + tall * (1.0 - (tick - y0) / (y1 - y0))
-        body.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{at:.1f}" y2="{at:.1f}"/>')
-        body.append(_text(LEFT - 6, at + 4, f"{tick:g}", "end"))
-    for tick in round_numbers(x0, x1):
-        body.append(_text(LEFT + wide * (tick - x0) / (x1 - x0), HEIGHT - FOOT + 18, f"{tick:g}", "middle"))
-    for line in lines:
-        chosen = np.unique(np.linspace(0, len(line.x) - 1, min(len(line.x), _MOST)).astype(int))
-        px = LEFT + wide * (line.x[chosen] - x0) / (x1 - x0)
-        py = TOP + tall * (1.0 - (line.y[chosen] - y0) / (y1 - y0))
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
-        body.append(
-            f'<polyline class="line {line.kind}" points="{points}"><title>{escape(line.said)}</title></polyline>'
-        )
-    body.append(_text(LEFT + wide / 2, HEIGHT - 4, across, "middle"))
-    body.append(_text(LEFT, TOP - 2, upwards, "start"))
-    label = escape(f"{upwards} against {across}: {'; '.join(line.said for line in lines)}")
-    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" role="img" aria-label="{label}">{"".join(body)}</svg>'
-
-
-def figure_card(title: str, caption: str, drawing: str) -> str:
-    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(caption)}</figcaption>{drawing}</figure>"
-
-
-def _range(values: Array) -> tuple[float, float]:
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return (low, high) if high > low else (low - 1.0, high + 1.0)
-
-
-def _text(x: float, y: float, text: str, anchor: str) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
-
-
-_STYLE = (
-    ".line { fill: none; stroke-width: 1.6; } .line.ink { stroke: var(--ink); } .line.good { stroke: var(--good); }"
-    ".line.bad { stroke: var(--bad); } .line.soft { stroke: var(--soft); } .no { white-space: normal; }"
-)
 _UNITS = {
     "torque_constant": ("torque constant, N·m", 1.0), "armature": ("armature / k, g·m²", 1e3),
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
@@ -105,13 +46,11 @@ def report_page(found: Identification) -> str:
         friction_figures(found),
         spread_tables(found),
     )
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}{_STYLE}</style></head><body><main>"
-        f"<header><h1>{escape(title)}</h1><p class='soft'>{escape(about)}</p></header>{''.join(parts)}</main></body>"
-        "</html>\n"
-    )
+    return html_page(title, about, parts)
+
+
+def figure_card(title: str, caption: str, drawing: str) -> str:
+    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(caption)}</figcaption>{drawing}</figure>"
 
 
 def values_table(found: Identification) -> str:
@@ -276,4 +215,4 @@ def _play(found: Identification) -> str:
 
 def _joints(found: Identification) -> tuple[str, ...]:
     spec = found.motions[0].spec
-    return spec.readable
+    return spec.joint_labels

@@ -7,10 +7,9 @@ from collections.abc import Collection
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import find, read_yaml
-from allegro_twin.hands.description.calibration import Calibration, Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
@@ -26,9 +25,9 @@ def make_mirror(
     spec: HandSpec,
     hand: str,
     version: Version,
-    used: Calibration,
+    used: HandCalibration,
     period: float,
-    calm: Thresholds | None = None,
+    thresholds: Thresholds | None = None,
     stop: Collection[str] = (),
     gravity: Vector | None = None,
 ) -> Mirror:
@@ -45,13 +44,13 @@ def make_mirror(
     observer = Observer(
         spec, drive, period, bristly=has_breakaway_friction(mine.drive), noise=encoder_noise(hand, mine)
     )
-    return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop, gravity)
+    return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), thresholds, stop, gravity)
 
 
 def make_loop_mirror(
     spec: HandSpec,
     period: float,
-    calm: Thresholds | None = None,
+    thresholds: Thresholds | None = None,
     stop: Collection[str] = (),
     gravity: Vector | None = None,
 ) -> Mirror:
@@ -60,23 +59,25 @@ def make_loop_mirror(
     from allegro_twin.sim.observer.loop_observer import LoopObserver
 
     _check_stops(stop)
-    return Mirror(spec, LoopObserver(spec, period), np.ones(spec.n_joints), calm, stop, gravity)
+    return Mirror(spec, LoopObserver(spec, period), np.ones(spec.n_joints), thresholds, stop, gravity)
 
 
-def mirror_for_recording(recording: Recording, hand: str, calm: Thresholds | None, gravity: Vector | None) -> Mirror:
+def mirror_for_recording(
+    recording: Recording, hand: str, thresholds: Thresholds | None, gravity: Vector | None
+) -> Mirror:
     """Mirror for a recording's hand, from its own file or another. Raises ConfigError."""
     spec, table = recorded_spec(recording, hand), recording.meta.get("calibration")
     if "torque" not in spec.commands:
         if gravity is None and "gravity" in recording.meta:
             gravity = np.array(recording.meta["gravity"], dtype=np.float64)
-        return make_loop_mirror(spec, recording.period, calm, gravity=gravity)
+        return make_loop_mirror(spec, recording.period, thresholds, gravity=gravity)
     if table is None:
         raise ConfigError(
             f"{recording.path} does not say with which torque constant its counts became N·m: record it through the "
             "hand's bus"
         )
     used = recorded_calibration(table)
-    return make_mirror(spec, hand or spec.serial, table["version"], used, recording.period, calm, gravity=gravity)
+    return make_mirror(spec, hand or spec.serial, table["version"], used, recording.period, thresholds, gravity=gravity)
 
 
 def recorded_spec(recording: Recording, hand: str) -> HandSpec:
@@ -97,7 +98,7 @@ def encoder_noise(hand: str, spec: HandSpec) -> Vector:
     found = np.zeros(spec.n_joints)
     if spec.drive is not None:
         found = np.hypot(spec.drive.encoder_noise, spec.drive.quantisation / np.sqrt(12.0))
-    table = read_yaml(find(hand, "hand", "conf/hands")) if hand else {}
+    table = read_yaml(find_file(hand, "hand", "conf/hands")) if hand else {}
     measured = (table.get("identified") or {}).get("noise")
     if measured is None:
         return found

@@ -129,8 +129,8 @@ class Thresholds(NamedTuple):
 class FaultDetector:
     """Finds faults in the rows of a mirror. `calm`: thresholds of free motions; `period`: s."""
 
-    def __init__(self, spec: HandSpec, calm: Thresholds, period: float) -> None:
-        self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.contact[0]
+    def __init__(self, spec: HandSpec, thresholds: Thresholds, period: float) -> None:
+        self._spec, self._quiet, self._period, self._above = spec, thresholds.gains, period, thresholds.contact[0]
         self.gains: list[Vector] = []
         """The largest gain of every finger per evaluation, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]]

@@ -71,7 +71,7 @@ class Fault(NamedTuple):
 
 def fault_text(found: Fault, spec: HandSpec) -> str:
     """The fault as a sentence."""
-    joint = spec.readable[found.joint]
+    joint = spec.joint_labels[found.joint]
     match found.name:
         case "weak":
             return f"the motor of {joint} gives {100 * (1 - found.amount):.0f} % of its torque"

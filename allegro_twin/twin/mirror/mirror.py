@@ -50,15 +50,15 @@ class Mirror:
         spec: HandSpec,
         observer: Observer | LoopObserver,
         torque_constant: Vector,
-        calm: Thresholds | None = None,
+        thresholds: Thresholds | None = None,
         stop: Collection[str] = (),
         gravity: Vector | None = None,
     ) -> None:
-        """`calm`: thresholds of free motions; `stop`: events of STOPS that raise HandFault; `gravity`: in the palm
+        """`thresholds`: those of free motions; `stop`: events of STOPS that raise HandFault; `gravity`: in the palm
         frame, (3,), m/s², where the hand does not report it."""
         self._spec, self._observer, self._constant, self._stop = spec, observer, torque_constant, stop
         self._gravity, self._told = gravity, limp_of(spec)
-        self._calm = calm or Thresholds.default(spec)
+        self._thresholds = thresholds or Thresholds.default(spec)
         self._estimate: Estimate | None = None
         self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new contact is reported.
         self._over = np.zeros(len(spec.fingers), dtype=int)
@@ -66,7 +66,7 @@ class Mirror:
         self._lost = LostPeriods(observer.period)
         self._noise: NoiseEstimator | None = NoiseEstimator(spec.n_joints)
         self._pace, self._moving = MovingJoints(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
-        self._diagnosis = FaultDetector(spec, self._calm, observer.period)
+        self._diagnosis = FaultDetector(spec, self._thresholds, observer.period)
 
     @property
     def spec(self) -> HandSpec:
@@ -91,7 +91,7 @@ class Mirror:
     def touched_joints(self) -> dict[str, int]:
         """For every finger in contact its outermost joint that is pushed beyond its own axis: the contact is on the
         link that this joint moves, or further out. -1 where that cannot be told."""
-        share = np.square(self.external_torque / self.thresholds)
+        share = np.square(self.external_torque / self.contact_thresholds)
         return {f.name: outermost_joint(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
 
     @property
@@ -100,16 +100,16 @@ class Mirror:
         return self._moving
 
     @property
-    def thresholds(self) -> Vector:
+    def contact_thresholds(self) -> Vector:
         """Contact thresholds now, (n,), N·m: those of free motions, larger while the disturbance is less certain than
         in them."""
-        wider = self._observer.spread / self._calm.spread
-        return np.asarray(joint_thresholds(self._calm.contact, self._moving) * np.maximum(wider, 1.0))
+        wider = self._observer.spread / self._thresholds.spread
+        return np.asarray(joint_thresholds(self._thresholds.contact, self._moving) * np.maximum(wider, 1.0))
 
     @property
     def unchecked_faults(self) -> tuple[str, ...]:
         """Names of faults that cannot be found without thresholds of a free motion."""
-        return self._calm.unchecked_faults
+        return self._thresholds.unchecked_faults
 
     @property
     def fault(self) -> Fault | None:
@@ -226,12 +226,12 @@ class Mirror:
         diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
         if not since.any():
             return  # Without any report there is nothing to judge.
-        over = push_ratio(estimate.disturbance, self.thresholds, self._spec) > 1.0
+        over = push_ratio(estimate.disturbance, self.contact_thresholds, self._spec) > 1.0
         if state.t < self._clear:
             over &= self._over >= PERIODS
         self._over = np.where(over, self._over + 1, 0)
         if "contact" in self._stop and self.contacts:
-            joint = int(np.argmax(np.abs(estimate.disturbance) / self.thresholds))
+            joint = int(np.argmax(np.abs(estimate.disturbance) / self.contact_thresholds))
             raise HandFault(
                 f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
                 f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"

@@ -31,7 +31,7 @@ class MirrorResult:
     """(k, n), N·m."""
     residual: Array
     """Reported minus predicted, (k, n), rad."""
-    thresholds: Array
+    contact_thresholds: Array
     """Contact thresholds, (k, n), N·m."""
     contacts: tuple[Contact, ...]
     fault: Fault | None
@@ -43,11 +43,11 @@ def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector |
     """Run a recording past its mirror. `free`: a recording of the same hand without contact; `gravity`: in the palm
     frame, m/s², where neither hand nor recording says it. Raises HandError."""
     recording = load(path)
-    spec, calm = (
+    spec, thresholds = (
         recording.spec,
         Thresholds.default(recording.spec) if free is None else free_motion_thresholds(free, hand, gravity),
     )
-    t, disturbance, off, _, each, above, _ = _run(recording, hand, calm, gravity)
+    t, disturbance, off, _, each, above, _ = _run(recording, hand, thresholds, gravity)
     touches = tuple(find_contacts(t, disturbance, above, spec))
     return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults)
 
@@ -65,17 +65,17 @@ def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None)
 
 
 def _run(
-    recording: Recording, hand: str, calm: Thresholds | None, gravity: Vector | None
+    recording: Recording, hand: str, thresholds: Thresholds | None, gravity: Vector | None
 ) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array]:
     """Row by row: times, disturbances, reported minus predicted positions, which joints moved; the mirror; and, row by
     row, contact thresholds and the spread of disturbances by noise alone."""
-    each = mirror_for_recording(recording, hand, calm, gravity)
+    each = mirror_for_recording(recording, hand, thresholds, gravity)
     t, rows = [], []
     for sample in each.watch(recorded_samples(recording)):
         latest = each.columns()
         t.append(sample.state.t)
         off = sample.state.position - latest["predicted"]
-        rows.append((latest["disturbance"], off, each.moving, each.thresholds, each.observer.spread))
+        rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, each.observer.spread))
     if len(t) < 2:
         raise ConfigError(f"{recording.path} has one row: a mirror needs a motion")
     disturbance, off, moving, above, spread = (np.array(column) for column in zip(*rows[1:], strict=True))

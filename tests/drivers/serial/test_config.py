@@ -19,8 +19,8 @@ from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.prepare import check_place
 from allegro_twin.drivers.dynamixel.opening import calibration_of
 from allegro_twin.errors import ConfigError, HandFault, LinkError
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
@@ -44,7 +44,7 @@ def test_a_virtual_leap_hand_goes_home_through_its_servos() -> None:
 def test_through_the_servos_it_goes_where_it_goes_without_them() -> None:
     wired = assemble(config_of())
     alone = assemble(
-        parse(RunConfig, config_of().model_dump(exclude={"backend"}) | {"backend": {"kind": "sim"}}, "test")
+        parse_settings(RunConfig, config_of().model_dump(exclude={"backend"}) | {"backend": {"kind": "sim"}}, "test")
     )
     pairs = zip(until(0.5, run(wired.backend, wired.controller)), run(alone.backend, alone.controller), strict=False)
     for there, here in pairs:
@@ -55,7 +55,7 @@ def test_through_the_servos_it_goes_where_it_goes_without_them() -> None:
 @pytest.mark.slow
 def test_a_leap_hand_picks_a_cube_up_through_its_servos_turns_it_and_shakes_it() -> None:
     content = config_of().model_dump(exclude_unset=True, exclude={"seconds"})
-    rig = assemble(parse(RunConfig, content | {"task": {"scenario": "leap_rubiks_cube"}}, "test"))
+    rig = assemble(parse_settings(RunConfig, content | {"task": {"scenario": "leap_rubiks_cube"}}, "test"))
     assert rig.trial is not None
     assert rig.seconds is not None
     for sample in until(rig.seconds, run(rig.backend, rig.controller)):
@@ -149,7 +149,7 @@ def test_a_hand_that_takes_torques_has_no_servos() -> None:
     with pytest.raises(
         ConfigError, match="servos need a hand that takes a limited_position; allegro_right takes torque"
     ):
-        assemble(parse(RunConfig, content, "test"))
+        assemble(parse_settings(RunConfig, content, "test"))
 
 
 def test_a_port_that_is_not_there_is_one_line() -> None:

@@ -60,7 +60,7 @@ def test_external_torque_is_what_stops_a_finger() -> None:
     touch = np.asarray(seen)[:, -N:]
     model, limit = env.engine.worlds.model, env.engine.task.spec.actuation.torque_limit
     worlds, row = env.engine.worlds.snapshot(0), 0
-    asked = np.clip(env.engine.worlds.torque[row], -limit, limit)
+    asked = np.clip(env.engine.worlds.control[row], -limit, limit)
     still = np.abs(env.engine.worlds.velocity[row]) < 0.02
     gravity = worlds.data.qfrc_bias[: model.nv]
     columns = [int(model.joint(name).dofadr[0]) for name in env.engine.task.spec.joints]

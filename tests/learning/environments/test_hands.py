@@ -14,8 +14,8 @@ import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.control.controllers import PositionControl
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings, read_settings
@@ -105,7 +105,7 @@ def test_doing_nothing_is_the_scripted_player(hand: str) -> None:
     scene = task.scenes[0]
     path = PositionControl(closing_moves(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
     told: list[Any] = []
-    task.worlds.tell = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
+    task.worlds.command = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
     for _ in range(60):
         env.step(np.zeros(MOTORS[hand], np.float32))
     wanted = [path(k * env.engine.settings.period).position for k in range(len(told))]
@@ -285,8 +285,8 @@ def test_a_motor_feels_along_the_free_way_what_touches_its_fingers(hand: str) ->
 def test_the_speed_of_what_follows_is_the_slope_of_where_it_is(hand: str) -> None:
     spec, step = load_spec(hand), 1e-6
     q = np.random.default_rng(0).uniform(spec.lower + 1e-3, spec.upper - 1e-3, (50, spec.n_joints))
-    slope = (spec.followed(q + step) - spec.followed(q - step)) / (2 * step)
-    np.testing.assert_allclose(spec.following(q), slope, rtol=1e-5, atol=1e-5)
+    slope = (spec.coupled_positions(q + step) - spec.coupled_positions(q - step)) / (2 * step)
+    np.testing.assert_allclose(spec.coupled_rates(q), slope, rtol=1e-5, atol=1e-5)
 
 
 def test_a_radian_of_a_tendon_is_a_part_of_its_motors_range() -> None:

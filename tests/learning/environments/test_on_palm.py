@@ -20,13 +20,13 @@ from allegro_twin.learning.tasks.scenes import PALM
 from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.report import Comparison, write_report
 from allegro_twin.learning.training.settings import load_recipe
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.surfaces.cli import console
 
 N = 4
 
 
-def surface(thing: Thing, rng: np.random.Generator) -> np.ndarray[Any, Any]:
+def surface(thing: GraspObject, rng: np.random.Generator) -> np.ndarray[Any, Any]:
     """Points of a thing's surface, (k, 3), m: its corners or rims, or many."""
     half = thing.half_extents()
     directions = rng.normal(size=(200_000, 3))
@@ -45,22 +45,22 @@ def surface(thing: Thing, rng: np.random.Generator) -> np.ndarray[Any, Any]:
             return directions * half
 
 
-def pyramid(folder: Path) -> Thing:
+def pyramid(folder: Path) -> GraspObject:
     file = folder / "pyramid.obj"
     file.write_text(
         "v 0 0 0.03\nv 0.02 0.02 0\nv -0.02 0.02 0\nv -0.02 -0.02 0\nv 0.02 -0.02 0\n"
         "f 1 2 3\nf 1 3 4\nf 1 4 5\nf 1 5 2\nf 2 5 4\nf 2 4 3\n"
     )
-    return Thing("pyramid", "mesh", (), 0.05, file)
+    return GraspObject("pyramid", "mesh", (), 0.05, file)
 
 
 def test_the_lowest_point_is_that_of_the_surface(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     things = [
-        Thing("box", "box", (0.05, 0.06, 0.08), 0.1),
-        Thing("ball", "sphere", (0.05,), 0.1),
-        Thing("egg", "ellipsoid", (0.04, 0.07), 0.1),
-        Thing("can", "cylinder", (0.05, 0.08), 0.1),
+        GraspObject("box", "box", (0.05, 0.06, 0.08), 0.1),
+        GraspObject("ball", "sphere", (0.05,), 0.1),
+        GraspObject("egg", "ellipsoid", (0.04, 0.07), 0.1),
+        GraspObject("can", "cylinder", (0.05, 0.08), 0.1),
         pyramid(tmp_path),
     ]
     pose = np.concatenate([rng.normal(0, 0.05, (5, 3)), rng.normal(size=(5, 4))], axis=-1)

@@ -120,7 +120,7 @@ def first_torque(env: HandVectorEnv) -> Array:
     position, velocity = (np.array(x) for x in (env.engine.worlds.position, env.engine.worlds.velocity))
     told: list[Array] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(env.engine.worlds, "step", lambda rows, count: told.append(np.array(env.engine.worlds.torque)))
+        patch.setattr(env.engine.worlds, "step", lambda rows, count: told.append(np.array(env.engine.worlds.control)))
         env.step(STILL + 0.5)
     assert np.array_equal(position, env.engine.worlds.position)
     assert np.array_equal(velocity, env.engine.worlds.velocity)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
+from allegro_twin.kinematics.orientation import angle_between_quaternions, rotate_quaternion
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.randomise import Randomise
@@ -58,7 +58,7 @@ def turned_to(env: Any, off: float) -> None:
     task = env.engine.task
     task._renewed[:] = False
     task.thing.pose[:, :3] = task.place[:] = BESIDE
-    task.thing.pose[:, 3:] = turned_by(np.asarray(task.goal(), float), (0.0, off, 0.0))
+    task.thing.pose[:, 3:] = rotate_quaternion(np.asarray(task.goal(), float), (0.0, off, 0.0))
     task.thing.velocity[:] = task.thing.spin[:] = 0.0
 
 

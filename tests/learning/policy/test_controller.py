@@ -101,7 +101,7 @@ def _copy_surroundings(env: HandEnv, sim: SimBackend) -> None:
         assert thing is not None
         sim.data.xfrc_applied[thing.id, :3] = thing.force[0]
     else:
-        sim.data.ctrl[sim.model.actuator("wrist_z").id] = worlds.joint("wrist_z")[1][0]
+        sim.data.ctrl[sim.model.actuator("wrist_z").id] = worlds.set_point("wrist_z")[0]
 
 
 def test_decisions_are_not_late_where_the_hand_has_missed_periods() -> None:

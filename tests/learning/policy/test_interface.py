@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.learning.policy.interface import DecisionSetPoints, Interface, InterfaceMemory, Mode
 from allegro_twin.learning.policy.script import closing_moves, sample_script, script_table
 

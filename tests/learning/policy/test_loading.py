@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.policy.card import PolicyCard, read_card, write_card
 from allegro_twin.learning.policy.loading import load_policy, policy_controller

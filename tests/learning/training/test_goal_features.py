@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.orientation import quaternion_from_vector, turned_by
+from allegro_twin.kinematics.orientation import quaternion_from_vector, rotate_quaternion
 from allegro_twin.learning.training.goal_features import goal_difference, goal_difference_width
 
 
@@ -17,7 +17,7 @@ def turns(count: int, size: float) -> np.ndarray:
 def test_the_turn_that_is_left_is_about_its_axis_and_twice_the_sine_of_half_of_it(flipped: float) -> None:
     here = quaternion_from_vector(turns(20, 2.0))
     vector = turns(20, 1.0)
-    goal = flipped * turned_by(here, vector)
+    goal = flipped * rotate_quaternion(here, vector)
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     expected = vector / angle * 2.0 * np.sin(angle / 2.0)
     np.testing.assert_allclose(goal_difference(goal, here, True), expected, atol=1e-6)

@@ -33,7 +33,7 @@ from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.cli.main import main
 from allegro_twin.types import Command, HandState, Vector, frozen

@@ -19,9 +19,8 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Version, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side

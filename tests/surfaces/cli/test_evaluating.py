@@ -17,7 +17,7 @@ import pytest
 
 from allegro_twin.grasping.batch import trials
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.trials import parse_variation
 from tests.app.files import grasps, scenario, short
 from tests.grasping.interchange.samples import bench, saved
@@ -72,7 +72,7 @@ def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all
 def test_what_is_in_the_folder_is_not_tried_again_and_more_draws_go_on(
     command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tried, judged = list[Any](), trials.judged
+    tried, judged = list[Any](), trials.run_cases
 
     def counted(shared: Any, items: Any) -> Any:
         tried.extend(items)

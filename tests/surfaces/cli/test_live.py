@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from allegro_twin.app.config import load_config
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library
 from allegro_twin.surfaces.cli.start.keys import KEYS, press
 from allegro_twin.surfaces.hand import Hand

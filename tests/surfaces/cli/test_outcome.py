@@ -16,18 +16,18 @@ import allegro_twin.surfaces.hand
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile, TrajectoryFile
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.taxonomy import KINDS, Observed
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.grasps import gallery
 from allegro_twin.surfaces.cli.hardware import calibration
 from allegro_twin.surfaces.cli.hardware.calibration import find_limits
 from allegro_twin.surfaces.cli.start.keys import press
-from allegro_twin.surfaces.hand.grasps import Grasped
+from allegro_twin.surfaces.hand.grasps import GraspOutcome
 from allegro_twin.twin.identify.motions.limits import TORQUE, FoundLimits
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state
@@ -57,9 +57,9 @@ class Spy:
     def move_to(self, *how: object, **more: object) -> None:
         self._keep("move_to", *how, more)
 
-    def grasp(self, *how: object, **more: object) -> Grasped:
+    def grasp(self, *how: object, **more: object) -> GraspOutcome:
         self._keep("grasp", *how, more)
-        return Grasped("quadpod", ("index", "thumb"), {"index": 1.25, "thumb": 2.5}, 0.042)
+        return GraspOutcome("quadpod", ("index", "thumb"), {"index": 1.25, "thumb": 2.5}, 0.042)
 
     def set_controller(self, kind: str) -> None:
         self._keep("set_controller", kind)
@@ -171,8 +171,8 @@ def test_the_page_of_grasps_is_in_the_order_of_the_taxonomy_with_a_picture_each(
 ) -> None:
     seen = {"prismatic_3_finger": 7, "ring": 31}
     stored = {
-        name: load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml").model_copy(
-            update={"observed": Observed(number=number, name=KINDS[number].name)}
+        name: load_settings(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml").model_copy(
+            update={"observed": ObservedType(number=number, name=GRASP_TYPES[number].name)}
         )
         for name, number in seen.items()
     }

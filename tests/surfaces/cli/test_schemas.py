@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.files.json_schema import json_schema
+from allegro_twin.files.schema import json_schema
 from allegro_twin.surfaces.cli.data.schemas import PLACES, models
 from tests.surfaces.cli.conftest import Run
 

@@ -19,9 +19,9 @@ import pytest
 from allegro_twin import Hand, HandError, load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record

@@ -17,8 +17,7 @@ import yaml
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import Library, load_posture
 from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand

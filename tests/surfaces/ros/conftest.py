@@ -23,9 +23,9 @@ pytest.importorskip("rosbags", reason="needs the extra ros2")
 pytest.importorskip("cyclonedds", reason="needs the extra ros2")
 
 from allegro_twin.surfaces.ros import open_bridge
-from allegro_twin.surfaces.ros.bridge import Bridge
+from allegro_twin.surfaces.ros.bridge import RosBridge
 from allegro_twin.surfaces.ros.node import Node
-from allegro_twin.surfaces.ros.node_api import PLAIN, Quality
+from allegro_twin.surfaces.ros.node_api import PLAIN, QosProfile
 from tests.patience import comes_true, wait_for
 
 DOMAIN = 1 + os.getpid() % 100
@@ -41,7 +41,7 @@ class Peer:
     namespace: str
     heard: list[tuple[str, Any]] = field(default_factory=list)
 
-    def hear(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def hear(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         self.node.subscribe(self.full(topic), kind, quality)
         self.kinds[self.full(topic)] = kind
 
@@ -130,7 +130,7 @@ def sim_config(**blocks: Any) -> RunConfig:
 
 
 @contextmanager
-def bridged(config: RunConfig, namespace: str, **settings: Any) -> Iterator[tuple[Hand, Bridge]]:
+def bridged(config: RunConfig, namespace: str, **settings: Any) -> Iterator[tuple[Hand, RosBridge]]:
     """A hand that lives by itself, with a bridge that serves in a thread."""
     over = threading.Event()
     with (

@@ -11,20 +11,21 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros import open_bridge
-from allegro_twin.surfaces.ros.control_lock import QUIET, Drivers
+from allegro_twin.surfaces.ros.bridge import QUIET, SenderLock
+from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, WRENCH
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
 from allegro_twin.surfaces.ros.node import Node, qos_of
-from allegro_twin.surfaces.ros.node_api import Quality, checked
-from allegro_twin.surfaces.ros.topics import PUBLISHED, TRAJECTORY, WRENCH
+from allegro_twin.surfaces.ros.node_api import QosProfile, checked
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
 from tests.surfaces.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
 
-LATCHED = Quality(1, latched=True)
+LATCHED = QosProfile(1, latched=True)
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from allegro_twin.surfaces.ros.idl import wire
+    from allegro_twin.surfaces.ros.node import wire
 
     participant = peer.node._participant
     reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), qos_of(LATCHED))
@@ -216,7 +217,7 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
 
     peer.lib_cmd("home")
     waited(there(hand, home), "home was not reached")
-    peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     peer.hear("joint_states", v.JOINT_STATE)
     for name, (message, said) in bad(words, hand.spec, home + 0.2).items():
         peer.say(TRAJECTORY, message)
@@ -230,7 +231,7 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
 def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, peer: Peer, home: Vector) -> None:
     peer.joint_cmd(hand.spec, home, stamp=time.time_ns())
     waited(there(hand, home), "joint_cmd was not followed")
-    peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     nan = home.copy()
     nan[0] = np.inf
     peer.joint_cmd(hand.spec, nan)
@@ -250,7 +251,7 @@ def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, pe
 
 def test_a_second_program_is_not_obeyed_but_for_off(hand: Hand, make_peer: Callable[[], Peer], home: Vector) -> None:
     first, second = make_peer(), make_peer()
-    second.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    second.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     second.joint_cmd(hand.spec, home)
     over = threading.Event()
 
@@ -280,21 +281,21 @@ def test_a_second_program_is_not_obeyed_but_for_off(hand: Hand, make_peer: Calla
 def test_one_drives_until_it_was_quiet_or_its_motion_is_over() -> None:
     from uuid import uuid4
 
-    drivers, a, b = Drivers(), uuid4(), uuid4()
-    assert drivers.may(a, 0.0)
-    assert not drivers.may(b, 0.5)
-    assert drivers.first_refusal(b)
-    assert not drivers.first_refusal(b)
-    assert drivers.may(b, 1.1)
-    drivers.keep(b, 1.1, 5.0)
-    assert not drivers.may(a, 6.0)
-    assert drivers.may(a, 7.2)
-    drivers.stop(b)
-    assert not drivers.may(a, 7.9)
-    assert not drivers.may(a, 8.5)  # Quiet for 0.6 s only.
-    assert drivers.may(b, 8.5)
-    assert not drivers.may(a, 9.4)
-    assert drivers.may(a, 10.5)
+    lock, a, b = SenderLock(), uuid4(), uuid4()
+    assert lock.acquire(a, 0.0)
+    assert not lock.acquire(b, 0.5)
+    assert lock.first_refusal(b)
+    assert not lock.first_refusal(b)
+    assert lock.acquire(b, 1.1)
+    lock.extend(b, 1.1, 5.0)
+    assert not lock.acquire(a, 6.0)
+    assert lock.acquire(a, 7.2)
+    lock.stop(b)
+    assert not lock.acquire(a, 7.9)
+    assert not lock.acquire(a, 8.5)  # Quiet for 0.6 s only.
+    assert lock.acquire(b, 8.5)
+    assert not lock.acquire(a, 9.4)
+    assert lock.acquire(a, 10.5)
 
 
 def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.RosTypes) -> None:

@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.recording.messages.frames import LinkFrames, urdf_text
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.ros import cell_topics
-from allegro_twin.surfaces.ros.idl import struct
-from allegro_twin.surfaces.ros.topics import HEARD, PUBLISHED
+from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, SUBSCRIBED
+from allegro_twin.surfaces.ros.node import struct
 from allegro_twin.types import Array
 
-KINDS = sorted({entry.kind for entry in (*PUBLISHED, *HEARD, *cell_topics.PUBLISHED, *cell_topics.HEARD)} | {v.NODES})
+KINDS = sorted(
+    {entry.kind for entry in (*PUBLISHED, *SUBSCRIBED, *cell_topics.PUBLISHED, *cell_topics.SUBSCRIBED)} | {v.NODES}
+)
 
 
 def filled(words: v.RosTypes, kind: str, rng: np.random.Generator) -> Any:
@@ -94,7 +96,7 @@ def test_frames_end_where_the_kinematics_have_the_fingertips(words: v.RosTypes, 
     assert frames.root == "palm_link"
     for seed in range(5):
         position = np.random.default_rng(seed).uniform(spec.lower, spec.upper)
-        moving, fixed = frames.at(words, 7, position), frames.still(words, 7)
+        moving, fixed = frames.transforms_at(words, 7, position), frames.static_transforms(words, 7)
         placed = {frames.root: np.eye(4)}
         for each in (*moving.transforms, *fixed.transforms):
             placed[each.child_frame_id] = placed[each.header.frame_id] @ matrix(each.transform)

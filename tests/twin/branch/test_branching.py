@@ -15,7 +15,7 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.appearance import lighter, of_series
+from allegro_twin.hands.description.appearance import lighten, series_color
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
@@ -92,7 +92,7 @@ def test_both_futures_are_in_one_recording_one_rerun_file_and_one_picture(tmp_pa
     assert drawn["world/palm/target/link_13.0"]
     with Image.open(png) as picture:
         pixels = np.asarray(picture).reshape(-1, 3)
-    color = [round(255 * part) for part in lighter(of_series(1))]
+    color = [round(255 * part) for part in lighten(series_color(1))]
     assert (pixels == color).all(axis=1).sum() > 100
 
 

@@ -19,9 +19,9 @@ from allegro_twin.control.controllers import PD, PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record

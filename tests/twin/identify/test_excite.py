@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.spec import Side
 from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse

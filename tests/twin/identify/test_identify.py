@@ -11,11 +11,11 @@ import yaml
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand
 from allegro_twin.surfaces.cli.twin.commands import weight_of
 from allegro_twin.surfaces.cli.twin.identification import lines, table
@@ -33,7 +33,9 @@ COUNT = np.radians(333.3 / 65536)
 
 def reasons(motions: list[RecordedMotion], name: str) -> tuple[str, ...]:
     """Why values are not determined by some motions, were the fit as good as that of all."""
-    return identified_values(hidden.found().fit, motion_coverage(motions, Player(motions[0].spec, 0.003)))[name].reason
+    return identified_values(hidden.found().fit, motion_coverage(motions, OpenLoopPlayer(motions[0].spec, 0.003)))[
+        name
+    ].reason
 
 
 def motions() -> list[RecordedMotion]:
@@ -153,7 +155,7 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> None:
-    looked = motion_coverage(motions(), Player(motions()[0].spec, 0.003))
+    looked = motion_coverage(motions(), OpenLoopPlayer(motions()[0].spec, 0.003))
     said = identified_values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
     light = looked.pull < 0.05
     assert 4 <= light.sum() <= 12
@@ -222,7 +224,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
 def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     result = hidden.found()
-    one = identified_values(result.fit, motion_coverage(motions()[:1] * 2, Player(motions()[0].spec, 0.003)))
+    one = identified_values(result.fit, motion_coverage(motions()[:1] * 2, OpenLoopPlayer(motions()[0].spec, 0.003)))
     hand_file.write_hand_file(file, result.fit, one, result.motions[:1], "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["wire"]["torque_constant"] == [1.0] * 16
@@ -240,7 +242,7 @@ def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(hand_file, "with_note", broken)
+    monkeypatch.setattr(hand_file, "set_note", broken)
     with pytest.raises(KeyboardInterrupt):
         hand_file.write_hand_file(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
     assert file.read_text() == "actuation: {damping: 0.08}\n"

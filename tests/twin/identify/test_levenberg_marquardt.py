@@ -33,7 +33,10 @@ class Toy:
         self._mad, self._odd, self.least = mad, odd, np.full(3, least)
         self.forgot = 0
         self.shooting = SimpleNamespace(
-            prepare=lambda drive: None, better_starts=lambda drive: None, rows=lambda finger: ROWS, forget=self._forget
+            prepare=lambda drive: None,
+            improve_starts=lambda drive: None,
+            rows=lambda finger: ROWS,
+            reset_sensitivities=self._forget,
         )
 
     def _forget(self) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import from_scaled, index, scaling_jacobian, to_scaled
 from allegro_twin.twin.identify.fitting.problem import Problem, prior_center
 from allegro_twin.twin.identify.fitting.regress import regress, regress_breakaway
@@ -19,12 +18,12 @@ JOINT = 6
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[Problem, Parameters]:
+def made() -> tuple[Problem, DriveParameters]:
     """Of a few short pieces of a hand whose friction breaks away, and a drive near it."""
     motions = [read_motion(path) for path in hidden.recordings(breaking=True)]
-    player = Player(motions[0].spec, motions[0].period)
+    player = OpenLoopPlayer(motions[0].spec, motions[0].period)
     drive = regress_breakaway(motions, player, regress(motions, player, np.ones(16)))
-    bristly = Player(motions[0].spec, motions[0].period, bristly=True)
+    bristly = OpenLoopPlayer(motions[0].spec, motions[0].period, bristly=True)
     problem = Problem(motions, bristly, np.full(16, 6e-5), prior_center(drive, drive), "known", every=40, length=SHORT)
     problem.shooting.prepare(drive)
     return problem, drive
@@ -38,7 +37,7 @@ def values(problem: Problem, x: Vector) -> Vector:
 
 
 @pytest.mark.slow
-def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None:
+def test_a_drive_comes_back_as_it_went(made: tuple[Problem, DriveParameters]) -> None:
     _, drive = made
     back = from_scaled(to_scaled(drive))
     for name in ("torque_constant", "armature", "damping", "frictionloss", "load_friction", "delay"):
@@ -46,7 +45,7 @@ def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None
 
 
 @pytest.mark.slow
-def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]) -> None:
+def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, DriveParameters]) -> None:
     problem, drive = made
     x, names = to_scaled(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     rows = np.concatenate([np.arange(len(x))[index(name, 16)] for name in names])
@@ -59,7 +58,7 @@ def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["torque_constant", "damping", "frictionloss", "load_friction"])
-def test_the_residuals_follow_the_derivatives(made: tuple[Problem, Parameters], name: str) -> None:
+def test_the_residuals_follow_the_derivatives(made: tuple[Problem, DriveParameters], name: str) -> None:
     problem, drive = made
     x = to_scaled(drive)
     column = index(name, 16).start + JOINT

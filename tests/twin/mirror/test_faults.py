@@ -12,8 +12,8 @@ import pytest
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.calibration import HandCalibration
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
@@ -72,7 +72,7 @@ def late(row: Array) -> Array:
 @pytest.fixture(name="sticky")
 def _sticky(spec: HandSpec) -> HandSpec:
     """A hand whose friction breaks away."""
-    return replace(spec, drive=Drive.made({"stiction": 1.5, "stribeck_speed": 0.1, "bristle": 1e-3}, N))
+    return replace(spec, drive=Drive.from_values({"stiction": 1.5, "stribeck_speed": 0.1, "bristle": 1e-3}, N))
 
 
 def test_a_free_motion_has_no_name(spec: HandSpec) -> None:
@@ -329,4 +329,4 @@ def test_what_goes_wrong_with_a_hand_can_stop_it(
 
 def test_an_event_that_is_none_is_refused() -> None:
     with pytest.raises(ConfigError, match="--stop-on: no event named 'wek'; did you mean 'weak'"):
-        make_mirror(load_spec(), "", "v4", Calibration(), 0.003, stop=("wek",))
+        make_mirror(load_spec(), "", "v4", HandCalibration(), 0.003, stop=("wek",))

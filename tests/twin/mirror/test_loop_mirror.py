@@ -13,13 +13,13 @@ from allegro_twin.app.config import load_config
 from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.kalman import Kalman
-from allegro_twin.sim.observer.loop_observer import NOISE, rates
+from allegro_twin.sim.observer.kalman import JointKalman
+from allegro_twin.sim.observer.loop_observer import NOISE, motor_dynamics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.twin import mirror_run
 from allegro_twin.twin.mirror.factory import make_loop_mirror
@@ -119,8 +119,8 @@ def test_the_filter_corrects_a_heavy_motor_no_faster_and_a_stiff_loop_stays_stab
 
 
 def gains(*of: float) -> Vector:
-    A, Q = rates(*of)
-    return Kalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
+    A, Q = motor_dynamics(*of)
+    return JointKalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
 
 
 @pytest.mark.slow

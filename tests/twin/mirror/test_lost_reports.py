@@ -13,12 +13,12 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.driver.clock import HandClock
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.calibration import HandCalibration
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record
-from allegro_twin.sim.observer.observer import NOISE, Observer, kalman
+from allegro_twin.sim.observer.observer import NOISE, Observer, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.cli.twin.mirror_run import missing_checks
@@ -64,7 +64,7 @@ def losses(share: float, longest: int, seed: int = 0) -> dict[int, int]:
 
 
 def noisy(spec: HandSpec, noise: float) -> HandSpec:
-    return replace(spec, drive=Drive.made({"encoder_noise": noise, "quantisation": 8.9e-5, "seed": 1}, N))
+    return replace(spec, drive=Drive.from_values({"encoder_noise": noise, "quantisation": 8.9e-5, "seed": 1}, N))
 
 
 def motion(spec: HandSpec, make_sim: MakeSim, lost: dict[int, int], push: Vector | None = None) -> Iterator[Sample]:
@@ -183,7 +183,7 @@ def test_a_mirror_that_hears_nothing_for_long_begins_again_and_says_nothing_mean
 def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_path: Path) -> None:
     path = tmp_path / "noisy.yaml"
     path.write_text("wire: {version: v4}\nidentified: {noise: 3.0e-4}\n")
-    each = make_mirror(spec, str(path), "v4", Calibration(), 0.003)
+    each = make_mirror(spec, str(path), "v4", HandCalibration(), 0.003)
     np.testing.assert_array_equal(each.observer.noise, np.full(N, 3e-4))
     own = load_spec(serial=str(path))
     assert encoder_noise(str(path), noisy(own, 4e-4))[0] == pytest.approx(np.hypot(4e-4, 8.9e-5 / np.sqrt(12.0)))
@@ -195,7 +195,7 @@ def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_pat
 
 def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_last_bit() -> None:
     noise, T, M, B = np.full(1, 1e-4), 0.003, 0.003, 0.07
-    one, whole = kalman(np.array([M]), np.array([B]), T, noise), np.ones(1, dtype=bool)
+    one, whole = joint_filter(np.array([M]), np.array([B]), T, noise), np.ones(1, dtype=bool)
     steady = one.gains(whole).copy()
     A = np.array([[1.0, T, 0.0], [0.0, np.exp(-B * T / M), T / M], [0.0, 0.0, 1.0]])
     Q, C = np.diag([1e-14, (T / M * 3e-3) ** 2, 2e-3**2]), np.array([[1.0, 0.0, 0.0]])
@@ -214,7 +214,7 @@ def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_l
 def test_an_error_in_speed_grows_in_a_gap_as_falling_friction_makes_it_grow(spec: HandSpec) -> None:
     own = replace(spec.actuation, frictionloss=np.full(N, 0.04))
     shape = {"stiction": 1.7, "stribeck_speed": 0.14, "bristle": 1e-3}
-    breaking = replace(spec, actuation=own, drive=Drive.made(shape, N))
+    breaking = replace(spec, actuation=own, drive=Drive.from_values(shape, N))
 
     def gap(speed: float) -> Array:
         """Of a middle joint, period by period: rad/s, and what is left of an error in it, (20, 2)."""
@@ -274,12 +274,12 @@ def test_thresholds_go_out_with_what_noise_alone_makes_now(spec: HandSpec) -> No
     observer = Observer(spec, drive_parameters(spec, one, np.zeros(N)), 0.003)
     calm = Thresholds(above, np.full(4, np.inf), observer.spread)
     each = Mirror(spec, observer, one, calm)
-    np.testing.assert_array_equal(each.thresholds, above[0])
+    np.testing.assert_array_equal(each.contact_thresholds, above[0])
     observer.noisier(np.full(N, 4e-4))
     heard = np.ones(N, dtype=bool)
     for _ in range(100):
         observer._kalman.gains(heard)
-    assert (each.thresholds > 0.011).all()
+    assert (each.contact_thresholds > 0.011).all()
 
 
 def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, make_sim: MakeSim) -> None:

@@ -13,12 +13,12 @@ import pytest
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Observer, kalman
+from allegro_twin.sim.observer.observer import Observer, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.hand import Hand
@@ -193,7 +193,7 @@ def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_n
 
 
 def test_heavier_joints_are_corrected_no_faster() -> None:
-    both = kalman(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
+    both = joint_filter(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
     light, heavy = both.gains(np.ones(2, dtype=bool)).T
     assert 0.0 < heavy[0] < light[0] < 1.0
     assert (light > 0).all()
@@ -229,7 +229,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
 
 @pytest.mark.slow
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
-    off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
+    off = replace(spec, drive=Drive.from_values({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_parameters(off, ONE, np.full(N, 0.05))
     each = Mirror(spec, Observer(spec, drive, 0.003), ONE)
     hand = make_sim(off, posture=(spec.lower + spec.upper) / 2.0)
@@ -271,7 +271,9 @@ def sticky(spec: HandSpec) -> HandSpec:
     """Its friction breaks away, and its encoders are noisy."""
     own = replace(spec.actuation, frictionloss=np.full(N, 0.05))
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3, "load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N))
+    return replace(
+        spec, actuation=own, drive=Drive.from_values({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N)
+    )
 
 
 def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tuple[Vector, Array, Mirror]:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import HandFault
-from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
@@ -99,13 +99,13 @@ def test_friction_that_the_file_does_not_know_of_holds_nothing(spec: HandSpec) -
     assert not slips.holds.any()
 
 
-def held(spec: HandSpec, name: str = "rubiks_cube") -> tuple[Trial, Bench, float]:
+def held(spec: HandSpec, name: str = "rubiks_cube") -> tuple[Trial, TrialRunner, float]:
     """An object in the hand; when it is held, s."""
     scenario, _ = load_scenario(name)
     protocol = load_protocol("table_pick")
     phases = protocol.phases[: 1 + [phase.name for phase in protocol.phases].index("hold")]
-    bench = Bench(spec, threads=1)
-    case = Case(scenario, load_grasp(scenario.grasp, spec), None, protocol.model_copy(update={"phases": phases}))
+    bench = TrialRunner(spec, threads=1)
+    case = TrialCase(scenario, load_grasp(scenario.grasp, spec), None, protocol.model_copy(update={"phases": phases}))
     trial = bench.trial(case)
     return trial, bench, next(window.begin for window in trial.windows if window.name == "hold")
 

@@ -20,7 +20,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, Topic
 from allegro_twin.errors import ProtocolError
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 
 EVERYONE, HOST, FIRST_FINGER = 1, 2, 3  # ID_COMMON, ID_DEVICE_MAIN, ID_DEVICE_SUB_01 of L canDef.h.
 SYSTEM_ON, SYSTEM_OFF, SET_PERIOD, MODE_JOINT, MODE_TASK, SET_TORQUE = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
@@ -39,7 +39,7 @@ class V1To3:
     rad_per_count: ClassVar[float] = _RAD_PER_COUNT
     servo_answer: ClassVar[None] = None
 
-    def __init__(self, version: Literal["v1", "v2", "v3"], calibration: Calibration) -> None:
+    def __init__(self, version: Literal["v1", "v2", "v3"], calibration: HandCalibration) -> None:
         self.version: Version = version
         self.calibration = calibration
         self.identifies = version == "v3"
@@ -129,7 +129,7 @@ class V1To3:
         return lambda frame: m.FingerPosition(finger, read(finger, exactly(frame, 8)))
 
 
-def _torques(version: Version, calibration: Calibration) -> Torques:
+def _torques(version: Version, calibration: HandCalibration) -> Torques:
     """The motor's direction is its joint's, so it goes on before the order is reversed (R :417, L main:230); by the C
     driver's convention after it (C :340)."""
     full, constant, direction = FULL_SCALE[version], calibration.torque_constant, calibration.motor_direction
@@ -141,7 +141,7 @@ def _torques(version: Version, calibration: Calibration) -> Torques:
     return Torques(identifiers, ">", scale, int(full), backwards=backwards)
 
 
-def _positions(calibration: Calibration) -> Positions:
+def _positions(calibration: HandCalibration) -> Positions:
     """(count · direction - 32768 - offset) · scale; by the C driver's convention direction · (count - 32768 - offset) ·
     scale (C :376). Drivers look at command and source and ignore the destination."""
     k = _RAD_PER_COUNT

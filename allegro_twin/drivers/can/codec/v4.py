@@ -18,7 +18,7 @@ from allegro_twin.drivers.can.codec.counts import LITTLE, nearest, word
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version, geared
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version, double_geared_joints
 
 STATUS, POSITION, IMU, TEMPERATURE = 0x10, 0x20, 0x30, 0x38
 SERVO_ON, SERVO_OFF, SET_TORQUE, CONFIG = 0x40, 0x41, 0x60, 0x68
@@ -42,10 +42,10 @@ class V4:
     """Counts that a torque on the wire is cut at. L4 main:169."""
     identifies: ClassVar[bool] = True
 
-    def __init__(self, calibration: Calibration, device: int = 0) -> None:
+    def __init__(self, calibration: HandCalibration, device: int = 0) -> None:
         self.device, self.calibration = device, calibration
         self.pwm_limits = np.array(calibration.pwm_limits(self.version))
-        full, doubled = FULL_SCALE[self.version], geared(self.version)
+        full, doubled = FULL_SCALE[self.version], double_geared_joints(self.version)
         scale = [
             full / (2.0 * constant if joint in doubled else constant)
             for joint, constant in enumerate(calibration.torque_constant)

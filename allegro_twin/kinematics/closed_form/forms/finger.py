@@ -13,7 +13,7 @@ import numpy as np
 from allegro_twin.kinematics.closed_form.forms.two_links import TOUCH, Branch, bend, two_links_of
 from allegro_twin.kinematics.closed_form.geometry import Geometry
 from allegro_twin.kinematics.maths import Maths, T
-from allegro_twin.kinematics.orientation import Entries, angle_left
+from allegro_twin.kinematics.orientation import Entries, rotation_angle
 from allegro_twin.types import Array, Vector
 
 
@@ -50,7 +50,7 @@ class FingerForms:
         """The angle of the rotation from the orientation of a posture to another, rad."""
         q0, q1, q2, q3 = q
         (c0, s0), (c, s) = m.circle(q0), m.circle(q1 + q2 + q3)
-        return angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
+        return rotation_angle(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
 
     def at_pitch(self, m: Maths[T], x: T, y: T, z: T, pitch: T) -> list[Branch[T]]:
         """Both sides of the abduction axis times both elbows: four branches."""
@@ -73,7 +73,7 @@ class FingerForms:
         for r, q0, c0, s0 in ((reach, turn, cosine, sine), (-reach, away, -cosine, -sine)):
             s, c = self._nearest_pitch(m, r, z, c0, s0, view)
             found += self._bent(m, r, z, q0, m.atan2(s, c), s, c)
-            angle = angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
+            angle = rotation_angle(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
             left += [angle, angle]
         return found, left
 

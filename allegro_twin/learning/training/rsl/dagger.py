@@ -14,7 +14,7 @@ from typing import Any
 import torch
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard, read_card
 from allegro_twin.learning.tasks import make_task
@@ -133,7 +133,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another training,
     and for a teacher that sees no more than the learner."""
     assert recipe.teacher is not None
-    path = find(recipe.teacher, "policy", "conf/policies", ".onnx")
+    path = find_file(recipe.teacher, "policy", "conf/policies", ".onnx")
     teacher = NetworkActor(read_onnx_network(path))
     settings = recipe.environment
     full = settings.model_copy(update={"observation": "full"})

@@ -23,7 +23,7 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.training.evaluation import env_keywords
@@ -90,7 +90,7 @@ class PpoLearner:
         self._settling = recipe.settle
         shrink_last_layer(actor)
         if recipe.start is not None:
-            start_from_policy(actor, find(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
+            start_from_policy(actor, find_file(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
         env.stagger_episodes()
         self._statistics = EpisodeStatistics(env)
 

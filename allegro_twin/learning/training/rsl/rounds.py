@@ -18,7 +18,7 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.loading import load_policy
@@ -93,7 +93,7 @@ def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Adv
         rate = evaluate(load_policy(policy).policy, recipe.task, settings, recipe.trials, seed=EVALUATION).rate
         curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
         board.add_scalar("evaluation/success_rate", rate, progress.steps)
-    with whole_file(folder / "recipe.json") as temporary:
+    with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     return TrainingResult(policy, progress, rate)
 
@@ -122,7 +122,7 @@ def _round(
 
 def _write(learner: Learner, folder: Path, recipe: Recipe, progress: TrainingProgress) -> None:
     content = checkpoint_content(recipe, progress) | {"learner": learner.state_dict(), "random": _generators()}
-    with whole_file(folder / "checkpoints" / f"{progress.rounds:05d}.pt") as temporary:
+    with atomic_file(folder / "checkpoints" / f"{progress.rounds:05d}.pt") as temporary:
         torch.save(content, temporary)
 
 

@@ -16,7 +16,7 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard, write_card
 from allegro_twin.learning.training.evaluation import env_keywords, evaluate
@@ -69,7 +69,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     to_onnx(
         policy_network(model), folder / "policy.onnx", card.model_copy(update={"note": training_note(recipe, progress)})
     )
-    with whole_file(folder / "recipe.json") as temporary:
+    with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     stable.close()
     return TrainingResult(folder / "policy.onnx", progress, rate)
@@ -175,7 +175,7 @@ MEMBER = "training.json"
 def _save(model: Any, path: Path, recipe: Recipe, card: PolicyCard, progress: TrainingProgress) -> None:
     """Write a checkpoint: the model with its optimiser, the policy's card and the progress, in one file that is whole
     or not there. It is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         model.save(str(temporary))
         with zipfile.ZipFile(temporary, "a") as archive:
             archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))

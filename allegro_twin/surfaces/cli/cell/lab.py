@@ -12,13 +12,13 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import options
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.journal.observers import Onlooker, Onlookers
-    from allegro_twin.cell.journal.second_camera import Lens
-    from allegro_twin.cell.run import Report, Stage
-    from allegro_twin.cell.states import Now
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.journal.observers import Observer, ObserverCamera, Observers
+    from allegro_twin.cell.remote.remote_control import RemoteControl
+    from allegro_twin.cell.run import LabReport, SampleStage
+    from allegro_twin.cell.states import MachineState
     from allegro_twin.recording.events import SessionEvent
-    from allegro_twin.surfaces.ros.cell import CellBridge
+    from allegro_twin.surfaces.ros.bridge import RosBridge
 
 _ROS_PICTURES = 5.0  # Hz; default rate of the camera's point clouds on ROS.
 _CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
@@ -46,33 +46,34 @@ def lab(
     port: Annotated[int, typer.Option(help="TCP port of the page of --panel.", callback=options.port)] = 8080,
 ) -> None:
     """Pick an object with arm, hand and camera in simulation."""
-    from allegro_twin.cell.assembly import make_room
-    from allegro_twin.cell.journal.observers import Onlookers
+    from allegro_twin.cell.assembly import make_cell
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.settings import LabSettings
-    from allegro_twin.files.assets import find
-    from allegro_twin.files.schema import load
+    from allegro_twin.files.assets import find_file
+    from allegro_twin.files.schema import load_settings
     from allegro_twin.surfaces.cli.console import console, hint
 
-    settings = load(LabSettings, find(config, "config", "conf"))
+    settings = load_settings(LabSettings, find_file(config, "config", "conf"))
     first = settings.objects[0]
     placed = (first.model_copy(update={"name": thing or first.name}), *settings.objects[1:])
     settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
-    room = make_room(settings)
+    cell = make_cell(settings)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
-        stack.callback(room.close)
-        onlookers, lens = _onlookers(room, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        stack.callback(cell.close)
+        observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
-            onlookers.append(_viewer(room, stack, web=web))
-        bridge = _open_bridge(room, namespace, stack) if ros else None
-        if bridge is not None:
-            onlookers.append(bridge)
-        if follow or panel:
-            _follow(room, (onlookers, lens), bridge, port if panel else 0, stack)
+            observers.append(_viewer(cell, stack, web=web))
+        remote = RemoteControl(cell) if follow or panel else None
+        if ros:
+            observers.append(_open_bridge(cell, remote, namespace, stack))
+        if remote is not None:
+            _follow(remote, (observers, lens), port if panel else 0, stack)
             return
-        report = _performed(room, Onlookers(room, onlookers, lens), live=view or web or ros)
+        report = _performed(cell, Observers(cell, observers, lens), live=view or web or ros)
     for line in outcome_lines(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:
@@ -82,30 +83,31 @@ def lab(
     raise typer.Exit(_CODES[report.end.word])
 
 
-def _onlookers(room: Room, out: Path | None, pictures: float, stack: ExitStack) -> tuple[list[Onlooker], Lens | None]:
+def _observers(
+    cell: Cell, out: Path | None, pictures: float, stack: ExitStack
+) -> tuple[list[Observer], ObserverCamera | None]:
     """The observers of the cell and their camera; `stack` closes them."""
-    from allegro_twin.cell.journal.pictures import RECORDING, Kept
-    from allegro_twin.cell.journal.recording import Recorded
-    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.journal.observers import RECORDING, ObserverCamera, StatePictures
+    from allegro_twin.cell.journal.recording import SessionRecorder
 
-    found: list[Onlooker] = []
-    lens = Lens(room, pictures) if pictures else None
+    found: list[Observer] = []
+    lens = ObserverCamera(cell, pictures) if pictures else None
     if lens is not None:
         stack.callback(lens.close)
     if out is not None:
-        recorded, kept = Recorded(room, out / RECORDING), Kept(room, out)
+        recorded, kept = SessionRecorder(cell, out / RECORDING), StatePictures(cell, out)
         stack.callback(recorded.close)
         stack.callback(kept.close)
         found += [recorded, kept]
     return found, lens
 
 
-def _viewer(room: Room, stack: ExitStack, *, web: bool) -> Onlooker:
+def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
     """A live Rerun viewer."""
     from allegro_twin.surfaces.cli.console import console
     from allegro_twin.surfaces.cli.start.view import cell_viewer
 
-    viewer = cell_viewer(room)
+    viewer = cell_viewer(cell)
     stack.callback(viewer.close)
     if web:
         console.print(f"Open {viewer.serve()}", soft_wrap=True, highlight=False)
@@ -114,22 +116,22 @@ def _viewer(room: Room, stack: ExitStack, *, web: bool) -> Onlooker:
     return viewer
 
 
-def _performed(room: Room, onlookers: Onlookers, *, live: bool) -> Report:
+def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
     """Run the state machine. `live`: not faster than real time."""
     from allegro_twin.cell.run import perform
     from allegro_twin.loop import paced
     from allegro_twin.surfaces.cli.console import console
 
-    def entered(now: Now) -> None:
+    def entered(now: MachineState) -> None:
         attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
         console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
-        onlookers.entered(now)
+        observers.on_state(now)
 
-    arm: Stage = (lambda samples: paced(onlookers.arm(samples))) if live else onlookers.arm
-    return perform(room, arm=arm, hand=onlookers.hand, entered=entered, prepared=onlookers.prepared)
+    arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
+    return perform(cell, arm=arm, hand=observers.hand, on_state=entered, on_prepare=observers.on_prepare)
 
 
-def outcome_lines(report: Report) -> list[str]:
+def outcome_lines(report: LabReport) -> list[str]:
     """What perception found, the results of the checks, and the verdict."""
     lines = []
     if report.solid is not None:
@@ -155,16 +157,16 @@ def _there(held: bool | None) -> str:
     return "held" if held else "not held"
 
 
-def _open_bridge(room: Room, namespace: str, stack: ExitStack) -> CellBridge:
-    """Serve a cell on ROS 2. Raises ConfigError without Cyclone DDS."""
+def _open_bridge(cell: Cell, remote: RemoteControl | None, namespace: str, stack: ExitStack) -> RosBridge:
+    """Serve a cell on ROS 2, where `remote` carries out commands. Raises ConfigError without Cyclone DDS."""
     from allegro_twin.surfaces.cli.console import console
     from allegro_twin.surfaces.cli.hardware.ros import domain_of
 
     domain = domain_of()
     try:
-        from allegro_twin.surfaces.ros.cell import open_cell
+        from allegro_twin.surfaces.ros import open_cell
 
-        bridge = stack.enter_context(open_cell(room, namespace=namespace, domain=domain))
+        bridge = stack.enter_context(open_cell(cell, remote, namespace=namespace, domain=domain))
     except ImportError as error:
         raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
     console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
@@ -172,28 +174,28 @@ def _open_bridge(room: Room, namespace: str, stack: ExitStack) -> CellBridge:
 
 
 def _follow(
-    room: Room, looking: tuple[list[Onlooker], Lens | None], bridge: CellBridge | None, port: int, stack: ExitStack
+    remote: RemoteControl, looking: tuple[list[Observer], ObserverCamera | None], port: int, stack: ExitStack
 ) -> None:
     """Follow the marker of the page at `port` (0: no page), or the target on ROS, until Ctrl-C."""
-    from allegro_twin.cell.journal.observers import Onlookers
-    from allegro_twin.cell.remote.remote_control import Led, follow
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import run_remote_control
     from allegro_twin.surfaces.cli.console import console
 
-    led, (onlookers, lens) = Led(room), looking
-    if bridge is not None:
-        bridge.obeyed_by(led)
+    observers, lens = looking
     if port:
-        from allegro_twin.surfaces.panel.cell_host import CellHost
-        from allegro_twin.surfaces.panel.page_process import Pages
+        from allegro_twin.surfaces.panel.cell_session import CellSession
+        from allegro_twin.surfaces.panel.host import Host
+        from allegro_twin.surfaces.panel.page_process import PageServer
 
-        host = CellHost(led, Pages("127.0.0.1", port, "hold", cell=True))
+        session = CellSession(remote)
+        host = Host(session, PageServer("127.0.0.1", port, "hold"))
         stack.callback(host.close)
-        onlookers.append(host)
-        console.print(f"Open {host.begin()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+        observers.append(session)
+        console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
     else:
         console.print("Ctrl-C ends it")
     try:
-        follow(led, Onlookers(room, [*onlookers, _PrintRefusals()], lens))
+        run_remote_control(remote, Observers(remote.cell, [*observers, _PrintRefusals()], lens))
     except KeyboardInterrupt:
         return
 

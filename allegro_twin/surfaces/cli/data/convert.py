@@ -42,7 +42,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
 
 def from_bag(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand. Returns its rows. Raises RecordingError, ConfigError."""
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.rosbag import from_bag as read
 
@@ -115,11 +115,11 @@ def _rrd(recording: Any, target: Path) -> None:
     from allegro_twin.surfaces.cli.start.view import add_verdict
 
     viewer_of, shown = rerun_stage()
-    from allegro_twin.files.atomic_write import whole_file
+    from allegro_twin.files.atomic_write import atomic_file
     from allegro_twin.viewing.scenery import scenery
 
     backend = ReplayBackend(recording)
-    with whole_file(target) as temporary:
+    with atomic_file(target) as temporary:
         viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary)
         with closing(viewer):
             for _ in shown(replay_samples(backend), viewer, backend.extras):

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import completion, options
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.evaluation.campaign import Asked, Noise, Target
+    from allegro_twin.grasping.evaluation.campaign import EvaluationTarget, SamplingSettings, TargetOptions
     from allegro_twin.spec import Side
 
 Targets = Annotated[
@@ -142,13 +142,13 @@ def evaluate(
     _refuse_unused(policies, "policies", f"{targets[0]} is a scenario")
     if seed is not None and uncertainty is None:
         raise ConfigError(f"--seed {seed} is for draws: say how many with --uncertainty N")
-    from allegro_twin.grasping.evaluation.campaign import Asked, targets_of
+    from allegro_twin.grasping.evaluation.campaign import TargetOptions, find_targets
     from allegro_twin.surfaces.cli.grasps import trials
 
     if rrd is not None:
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
-    found = targets_of(_paths(targets), Asked(protocol, _sides(side), grasp, thing))
+    found = find_targets(_paths(targets), TargetOptions(protocol, _sides(side), grasp, thing))
     chosen = trials.engine_of(engine.value, address, count)
     results = trials.run_trials(found, noise, chosen, out)
     rows = trials.report_trials(found, noise, results, out, rrd)
@@ -182,9 +182,9 @@ def compare(
     count: Count = None,
 ) -> None:
     """Compare two grasps in the same draws (exact McNemar test)."""
-    from allegro_twin.grasping.evaluation.campaign import Asked, one_protocol
-    from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rate_of
-    from allegro_twin.grasping.statistics import in_words
+    from allegro_twin.grasping.evaluation.campaign import TargetOptions, check_one_protocol
+    from allegro_twin.grasping.evaluation.outcomes import compare_pairs, row_rate, summarise
+    from allegro_twin.grasping.statistics import comparison_text
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps import trials
 
@@ -193,25 +193,25 @@ def compare(
     if side is options.Sides.both:
         raise ConfigError("--side both is no side to compare on: right or left")
     noise = _noise(uncertainty, vary, seed)
-    asked = Asked(protocol, _sides(side))
-    both = [_single(first, asked), _single(second or first, Asked(protocol, asked.sides, grasp))]
+    asked = TargetOptions(protocol, _sides(side))
+    both = [_single(first, asked), _single(second or first, TargetOptions(protocol, asked.sides, grasp))]
     if both[0].item == both[1].item:
         raise ConfigError(f"{first} and {second or first} are the same grasp on the same object")
-    one_protocol(both)
+    check_one_protocol(both)
     results = trials.run_trials(both, noise, trials.engine_of("local", None, count)).rows
     names = _names(both)
-    for name, row in zip(names, outcomes(both, results), strict=True):
-        console.console.print(f"{name}: held in {rate_of(row)}", highlight=False)
-    console.console.print(in_words(pairs(results), names[0], names[1]), soft_wrap=True, highlight=False)
+    for name, row in zip(names, summarise(both, results), strict=True):
+        console.console.print(f"{name}: held in {row_rate(row)}", highlight=False)
+    console.console.print(comparison_text(compare_pairs(results), names[0], names[1]), soft_wrap=True, highlight=False)
 
 
-def _noise(n: int | None, vary: str | None, seed: int) -> Noise:
-    from allegro_twin.grasping.evaluation.campaign import Noise
+def _noise(n: int | None, vary: str | None, seed: int) -> SamplingSettings:
+    from allegro_twin.grasping.evaluation.campaign import SamplingSettings
     from allegro_twin.surfaces.cli.grasps.trials import parse_variation
 
     if vary is not None and n is None:
         raise ConfigError("--vary is for draws: say how many with --uncertainty N")
-    return Noise(n or 0, seed, parse_variation(vary or ""))
+    return SamplingSettings(n or 0, seed, parse_variation(vary or ""))
 
 
 def _of_policy(targets: list[str]) -> bool:
@@ -269,16 +269,16 @@ def _paths(targets: list[str]) -> list[Path]:
     return found
 
 
-def _single(target: str, asked: Asked) -> Target:
-    from allegro_twin.grasping.evaluation.campaign import targets_of
+def _single(target: str, asked: TargetOptions) -> EvaluationTarget:
+    from allegro_twin.grasping.evaluation.campaign import find_targets
 
-    found = targets_of(_paths([target]), asked)
+    found = find_targets(_paths([target]), asked)
     if len(found) != 1:
         raise ConfigError(f"{target}: {len(found)} grasps; compare takes one on either side")
     return found[0]
 
 
-def _names(both: list[Target]) -> list[str]:
+def _names(both: list[EvaluationTarget]) -> list[str]:
     """Names by which two targets differ: the scenario, else the grasp."""
     names = [target.name for target in both]
     return names if names[0] != names[1] else [target.case.grasp.name for target in both]

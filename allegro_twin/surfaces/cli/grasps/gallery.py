@@ -12,19 +12,25 @@ from PIL import Image
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.app.config import RunConfig
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.schema import load
-from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
-from allegro_twin.grasping.evaluation.outcomes import outcomes, rate_of
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.schema import load_settings
+from allegro_twin.grasping.evaluation.campaign import (
+    JUDGE,
+    SamplingSettings,
+    TargetOptions,
+    find_targets,
+    make_campaign,
+)
+from allegro_twin.grasping.evaluation.outcomes import row_rate, summarise
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
-from allegro_twin.hands.library.named import grasp_names, load_grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.library import grasp_names, load_grasp
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.loop import run, until
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import cores
+from allegro_twin.sweep.local import core_count
 from allegro_twin.sweep.runner import run as run_sweep
 from allegro_twin.viewing.camera import Camera, Picture
 from allegro_twin.viewing.views import View
@@ -49,19 +55,19 @@ def make(folder: Path, draws: int, advance: Callable[[str], None]) -> int:
     """Write <folder>/images/grasps/*.jpg and <folder>/grasps.md. Returns the number of grasps. Raises HandError."""
     rows = []
     for entry, picture in _entries(draws):
-        with whole_file(folder / "images" / "grasps" / f"{entry.name}.jpg") as temporary:
+        with atomic_file(folder / "images" / "grasps" / f"{entry.name}.jpg") as temporary:
             Image.fromarray(picture).resize((_SIZE, _SIZE)).save(temporary, quality=82)
         rows.append(entry)
         advance(entry.name)
     rows.sort(key=_order)
-    with whole_file(folder / "grasps.md") as temporary:
+    with atomic_file(folder / "grasps.md") as temporary:
         temporary.write_text(_page(rows, draws))
     return len(rows)
 
 
 def _entries(draws: int) -> Iterator[tuple[GalleryEntry, Picture]]:
     for name in grasp_names():
-        stored = load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml")
+        stored = load_settings(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml")
         if stored.evidence and not stored.evidence.startswith(_POSTURE):
             report, picture = _perform(stored.evidence, name)
             margins = [phase for phase in report.phases if phase.check]
@@ -75,7 +81,7 @@ def _entries(draws: int) -> Iterator[tuple[GalleryEntry, Picture]]:
             yield GalleryEntry(name, stored, f"posture only: {reason}"), _pose(name)
 
 
-def _perform(scenario: str, grasp: str) -> tuple[Report, Picture]:
+def _perform(scenario: str, grasp: str) -> tuple[TrialReport, Picture]:
     """The verdict of a grasp's own trial, and a picture while the object is held up."""
     rig = assemble(scenario_config(scenario, "right", grasp))
     assert rig.trial is not None
@@ -93,11 +99,11 @@ def _perform(scenario: str, grasp: str) -> tuple[Report, Picture]:
 def _rate(scenario: str, grasp: str, draws: int) -> str:
     """The rate of `allegro-twin evaluate SCENARIO --grasp GRASP --uncertainty DRAWS`."""
     _, path = load_scenario(scenario)
-    targets = targets_of([path], Asked(sides=("right",), grasp=grasp))
-    items, shared, *_ = campaign_of(targets, Noise(draws))
-    table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // cores()))
-    (row,) = outcomes(targets, table.to_pylist())
-    return str(rate_of(row))
+    targets = find_targets([path], TargetOptions(sides=("right",), grasp=grasp))
+    items, shared, *_ = make_campaign(targets, SamplingSettings(draws))
+    table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // core_count()))
+    (row,) = summarise(targets, table.to_pylist())
+    return str(row_rate(row))
 
 
 def _pose(name: str) -> Picture:
@@ -114,7 +120,7 @@ def _pose(name: str) -> Picture:
         return camera.take()
 
 
-def _type_text(kind: Observed) -> str:
+def _type_text(kind: ObservedType) -> str:
     """Type of a grasp with its opposition and what carries the object; for none of the 33 types the reason."""
     place = ", ".join(filter(None, (str(kind), kind.type, kind.opposition)))
     why = f" ({kind.why})" if kind.why else ""

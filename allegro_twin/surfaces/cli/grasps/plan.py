@@ -13,10 +13,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import completion, options
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.plan.search import Budget, Search
-    from allegro_twin.grasping.plan.validate import Planned
+    from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+    from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.scenario import Scenario
-    from allegro_twin.sweep.local import Engine
+    from allegro_twin.sweep.local import SweepEngine
 
 
 Thing = Annotated[
@@ -100,14 +100,14 @@ def plan(
     pictures: Annotated[bool, typer.Option(help="Make a picture of each grasp, and an overview.")] = True,
 ) -> None:
     """Find grasps for an object, validated in simulated trials."""
-    from allegro_twin.files.output_folder import add_to_run, locked, one_run
-    from allegro_twin.grasping.plan.region import region
-    from allegro_twin.grasping.plan.save import in_words, proof_of, stored, written
-    from allegro_twin.grasping.plan.search import Budget, Search
-    from allegro_twin.grasping.plan.templates import templates
-    from allegro_twin.grasping.plan.validate import judge
+    from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
+    from allegro_twin.grasping.plan.region import parse_region
+    from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
+    from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+    from allegro_twin.grasping.plan.templates import grasp_templates
+    from allegro_twin.grasping.plan.validate import judge_planned
     from allegro_twin.grasping.scenario import load_protocol
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.trials import engine_of
 
@@ -116,17 +116,22 @@ def plan(
         update={"protocol": protocol, "hand": hand}
     )
     load_protocol(protocol)
-    search = Search(
-        scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by), kind=kind
+    search = GraspSearch(
+        scenario,
+        spec,
+        grasp_templates(spec, kind),
+        seed=seed,
+        region=None if by is None else parse_region(by),
+        kind=kind,
     )
     name = scenario.objects[0].name
     unlimited = candidates is not None and seconds is None
-    budget = Budget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
+    budget = SearchBudget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
     if seeds == 1 and engine is options.Engines.local:
         found = _search(search, n, budget)
     else:
         found = _search_parallel(search, n, budget, seeds, chosen.engine)
-    judge(found, spec, search.uncertainty, seed, search.folder)
+    judge_planned(found, spec, search.uncertainty, seed, search.folder)
     console.console.print(console.plan_table(name, found))
     console.console.print(console.search_summary(search, seeds), soft_wrap=True)
     if not found:
@@ -136,21 +141,21 @@ def plan(
     with ExitStack() as stack:
         folder = out or Path("plans") / name
         if out is None:
-            stack.enter_context(locked(folder))
-        with one_run(folder) as staging:
-            made = written(found, name, staging, spec, search.uncertainty, read_in=folder)
+            stack.enter_context(lock_folder(folder))
+        with write_run(folder) as staging:
+            made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
             paths = [folder / path.relative_to(staging) for path in made]
         for number, planned in enumerate(found, 1):
             if keep is not None:
                 kept = f"{name}_{number}"
-                stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept,
-                       proof=proof_of(planned, search.uncertainty))  # fmt: skip
+                store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
+                       proof=make_proof(planned, search.uncertainty))  # fmt: skip
         if pictures:
             add_to_run(folder, _make_pictures(paths, folder))
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
 
 
-def _search(search: Search, n: int, budget: Budget) -> list[Planned]:
+def _search(search: GraspSearch, n: int, budget: SearchBudget) -> list[PlannedGrasp]:
     """Search on all processors of this computer."""
     from allegro_twin.surfaces.cli import console
 
@@ -162,14 +167,18 @@ def _search(search: Search, n: int, budget: Budget) -> list[Planned]:
         )
 
 
-def _search_parallel(search: Search, n: int, budget: Budget, seeds: int, engine: Engine) -> list[Planned]:
+def _search_parallel(
+    search: GraspSearch, n: int, budget: SearchBudget, seeds: int, engine: SweepEngine
+) -> list[PlannedGrasp]:
     """Search with several seeds, one on each processor."""
-    from allegro_twin.grasping.plan.parallel import side_by_side
+    from allegro_twin.grasping.plan.parallel import search_in_parallel
     from allegro_twin.surfaces.cli import console
 
     with console.progress() as bar:
         task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
-        return side_by_side(search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done))
+        return search_in_parallel(
+            search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done)
+        )
 
 
 def new(
@@ -194,18 +203,18 @@ def new(
     """Write a draft of a scenario and a grasp, to edit.
 
     The palm touches neither object nor table, and the fingers close. Nothing tests whether it holds; `plan` does."""
-    from allegro_twin.files.output_folder import undisturbed
+    from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.grasping.plan.initial_guess import first_guess
-    from allegro_twin.grasping.plan.save import write
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.grasping.plan.save import save_grasp
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
 
     spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
-    with undisturbed():
+    with defer_signals():
         (out / f"{name}_new.png").unlink(missing_ok=True)  # The picture of an earlier draft.
-        path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
+        path = save_grasp(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:
         _make_pictures([path], out)
     console.console.print(
@@ -223,11 +232,11 @@ def scenario_of(
     hull: bool = False,
 ) -> Scenario:
     """A scenario with the object on the table; the palm is a placeholder. Raises ConfigError."""
-    from allegro_twin.grasping.scenario import Scenario, object_of
+    from allegro_twin.grasping.scenario import Scenario, parse_object
 
     if not friction <= 1.0:
         raise ConfigError(f"--friction is at most 1, not {friction}")
-    placed = object_of(thing)
+    placed = parse_object(thing)
     changed: dict[str, object] = {"up": up}
     if placed.file is not None:
         changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})

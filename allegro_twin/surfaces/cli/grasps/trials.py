@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from allegro_twin.errors import ConfigError, HandError, HandFault, unknown
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.options import Recordings
@@ -15,9 +15,9 @@ from allegro_twin.surfaces.cli.options import Recordings
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from allegro_twin.grasping.evaluation.campaign import Noise, Target
+    from allegro_twin.grasping.evaluation.campaign import EvaluationTarget, SamplingSettings
     from allegro_twin.sweep.jobs import Sweep
-    from allegro_twin.sweep.local import Engine
+    from allegro_twin.sweep.local import SweepEngine
 
 UNIT = 32
 """Most trials in a unit. More in one batch gain little, and an interruption would repeat more."""
@@ -43,18 +43,18 @@ class TrialTable(NamedTuple):
 class Compute(NamedTuple):
     """An engine, and the number of units it computes at once."""
 
-    engine: Engine
+    engine: SweepEngine
     at_once: int
 
 
 def engine_of(name: str, address: str | None, count: int | None) -> Compute:
     """The engine `local` or `ray`. Raises ConfigError without Ray, or for an address without it;
     LinkError if no cluster answers."""
-    from allegro_twin.sweep.local import Local, cores
+    from allegro_twin.sweep.local import Local, core_count
 
     if address is not None and name != "ray":
         raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
-    at_once = count or cores()
+    at_once = count or core_count()
     if name == "ray":
         from allegro_twin.sweep.cluster import RayCluster
 
@@ -62,15 +62,17 @@ def engine_of(name: str, address: str | None, count: int | None) -> Compute:
     return Compute(Local(0 if at_once == 1 else at_once), at_once)
 
 
-def run_trials(targets: Sequence[Target], noise: Noise, compute: Compute, out: Path | None = None) -> TrialTable:
+def run_trials(
+    targets: Sequence[EvaluationTarget], noise: SamplingSettings, compute: Compute, out: Path | None = None
+) -> TrialTable:
     """Run the trials; with `out` also their metrics, and finished ones are not repeated. Raises HandError; finished
     trials stay."""
-    from allegro_twin.grasping.evaluation.campaign import JUDGE, campaign_of
+    from allegro_twin.grasping.evaluation.campaign import JUDGE, make_campaign
     from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.runner import run
     from allegro_twin.sweep.store import Store
 
-    items, shared, stamps, inputs = campaign_of(targets, noise, metrics=out is not None and _scipy())
+    items, shared, stamps, inputs = make_campaign(targets, noise, metrics=out is not None and _scipy())
     sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // compute.at_once))), stamps, inputs)
     store = None if out is None else Store(out / "trials", console.warn)
     with console.progress() as bar:
@@ -80,13 +82,17 @@ def run_trials(targets: Sequence[Target], noise: Noise, compute: Compute, out: P
 
 
 def report_trials(
-    targets: Sequence[Target], noise: Noise, trials: TrialTable, out: Path | None, rrd: Recordings | None = None
+    targets: Sequence[EvaluationTarget],
+    noise: SamplingSettings,
+    trials: TrialTable,
+    out: Path | None,
+    rrd: Recordings | None = None,
 ) -> list[dict[str, Any]]:
     """Print the table and write the files. Returns one row for each target. Raises HandError."""
-    from allegro_twin.grasping.evaluation.outcomes import outcomes, rates, with_draws
-    from allegro_twin.sweep.results import write_results
+    from allegro_twin.grasping.evaluation.outcomes import rates, sample_columns, summarise
+    from allegro_twin.sweep.table import write_results
 
-    rows = outcomes(targets, trials.rows)
+    rows = summarise(targets, trials.rows)
     console.console.print(_table(rows, noise))
     errors = [row["error"] for row in trials.rows if row["error"] is not None]
     if errors:
@@ -99,8 +105,8 @@ def report_trials(
             console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
     if out is not None:
         (out / "report.html").unlink(missing_ok=True)  # No stale page while the new one is made.
-        write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
-                      with_draws(targets, trials.sweep.items))  # fmt: skip
+        write_results(out / "results.parquet", trials.table, trials.sweep.all_stamps(),
+                      sample_columns(targets, trials.sweep.items))  # fmt: skip
         if rrd is not None:
             _write_recordings(targets, rows, rrd, out / "recordings")
         _report(targets, rows, trials.sweep, out)
@@ -108,9 +114,9 @@ def report_trials(
     return rows
 
 
-def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
+def _report(targets: Sequence[EvaluationTarget], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
     from allegro_twin.app.portraits import worth_showing
-    from allegro_twin.grasping.evaluation.page.write import write_page
+    from allegro_twin.grasping.evaluation.html_report import write_html_report
 
     chosen = worth_showing(rows)
     with console.progress() as bar:
@@ -118,11 +124,13 @@ def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep,
         for number in chosen:
             _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
             bar.advance(task)
-    stamps = sweep.stamped()
-    write_page(out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")})
+    stamps = sweep.all_stamps()
+    write_html_report(
+        out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")}
+    )
 
 
-def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
+def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> None:
     """Make a picture of a grasp. A failure is a note only."""
     from allegro_twin.app.portraits import portrait
 
@@ -135,7 +143,7 @@ def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
         console.errors.print(f"[yellow]{target.name}: no picture: {error}[/]")
 
 
-def _table(rows: Sequence[dict[str, Any]], noise: Noise) -> Table:
+def _table(rows: Sequence[dict[str, Any]], noise: SamplingSettings) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.markup import escape
     from rich.table import Table
@@ -170,9 +178,9 @@ def _figures(row: dict[str, Any]) -> dict[str, str]:
 
 
 def _held(row: dict[str, Any], *, drawn: bool) -> list[str]:
-    from allegro_twin.grasping.evaluation.outcomes import rate_of
+    from allegro_twin.grasping.evaluation.outcomes import row_rate
 
-    return ["[green]yes[/]" if row["held"] else "[red]no[/]", *([str(rate_of(row))] if drawn else [])]
+    return ["[green]yes[/]" if row["held"] else "[red]no[/]", *([str(row_rate(row))] if drawn else [])]
 
 
 def _number(value: float | None, head: str) -> str:
@@ -184,10 +192,10 @@ def _number(value: float | None, head: str) -> str:
 
 
 def _scipy() -> bool:
-    from allegro_twin.grasping.metrics.needs import scipy_part
+    from allegro_twin.grasping.metrics.quality import import_scipy
 
     try:
-        scipy_part("optimize")
+        import_scipy("optimize")
     except ConfigError as error:
         console.errors.print(f"[yellow]{error}[/]")  # The report has no metrics then.
         return False
@@ -209,7 +217,7 @@ def parse_variation(text: str) -> Uncertainty:
         except ValueError as error:
             way = "a number, or two as 0.5-0.9" if key == "friction" else "a number"
             raise ConfigError(f"--vary: {key}={value}: must be {way}") from error
-    return parse(Uncertainty, content, "--vary")
+    return parse_settings(Uncertainty, content, "--vary")
 
 
 def _friction(text: str) -> tuple[float, float] | None:
@@ -229,7 +237,7 @@ def check_recordings(out: Path | None) -> None:
 
 
 def _write_recordings(
-    targets: Sequence[Target], rows: Sequence[dict[str, Any]], which: Recordings, folder: Path
+    targets: Sequence[EvaluationTarget], rows: Sequence[dict[str, Any]], which: Recordings, folder: Path
 ) -> None:
     """Write a `.rrd` of each trial without a draw, and name it in its row; existing files stay. Raises HandError."""
     from allegro_twin.app.portraits import ends_of_objects
@@ -248,7 +256,7 @@ def _write_recordings(
     console.console.print(said, soft_wrap=True, highlight=False)
 
 
-def _write_recording(target: Target, row: Mapping[str, Any], path: Path) -> bool:
+def _write_recording(target: EvaluationTarget, row: Mapping[str, Any], path: Path) -> bool:
     """Write one recording. Returns whether there is one: if the guard stops the hand there is none."""
     from allegro_twin.app.config import RunConfig
     from allegro_twin.app.portraits import staged

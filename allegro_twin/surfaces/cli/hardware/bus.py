@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from allegro_twin.app.rig import Scene
     from allegro_twin.drivers.can.virtual.serve import Served
     from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 _SWITCH = 0.0005
 """s after which the physics thread lets the answering thread have Python."""
@@ -126,7 +126,7 @@ def firmware(
     from allegro_twin.drivers.can.virtual.serve import serve
     from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.drivers.polled.config import PolledSettings
-    from allegro_twin.grasping.evaluation.report_file import write_reports
+    from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
 
@@ -161,12 +161,12 @@ def firmware(
 
 def _serve_can(
     serving: Iterator[Served], hands: VirtualHands, scenes: list[Scene], seconds: float | None
-) -> tuple[Served | None, dict[str, Report]]:
+) -> tuple[Served | None, dict[str, TrialReport]]:
     """Serve until `seconds` are over or Ctrl-C. Returns statistics, and the verdicts on scenarios."""
     from allegro_twin.app.serve_can import judged
     from allegro_twin.surfaces.cli import console
 
-    served, verdicts = None, dict[str, "Report"]()
+    served, verdicts = None, dict[str, "TrialReport"]()
     with suppress(KeyboardInterrupt):
         for served in serving:
             for scene, hand in zip(scenes, hands.firmwares, strict=True):
@@ -188,7 +188,7 @@ def _serve_serial(configs: Sequence[RunConfig], step: float | None, seconds: flo
     from allegro_twin.drivers.can.driver.realtime import ask_short_slice
     from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.drivers.polled.config import PolledSettings
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.plugins import BACKENDS
     from allegro_twin.surfaces.cli import console
 

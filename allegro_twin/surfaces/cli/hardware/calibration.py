@@ -15,10 +15,10 @@ from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
-from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.spec import HandSpec
@@ -93,7 +93,7 @@ def refuse_another_hand(path: Path, settings: RunConfig, config: str, codec: Cod
 def store_limits(path: Path, found: FoundLimits, note: str) -> None:
     """Write the limits, with a comment above them, into the hand's own file; the rest of it stays. Raises
     RecordingError."""
-    with locked(path):
+    with lock_file(path):
         write_text(path, _with_limits(*_read(path), found, path, note))
 
 
@@ -104,11 +104,11 @@ def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec,
 
     right = encoder_offsets(found, model, codec)
     own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}
-    with locked(path):
+    with lock_file(path):
         text, content = _read(path)
         content["wire"] = (content.get("wire") or {}) | own
         text = _with_limits(text, content, right.limits, path, note)
-        write_text(path, with_note(text, ("wire", "encoder_offset"), _NOTE, f"{note}; counts"))
+        write_text(path, set_note(text, ("wire", "encoder_offset"), _NOTE, f"{note}; counts"))
 
 
 def note(config: str, by_hand: float | None) -> str:
@@ -119,14 +119,14 @@ def note(config: str, by_hand: float | None) -> str:
 
 def _read(path: Path) -> tuple[str, dict[str, Any]]:
     text = read_text(path)
-    return text, parse_yaml(text, str(path)) if holds_anything(text) else {}
+    return text, parse_yaml(text, str(path)) if has_content(text) else {}
 
 
 def _with_limits(text: str, content: dict[str, Any], found: FoundLimits, path: Path, note: str) -> str:
     rows = {"lower": found.lower, "upper": found.upper}
     limits = {name: [round(value, 4) for value in row.tolist()] for name, row in rows.items()}
-    written = with_document(text, content | {"limits": limits}, str(path))
-    return with_note(written, ("limits",), _NOTE, f"{note}; rad")
+    written = replace_document(text, content | {"limits": limits}, str(path))
+    return set_note(written, ("limits",), _NOTE, f"{note}; rad")
 
 
 def _searching(config: RunConfig) -> RunConfig:

@@ -77,7 +77,7 @@ def show(
 ) -> None:
     """Show a hand's joints: limits of the model and measured ones, margin, motors."""
     from allegro_twin.app.config import load_config
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
 
@@ -101,8 +101,8 @@ def new(
     """Make the card of a hand from its MJCF, and a config that runs it.
 
     The card lists the driven joints and their ranges, the joints that follow, and guesses of fingers and palm."""
-    from allegro_twin.files.templates import written
-    from allegro_twin.sim.mjcf_import.explore import explored
+    from allegro_twin.files.yaml_edit import write_settings
+    from allegro_twin.sim.mjcf_import.explore import explore_mjcf
     from allegro_twin.surfaces.cli import console
 
     called = name or model.stem
@@ -112,16 +112,16 @@ def new(
     for path in (card, config):
         if path.exists() and not force:
             raise ConfigError(f"{path} is there already: --force writes over it, --name calls the hand something else")
-    found = explored(model, root)
+    found = explore_mjcf(model, root)
     content = found.card | {"mjcf": os.path.relpath(model.resolve(), out.resolve()), "side": side}
-    written(
+    write_settings(
         card,
         content,
         f"{called}: written by `allegro-twin hand new` from {model.name}; `palm` and `fingers` are guesses.",
     )
     kind = "pd" if content["commands"] == ["torque"] else "position"
     run = {"hand": {"model": str(card), "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
-    written(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
+    write_settings(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
     for note in found.notes:
         console.console.print(f"Note: {note}", soft_wrap=True)
     driven, followers = len(content["driven"]), len(content.get("followers", ()))

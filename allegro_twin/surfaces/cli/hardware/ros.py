@@ -42,7 +42,7 @@ def ros2(
 
         try:
             bridge = open_bridge(hand, namespace=namespace, domain=number, distro=distro, rate=rate, speed=speed,
-                                 network=network, told=_report)  # fmt: skip
+                                 network=network, on_refusal=_report)  # fmt: skip
             with bridge as serving:
                 console.console.print(f"{hand.spec.name} is on ROS domain {number} in {namespace}; Ctrl-C ends it",
                                       soft_wrap=True)  # fmt: skip
@@ -66,7 +66,7 @@ def ros1(
     with _open(config, other) as hand:
         from allegro_twin.surfaces.ros import open_ros1
 
-        with open_ros1(hand, namespace=namespace, rate=rate, speed=speed, told=_report) as bridge:
+        with open_ros1(hand, namespace=namespace, rate=rate, speed=speed, on_refusal=_report) as bridge:
             console.console.print(f"{hand.spec.name} is on ROS 1 in {namespace}; Ctrl-C ends it", soft_wrap=True)
             bridge.serve()
 

@@ -15,7 +15,7 @@ from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
     from allegro_twin.spec import Side
-    from allegro_twin.surfaces.teleop.follower import Tally
+    from allegro_twin.surfaces.teleop.follower import FrameCounts
 
 WEBCAM = "webcam"
 _SWITCH = 0.0005  # s that this thread may delay the control loop's; Python's default, 5 ms, exceeds a period.
@@ -45,11 +45,10 @@ def teleop(
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.cli.start.view import show_live
-    from allegro_twin.surfaces.teleop.camera import Webcam
-    from allegro_twin.surfaces.teleop.process import Apart
-    from allegro_twin.surfaces.teleop.run import live, replay
-    from allegro_twin.surfaces.teleop.session import open_follower
+    from allegro_twin.surfaces.teleop.session import live, open_follower, replay
     from allegro_twin.surfaces.teleop.tracks import read_track
+    from allegro_twin.surfaces.teleop.webcam import Webcam
+    from allegro_twin.surfaces.worker_process import WorkerProcess
 
     if view and web:
         raise ConfigError("--view and --web are two ways to watch one hand: choose one")
@@ -64,7 +63,7 @@ def teleop(
     with ExitStack() as stack:
         watcher = None
         if model is not None and track is None:
-            watcher = stack.enter_context(Apart(Webcam(model, side, camera)))
+            watcher = stack.enter_context(WorkerProcess(Webcam(model, side, camera)))
         opened = open_follower(settings, side, _report, speed=speed, patience=patience)
         hand, follower = stack.enter_context(opened)
         console.console.print(f"{hand.spec.name} follows {source}; Ctrl-C ends it", soft_wrap=True, highlight=False)
@@ -84,7 +83,7 @@ def _find_track(path: Path) -> Path:
     return shipped if not path.exists() and shipped.is_file() else path
 
 
-def _summary(tally: Tally) -> str:
+def _summary(tally: FrameCounts) -> str:
     return (
         f"{tally.followed} frames followed, {tally.clipped} of them up to a joint's limit; left out: {tally.unseen} "
         f"without a hand, {tally.jumps} that jumped, {tally.late} overtaken"

@@ -72,7 +72,7 @@ def collect(
 
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
     """The acting policy, the duration of a step, s, and the name of the hand. Raises ConfigError."""
-    from allegro_twin.files.assets import find
+    from allegro_twin.files.assets import find_file
     from allegro_twin.learning.policy.controller import ZeroPolicy
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.tasks import make_task
@@ -82,6 +82,6 @@ def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
     seconds, robot = task.interface.seconds, task.spec.name
     if policy == NOTHING:
         return ZeroPolicy(task.spec.n_joints), seconds, robot
-    loaded = load_policy(find(policy, "policy", "conf/policies", ".onnx"))
+    loaded = load_policy(find_file(policy, "policy", "conf/policies", ".onnx"))
     check_card(loaded.card, task.card())
     return loaded.policy, seconds, robot

@@ -42,7 +42,7 @@ def train(
     video: Annotated[bool, typer.Option(help="Film some episodes at the end.")] = True,
 ) -> None:
     """Train a policy, or continue an interrupted training."""
-    from allegro_twin.files.output_folder import locked
+    from allegro_twin.files.output_folder import lock_folder
     from allegro_twin.learning.training import load_recipe
     from allegro_twin.learning.training import train as learn
     from allegro_twin.surfaces.cli import console
@@ -51,7 +51,7 @@ def train(
     folder = out or Path("runs") / Path(task).stem.lower()
     with ExitStack() as stack:
         if out is None:
-            stack.enter_context(locked(folder))
+            stack.enter_context(lock_folder(folder))
         bar = stack.enter_context(console.progress())
         job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)
 
@@ -79,7 +79,7 @@ def evaluate_policy(
 ) -> None:
     """Compare a policy with the script in the same episodes, with seeds from `seed` on; `can` of them also run on a
     virtual CAN bus. Raises HandError."""
-    from allegro_twin.files.assets import find
+    from allegro_twin.files.assets import find_file
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe
     from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
@@ -94,7 +94,7 @@ def evaluate_policy(
             f"seeds {first} to {first + episodes - 1}: some are those of {used}: the rates are not of unseen episodes"
         )
         console.errors.print(f"[yellow]{warning}[/]", soft_wrap=True)
-    path = find(policy, "policy", "conf/policies", ".onnx")
+    path = find_file(policy, "policy", "conf/policies", ".onnx")
     if film is not None:
         film_policy(load_policy(path).policy, loaded, film, seed=first)
     console.console.print(console.policy_table(compare_policy(path, loaded, episodes, first), loaded, first))

@@ -12,10 +12,10 @@ from allegro_twin.hands.library.library import Library
 
 
 def objects() -> Table:
-    from allegro_twin.sim.objects.catalogue import catalogue
+    from allegro_twin.sim.objects.catalogue import object_catalogue
 
     table = _table("objects", "name", "shape", "size mm", "mass g")
-    for name, thing in catalogue().items():
+    for name, thing in object_catalogue().items():
         table.add_row(name, thing.shape, " x ".join(f"{s * 1000:g}" for s in thing.size), f"{thing.mass * 1000:g}")
     return table
 

@@ -13,8 +13,8 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.app.session import Outputs
 from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import data_root, find, read_yaml
-from allegro_twin.files.schema import parse
+from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import SIDES
 from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.hand_override import on_hand, own_scenarios
@@ -102,7 +102,7 @@ def files_of(target: str) -> list[Path]:
                 raise ConfigError(f"{target}: no scenarios in this folder")
             return found
     if path.is_file() or len(path.parts) > 1 or path.suffix:
-        return [find(path, "config or scenario", "scenarios", below=True)]
+        return [find_file(path, "config or scenario", "scenarios", below=True)]
     names = {file.stem: file for folder in ("scenarios", "conf") for file in (data_root() / folder).rglob("*.yaml")
              if folder == "scenarios" or file.parent.name == "conf"}  # fmt: skip
     if path.name not in names:
@@ -147,4 +147,4 @@ def _apply(config: RunConfig, options: RunOptions) -> RunConfig:
             raise ConfigError(f"--partial is for recordings; this config has backend {config.backend.kind}")
         blocks["backend"] = config.backend.model_copy(update={"partial": True}).model_dump(exclude_unset=True)
     content = config.model_dump(exclude_unset=True) | blocks | {"task": task}
-    return parse(RunConfig, content, "with these options")
+    return parse_settings(RunConfig, content, "with these options")

@@ -48,14 +48,14 @@ def examples(
 ) -> None:
     """Copy the example scripts into a folder of your own."""
     from allegro_twin.files.assets import data_root
-    from allegro_twin.files.atomic_write import whole_file
+    from allegro_twin.files.atomic_write import atomic_file
     from allegro_twin.surfaces.cli import console
 
     found = sorted(path for path in (data_root() / "examples").iterdir() if path.suffix in (".py", ".csv"))
     if there := [path.name for path in found if (folder / path.name).exists()]:
         raise ConfigError(f"{folder}: has {there[0]} already; give another folder")
     for path in found:
-        with whole_file(folder / path.name) as temporary:
+        with atomic_file(folder / path.name) as temporary:
             temporary.write_bytes(path.read_bytes())
     console.console.print(f"{len(found)} files in {folder}/: python {folder}/{found[0].name}", soft_wrap=True)
 

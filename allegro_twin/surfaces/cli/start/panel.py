@@ -42,12 +42,13 @@ def panel(
     from allegro_twin.app.config import load_config
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
-    from allegro_twin.surfaces.panel.host import Habits, Host
-    from allegro_twin.surfaces.panel.page_process import Pages
+    from allegro_twin.surfaces.panel.hand_session import Folders, HandSessions
+    from allegro_twin.surfaces.panel.host import Host
+    from allegro_twin.surfaces.panel.page_process import PageServer
     from allegro_twin.viewing.rerun.server import browse
 
     settings = on_hand(load_config(config), other)
-    pages = Pages(host, port, gone.value, None if token is None else _token(token))
+    pages = PageServer(host, port, gone.value, None if token is None else _token(token))
 
     def report(address: str) -> None:
         console.console.print(f"Open {address} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
@@ -55,7 +56,7 @@ def panel(
             browse(address)
 
     try:
-        Host(settings, Habits(gone.value, out, into), pages).serve(report)
+        Host(HandSessions(settings, Folders(out, into)), pages).serve(report)
     except KeyboardInterrupt:
         return
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from allegro_twin.app.session import Outcome, Outputs
     from allegro_twin.spec import HandSpec
-    from allegro_twin.sweep.workers import Done, Failed, Lost
+    from allegro_twin.sweep.workers import UnitDone, UnitFailed, WorkerLost
 
 _REPORT_PERIOD = 0.1
 """s of the hand's time between two progress messages of a process."""
@@ -124,7 +124,7 @@ def _run_in_turn(jobs: Sequence[RunJob], outputs: RunOutputs, bar: Progress, rep
 
 def _run_parallel(jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: Progress) -> Iterator[RunResult]:
     """Results in order. Raises the error of the earliest job: it stops later jobs and waits for earlier ones."""
-    from allegro_twin.sweep.workers import Told, Workers
+    from allegro_twin.sweep.workers import WorkerEvent, Workers
 
     bars, ended = _Bars(jobs, bar), dict[int, RunResult | HandError]()
     begun, end, number = 0, len(jobs), 0
@@ -134,7 +134,7 @@ def _run_parallel(jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: 
                 workers.give(begun, jobs[begun])
                 begun += 1
             for event in workers.events():
-                if isinstance(event, Told):
+                if isinstance(event, WorkerEvent):
                     bars.receive(event.task, event.message)
                     continue
                 bars.end(event.task)
@@ -149,13 +149,13 @@ def _run_parallel(jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: 
                 number += 1
 
 
-def _result_of(event: Done | Failed | Lost, jobs: Sequence[RunJob]) -> RunResult | HandError:
-    from allegro_twin.sweep.workers import Done, Failed
+def _result_of(event: UnitDone | UnitFailed | WorkerLost, jobs: Sequence[RunJob]) -> RunResult | HandError:
+    from allegro_twin.sweep.workers import UnitDone, UnitFailed
 
-    if isinstance(event, Done):
+    if isinstance(event, UnitDone):
         ran: RunResult = event.result
         return ran
-    if isinstance(event, Failed):
+    if isinstance(event, UnitFailed):
         return event.error
     how = f"was killed by signal {-event.code}" if event.code < 0 else f"ended with code {event.code}"
     job = jobs[event.task]

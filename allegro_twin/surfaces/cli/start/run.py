@@ -15,7 +15,7 @@ from allegro_twin.surfaces.cli.start import view as viewing
 
 if TYPE_CHECKING:
     from allegro_twin.app.session import Outputs
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.surfaces.cli.start.jobs import RunJob, RunOptions
     from allegro_twin.surfaces.cli.start.parallel import RunOutputs
 
@@ -141,34 +141,34 @@ def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | N
     """Run everything and write the outputs. Returns whether every run reached its goal."""
     from allegro_twin.surfaces.cli.start.jobs import configs_of
     from allegro_twin.surfaces.cli.start.parallel import RunOutputs
-    from allegro_twin.sweep.local import cores
+    from allegro_twin.sweep.local import core_count
 
     jobs = configs_of(targets, chosen)
     single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
     if len(jobs) > 1 and any(single):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     if out is None:
-        reports, done = _run_jobs(jobs, RunOutputs(outputs, None), count or cores())
+        reports, done = _run_jobs(jobs, RunOutputs(outputs, None), count or core_count())
         if reports and not any(single):
             from allegro_twin.surfaces.cli import console
 
             console.hint("Next: --out FOLDER keeps a recording, a picture and a report of each; --view shows it live")
         return done
     with options.run_folder(out, REPORT) as staging:
-        reports, done = _run_jobs(jobs, RunOutputs(outputs, staging), count or cores())
+        reports, done = _run_jobs(jobs, RunOutputs(outputs, staging), count or core_count())
         pictures = _write_reports(reports, staging)
     _print_folder(reports, out, pictures=pictures)
     return done
 
 
-def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[tuple[str, str], Report], bool]:
+def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[tuple[str, str], TrialReport], bool]:
     """Run the jobs and print the outcomes. Returns the verdicts, and whether every run reached its goal."""
     from rich.markup import escape
 
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.start.parallel import run_all
 
-    reports: dict[tuple[str, str], Report] = {}
+    reports: dict[tuple[str, str], TrialReport] = {}
     grasps: dict[str, str] = {}
     printed: set[str] = set()
     done = True
@@ -196,7 +196,7 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
     return reports, done and all(report.held for report in reports.values())
 
 
-def _print_verdicts(reports: dict[tuple[str, str], Report], grasps: dict[str, str]) -> None:
+def _print_verdicts(reports: dict[tuple[str, str], TrialReport], grasps: dict[str, str]) -> None:
     """The phases of one trial, or one row for each of several."""
     from allegro_twin.surfaces.cli import console
 
@@ -209,9 +209,9 @@ def _print_verdicts(reports: dict[tuple[str, str], Report], grasps: dict[str, st
         console.console.print(console.summary(reports, grasps, ENGINE))
 
 
-def _write_reports(reports: dict[tuple[str, str], Report], folder: Path) -> bool:
+def _write_reports(reports: dict[tuple[str, str], TrialReport], folder: Path) -> bool:
     """Write the verdicts and an overview of the pictures. Returns whether there are pictures."""
-    from allegro_twin.grasping.evaluation.report_file import write_reports
+    from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.viewing.stills import picture_all
 
     if not reports:
@@ -221,7 +221,7 @@ def _write_reports(reports: dict[tuple[str, str], Report], folder: Path) -> bool
     return picture_all(folder, names) is not None
 
 
-def _print_folder(reports: dict[tuple[str, str], Report], out: Path, *, pictures: bool) -> None:
+def _print_folder(reports: dict[tuple[str, str], TrialReport], out: Path, *, pictures: bool) -> None:
     from allegro_twin.surfaces.cli import console
 
     if not reports:

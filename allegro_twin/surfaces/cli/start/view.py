@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import options
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
+    from allegro_twin.cell.assembly import Cell
     from allegro_twin.surfaces.hand import Hand
     from allegro_twin.viewing.rerun.viewer import Viewer
 
@@ -87,11 +87,11 @@ def show(
 
 def add_verdict(viewer: Any, recording: Any) -> None:
     """Write the verdict on a recorded trial into its Rerun view; a recording without a trial has none."""
-    from allegro_twin.grasping.evaluation.rejudge import checks, in_words, report_of
+    from allegro_twin.grasping.evaluation.rejudge import phase_results, rejudge, report_markdown
 
-    report = report_of(recording.spec, recording.columns, recording.meta)
+    report = rejudge(recording.spec, recording.columns, recording.meta)
     if report is not None:
-        viewer.conclude(checks(report), in_words(report))
+        viewer.conclude(phase_results(report), report_markdown(report))
 
 
 def show_live(hand: Hand, *, web: bool) -> None:
@@ -110,7 +110,7 @@ def show_live(hand: Hand, *, web: bool) -> None:
 
 def cell_recording(path: Path) -> Path | None:
     """The recording of a cell: the file itself, or the one in the folder of a run. None for anything else."""
-    from allegro_twin.cell.journal.pictures import RECORDING
+    from allegro_twin.cell.journal.observers import RECORDING
     from allegro_twin.recording.reader import is_cell_recording
 
     if path.is_dir():
@@ -129,13 +129,13 @@ def cell_to_rrd(path: Path, target: Path, *, partial: bool) -> int:
     return len(found)
 
 
-def cell_viewer(room: Room) -> Viewer:
+def cell_viewer(cell: Cell) -> Viewer:
     """A Rerun viewer for a running cell. Raises ConfigError without Rerun."""
-    from allegro_twin.cell.journal.shapes import cell_look
+    from allegro_twin.cell.journal.recording import cell_look
     from allegro_twin.viewing.scenery import scenery
 
-    scene = scenery(room.hand.spec, {"look": cell_look(room)})
-    viewer: Viewer = _rerun().Viewer(room.hand.spec, scene, arm=room.cell.spec, live=True)
+    scene = scenery(cell.hand.spec, {"look": cell_look(cell)})
+    viewer: Viewer = _rerun().Viewer(cell.hand.spec, scene, arm=cell.robot.spec, live=True)
     return viewer
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
     from allegro_twin.twin.branch.result import BranchOptions, BranchResult, ReferenceColumns
@@ -79,21 +79,21 @@ def run_branch(path: Path, at: float, texts: list[str], outputs: BranchOutputs, 
                 samples = shown(samples, viewer.to_file(temporary), beside)
             return samples
 
-        temporary = stack.enter_context(whole_file(outputs.rrd)) if outputs.rrd is not None else path
+        temporary = stack.enter_context(atomic_file(outputs.rrd)) if outputs.rrd is not None else path
         return branch_recording(path, at, changes, through, wanted)
 
 
 def draw_branch(target: Path, path: Path, found: BranchResult, at: float) -> None:
     """Plot all futures to a PNG, one panel for each finger: pale the recording, dark the branch, thin the model without
     a change. Raises HandError."""
-    from allegro_twin.hands.description.appearance import lighter, of_series
+    from allegro_twin.hands.description.appearance import lighten, series_color
     from allegro_twin.viewing.plot import Line, plot
 
     spec, panels, thin, first = found.spec, {}, found.unchanged, _first(found, at)
-    names = spec.readable
+    names = spec.joint_labels
     for finger in spec.fingers:
-        was = [Line("", found.recorded[:, j], lighter(of_series(k)), 4) for k, j in enumerate(finger.joints)]
-        would = [Line(names[j], found.branched[:, j], of_series(k)) for k, j in enumerate(finger.joints)]
+        was = [Line("", found.recorded[:, j], lighten(series_color(k)), 4) for k, j in enumerate(finger.joints)]
+        would = [Line(names[j], found.branched[:, j], series_color(k)) for k, j in enumerate(finger.joints)]
         model = [] if thin is None else [Line("", thin[first:, j], _INK, 1, first) for j in finger.joints]
         panels[f"{finger.name}, rad"] = [*was, *would, *model]
     also = "" if thin is None else "; thin and black: the model without the change"
@@ -152,7 +152,7 @@ def _at(off: Array, row: int, joints: tuple[int, ...]) -> float:
 def _sizes(found: BranchResult, at: float) -> str:
     """Model error and effect over all joints and all rows from the instant on."""
     rest = _first(found, at)
-    (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.readable
+    (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.joint_labels
     off, moved = (1000.0 * float(np.sqrt(np.square(each).mean())) for each in (model, effect))
     worst = np.abs(model).max(axis=0)
     said = f"Without the change the model is off by {off:.2f} mrad rms (at most {1000.0 * worst.max():.2f}, "

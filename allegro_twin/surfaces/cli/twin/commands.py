@@ -203,7 +203,7 @@ def mirror(
             found = mirror_run.run_with_mirror(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
             )
-    console.console.print(mirror_run.table(found, spec.readable))
+    console.console.print(mirror_run.table(found, spec.joint_labels))
     console.warn(mirror_run.missing_checks(found, free))
     for line in mirror_run.lines(found, spec):
         console.console.print(line, highlight=False)

@@ -12,9 +12,9 @@ import numpy as np
 from rich.table import Table
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find, parse_yaml, refuse_shipped
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.yaml_edit import holds_anything, read_text
+from allegro_twin.files.assets import find_file, parse_yaml, refuse_shipped
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.yaml_edit import has_content, read_text
 from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def hand_file(name: str) -> Path:
     path = Path(name)
     if path.suffix == ".yaml":
         return path
-    return find(name, "hand", "conf/hands")
+    return find_file(name, "hand", "conf/hands")
 
 
 def identify_drive(
@@ -54,8 +54,10 @@ def identify_drive(
 
     if path is not None:
         text = read_text(path)
-        check_hand_file(path, parse_yaml(text, str(path)) if holds_anything(text) else {}, [read_motion(recordings[0])])
-    return identify_hand(recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, tell=tell)
+        check_hand_file(path, parse_yaml(text, str(path)) if has_content(text) else {}, [read_motion(recordings[0])])
+    return identify_hand(
+        recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, progress=tell
+    )
 
 
 def check_scipy() -> None:
@@ -73,7 +75,7 @@ def store_values(path: Path, found: Identification) -> str:
 
 def write_page(path: Path, text: str) -> None:
     """Raises RecordingError."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -173,4 +175,4 @@ def _cell(value: IdentifiedValue, joint: int, by: float) -> str:
 
 
 def _name(spec: HandSpec, joint: int) -> str:
-    return spec.readable[joint]
+    return spec.joint_labels[joint]

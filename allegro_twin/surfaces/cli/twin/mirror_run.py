@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
@@ -66,7 +66,7 @@ def run_with_mirror(
         for sample in samples:
             latest = each.columns()
             off = sample.state.position - latest["predicted"]
-            rows.append((sample.state.t, latest["disturbance"], off, each.thresholds))
+            rows.append((sample.state.t, latest["disturbance"], off, each.contact_thresholds))
             advance(sample.state.t)
     t, disturbance, off, above = (np.array(column) for column in zip(*rows[1:], strict=True))
     touches = tuple(find_contacts(t, disturbance, above, rig.spec))
@@ -130,7 +130,7 @@ def _draw(
 
     health = getattr(rig.driver, "health", None)
     if outputs.rrd is not None:
-        temporary = stack.enter_context(whole_file(outputs.rrd))
+        temporary = stack.enter_context(atomic_file(outputs.rrd))
         viewer = viewer_of(rig.spec, mirror_scenery(rig.spec), rate=RATE)
         stack.callback(viewer.close)
         samples = draw_mirror(samples, mirror, viewer.to_file(temporary), health)
@@ -165,7 +165,7 @@ def table(found: MirrorResult, joints: tuple[str, ...]) -> Table:
     chosen = found.t > found.t[0] + 1.0
     off, push = (np.sqrt(np.nanmean(np.square(each[chosen]), axis=0)) for each in (found.residual, found.disturbance))
     largest = np.nanmax(np.abs(found.disturbance[chosen]), axis=0)
-    least = found.thresholds[chosen].min(axis=0)
+    least = found.contact_thresholds[chosen].min(axis=0)
     for joint, name in enumerate(joints):
         row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * least[joint])
         made.add_row(name, *(f"{value:.1f}" for value in row))
@@ -190,7 +190,7 @@ def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
     """The touches and the fault, one line each."""
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
-        + (f", on the link of {spec.readable[each.joint]} or further out" if each.joint >= 0 else "")
+        + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
         for each in found.contacts
     ]
     said = said or ["Nothing touched it."]

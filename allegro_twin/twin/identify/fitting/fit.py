@@ -8,8 +8,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import STEP, Player
+from allegro_twin.sim.open_loop import STEP, DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing_cost
 from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
@@ -76,8 +75,8 @@ GAIN = 0.1
 class DriveFit:
     """A fitted drive."""
 
-    drive: Parameters
-    start: Parameters
+    drive: DriveParameters
+    start: DriveParameters
     """From the regression."""
     spread: Spread
     shorter: Spread | None
@@ -93,9 +92,9 @@ class DriveFit:
     loose: bool
     """Links have backlash."""
 
-    def player(self, motion: RecordedMotion) -> Player:
+    def player(self, motion: RecordedMotion) -> OpenLoopPlayer:
         """The model that plays a motion with this drive."""
-        return Player(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
+        return OpenLoopPlayer(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
 
     def columns(self, name: str) -> slice:
         return index(name, len(self.floor))
@@ -103,9 +102,9 @@ class DriveFit:
 
 def fit_drive(
     motions: list[RecordedMotion],
-    start: Parameters,
-    slow: Parameters,
-    nominal: Parameters,
+    start: DriveParameters,
+    slow: DriveParameters,
+    nominal: DriveParameters,
     masses: Masses,
     friction: Friction = "auto",
 ) -> DriveFit:
@@ -117,7 +116,7 @@ def fit_drive(
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
     def problem(kind: ModelKind, stage: FitStage) -> Problem:
-        player = Player(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
+        player = OpenLoopPlayer(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
     drive, kind = _rough_fit(problem, start, slow, friction)
@@ -142,7 +141,7 @@ class _Candidate(NamedTuple):
     information: float
     """Schwarz's criterion: n ln(mean square) + p ln n, of n residuals and p free parameters; the least is the best."""
     left: float
-    drive: Parameters
+    drive: DriveParameters
     kind: ModelKind
 
     def least(self) -> float:
@@ -150,8 +149,8 @@ class _Candidate(NamedTuple):
 
 
 def _rough_fit(
-    problem: Problems, start: Parameters, slow: Parameters, friction: Friction
-) -> tuple[Parameters, ModelKind]:
+    problem: Problems, start: DriveParameters, slow: DriveParameters, friction: Friction
+) -> tuple[DriveParameters, ModelKind]:
     """A drive from some of the motion, and the kind of its model. With `auto`, breakaway friction is tried where
     Coulomb's leaves more than SUSPICIOUS. Backlash is tried where more than PLAIN is left and backlash would remove
     some of that. Schwarz's criterion (1978) chooses among the models, on the same pieces."""
@@ -171,7 +170,7 @@ def _rough_fit(
     return best.drive, best.kind
 
 
-def _try(problem: Problems, drive: Parameters, kind: ModelKind) -> _Candidate:
+def _try(problem: Problems, drive: DriveParameters, kind: ModelKind) -> _Candidate:
     stage = ROUGH[True]
     own = problem(kind, stage)
     last = descend(own, drive, stage.rounds, stage.enough)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
@@ -31,7 +31,7 @@ _FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Initial damping, and its factor after a
 class DescentResult(NamedTuple):
     """Result of a descent."""
 
-    drive: Parameters
+    drive: DriveParameters
     jacobian: Array
     """Of the residuals, (rows, p), where the last steps began, times `weight`."""
     residuals: Vector
@@ -69,7 +69,9 @@ class _Costs:
         return float(np.sqrt((weight * np.concatenate(self.pieces)).sum() / weight.sum()))
 
 
-def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> DescentResult:
+def descend(
+    problem: Problem, drive: DriveParameters, rounds: int, enough: float, *, anew: bool = False
+) -> DescentResult:
     """Descend for at most `rounds` rounds of new derivatives and new starts of the pieces; stop where a round gains no
     finger the share `enough` of its cost. `anew`: derivatives joint by joint in every round."""
     damping = np.full(len(problem.fingers), _FIRST)
@@ -90,7 +92,7 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, 
     return DescentResult(drive, J * weight[:, None], r, weight, costs.left)
 
 
-def standing_cost(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
+def standing_cost(problem: Problem, drive: DriveParameters, scale: Vector | None = None) -> tuple[float, Vector]:
     """The cost of a drive as it is, with the best starts of the pieces; and each finger's scale above which its pieces
     count less. Costs are comparable with the same scale only."""
     problem.shooting.prepare(drive)

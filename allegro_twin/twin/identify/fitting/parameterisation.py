@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.types import Array, Vector
 
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
@@ -54,7 +54,7 @@ def lower_bounds(n: int) -> Vector:
     return np.concatenate([np.full(n, _LEAST[name]) for name in ALL] + [[0.0]]) / units(n)
 
 
-def to_scaled(drive: Parameters) -> Vector:
+def to_scaled(drive: DriveParameters) -> Vector:
     """Scaled parameters, (p,), in the order of `index`."""
     values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
     values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
@@ -62,7 +62,7 @@ def to_scaled(drive: Parameters) -> Vector:
     return np.asarray(np.concatenate(values) / units(len(pulls)))
 
 
-def from_scaled(x: Vector) -> Parameters:
+def from_scaled(x: Vector) -> DriveParameters:
     """Inverse of `to_scaled`."""
     n = len(x) // len(ALL)
     values = x * units(n)
@@ -70,10 +70,10 @@ def from_scaled(x: Vector) -> Parameters:
     pulls = rows["torque_constant"]
     rows |= {name: rows[name] * pulls for name in PULLED}
     rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
-    return Parameters(**rows, delay=np.full(n, values[-1]))
+    return DriveParameters(**rows, delay=np.full(n, values[-1]))
 
 
-def scaling_jacobian(drive: Parameters) -> Array:
+def scaling_jacobian(drive: DriveParameters) -> Array:
     """Derivative of a drive's values, in the order of `index`, by the scaled parameters, (p, p)."""
     n = len(drive.torque_constant)
     unit = units(n)

@@ -9,8 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import (
     ALL,
     PLAY,
@@ -50,9 +49,9 @@ class Problem:
     def __init__(
         self,
         motions: list[RecordedMotion],
-        player: Player,
+        player: OpenLoopPlayer,
         floor: Vector,
-        nominal: Parameters,
+        nominal: DriveParameters,
         masses: Masses,
         every: int = 1,
         length: int = LONG,
@@ -96,7 +95,7 @@ class Problem:
             return self.player.loose
         return name != "mass_scale" or self._masses == "weighed"
 
-    def write_derivatives(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
+    def write_derivatives(self, drive: DriveParameters, base: Array, name: str, into: Array) -> None:
         """Write the derivatives by one kind of parameter into their rows and columns."""
         for place, change in enumerate(self.shooting.derivatives(drive, base, name)):
             for finger, rows in self.parts():
@@ -140,7 +139,7 @@ def mass_covariance(problem: Problem) -> Array:
     return found
 
 
-def prior_center(nominal: Parameters, start: Parameters) -> Parameters:
+def prior_center(nominal: DriveParameters, start: DriveParameters) -> DriveParameters:
     """Center of the prior: the nominal drive, with the masses and the friction shape of the start, and no offsets."""
     shape = {name: getattr(start, name) for name in ("mass_scale", *SHAPE)}
     return replace(nominal, offset=np.zeros(len(start.offset)), **shape)

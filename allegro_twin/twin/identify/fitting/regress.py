@@ -16,8 +16,7 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
@@ -49,7 +48,7 @@ def smooth_duty(motion: RecordedMotion) -> Array:
     return _filter(_shift(motion.duty, 0.0), motion.period, SMOOTH)
 
 
-def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -> Parameters:
+def regress(motions: list[RecordedMotion], player: OpenLoopPlayer, mass_scale: Vector) -> DriveParameters:
     """The linear fit of every joint, with one delay for all."""
     parts = [_link_torques(motion, player, mass_scale) for motion in motions]
     best: tuple[float, float, Array] | None = None
@@ -61,7 +60,7 @@ def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -
     _, delay, x = best
     constant = 1.0 / np.clip(x[:, 0], 0.2, 5.0)
     spec = motions[0].spec
-    return Parameters(
+    return DriveParameters(
         torque_constant=constant,
         armature=np.clip(x[:, 1] * constant, 3e-4, 3e-2),
         damping=np.clip(x[:, 2] * constant, 3e-3, 1.0),
@@ -77,7 +76,7 @@ def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -
     )
 
 
-def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Parameters) -> Parameters:
+def regress_breakaway(motions: list[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters) -> DriveParameters:
     """The linear fit with friction that is larger at low speed and grows with the motor's torque, (n,) each: F sgn(v)
     (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
     delay = float(start.delay[0])
@@ -99,7 +98,7 @@ def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Para
     )
 
 
-def _link_torques(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
+def _link_torques(motion: RecordedMotion, player: OpenLoopPlayer, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
     """The smoothed motion, and the torque that its links take, (k, n), N·m."""
     smooth = smooth_motion(motion)
     player.links_only(mass_scale, motion.weight)

@@ -13,8 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.regress import smooth_duty, smooth_motion
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
@@ -83,7 +82,7 @@ class MotionPieces:
     """Where each starts, as reported and smoothed, (w, n), rad."""
     velocity: Array
     """(w, n), rad/s."""
-    pieces: Pieces
+    pieces: Segments
     measured: Array
     """(w, k, n), rad."""
     trust: Array
@@ -111,13 +110,13 @@ def cut_pieces(
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    return MotionPieces(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
+    return MotionPieces(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
     """Residuals of motion pieces, and their derivatives."""
 
-    def __init__(self, player: Player, cuts: MotionPieces, sigma: Vector) -> None:
+    def __init__(self, player: OpenLoopPlayer, cuts: MotionPieces, sigma: Vector) -> None:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
@@ -129,11 +128,11 @@ class Shooting:
         self._bases: list[Array] = []
         self._answers = Sensitivities(self._fingers)
 
-    def residuals(self, drive: Parameters, player: Player | None = None) -> Array:
+    def residuals(self, drive: DriveParameters, player: OpenLoopPlayer | None = None) -> Array:
         """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
         return self._means(self._play(drive, self._off, player) - self._cuts.measured)
 
-    def prepare(self, drive: Parameters) -> None:
+    def prepare(self, drive: DriveParameters) -> None:
         """Derive the residuals by the starts, near `drive`."""
         base = self.residuals(drive)
 
@@ -158,7 +157,7 @@ class Shooting:
         """Find derivatives joint by joint again, the next time."""
         self._answers = Sensitivities(self._fingers)
 
-    def improve_starts(self, drive: Parameters) -> None:
+    def improve_starts(self, drive: DriveParameters) -> None:
         """Move the starts to where the residuals are least, for each finger and piece only as far as that helps."""
         residual, before = self.residuals(drive), self._off.copy()
         costs, steps = self._costs(residual), self._steps(residual)
@@ -200,7 +199,7 @@ class Shooting:
         """Number of a finger's residuals in one piece."""
         return (self.moments + len(self._states)) * len(finger)
 
-    def derivatives(self, drive: Parameters, base: Array, name: str) -> Iterator[Array]:
+    def derivatives(self, drive: DriveParameters, base: Array, name: str) -> Iterator[Array]:
         """Derivatives by one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the
         second, … By `torque_constant`: with armature, damping and friction in proportion. By `load_friction`: with k (1
         − μ) constant. `base`: residuals of the same drive."""
@@ -208,12 +207,12 @@ class Shooting:
             name, lambda joints: (self.residuals(_nudge(drive, name, joints)) - base) / NUDGE[name]
         )
 
-    def delay_derivative(self, drive: Parameters, base: Array) -> Array:
+    def delay_derivative(self, drive: DriveParameters, base: Array) -> Array:
         """Derivative by the delay, likewise."""
         everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
         return (self.residuals(everywhere) - base) / NUDGE["delay"]
 
-    def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
+    def _play(self, drive: DriveParameters, off: Array, player: OpenLoopPlayer | None) -> Array:
         cuts = self._cuts
         played = (player or self._player).play
         return played(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces, off[2])
@@ -236,7 +235,7 @@ class Shooting:
         return np.concatenate([own, off], axis=1)
 
 
-def _nudge(drive: Parameters, name: str, joints: list[int]) -> Parameters:
+def _nudge(drive: DriveParameters, name: str, joints: list[int]) -> DriveParameters:
     nudged = drive.changed(name, joints, NUDGE[name])
     if name == "torque_constant":
         by = nudged.torque_constant / drive.torque_constant

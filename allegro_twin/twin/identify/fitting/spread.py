@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import DescentResult
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaling_jacobian, to_scaled
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance
@@ -36,7 +36,7 @@ class Spread:
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
-def spread(problem: Problem, last: DescentResult, rough: Parameters, masses: Masses) -> Spread:
+def spread(problem: Problem, last: DescentResult, rough: DriveParameters, masses: Masses) -> Spread:
     """Uncertainties from the last derivatives and residuals with their weights; prior rows are at their end. `rough`:
     where the descent on all pieces began."""
     drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)

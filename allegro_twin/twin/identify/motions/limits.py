@@ -103,7 +103,7 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
 
 
 def _check(found: FoundLimits, model: HandSpec) -> None:
-    for k, name in enumerate(model.readable):
+    for k, name in enumerate(model.joint_labels):
         low, high = found.lower[k], found.upper[k]
         short = model.upper[k] - model.lower[k] - (high - low)
         if short > BEYOND or min(low - model.lower[k], model.upper[k] - high) < _MET - BEYOND:

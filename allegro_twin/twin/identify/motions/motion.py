@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.recording.reader import load
-from allegro_twin.sim.open_loop.segments import BEFORE
+from allegro_twin.sim.open_loop import BEFORE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -42,7 +42,7 @@ class RecordedMotion:
     """In the palm frame, (3,), m/s²."""
     weight: Vector
     """At the fingertips, (n,), kg."""
-    calibration: Calibration
+    calibration: HandCalibration
     """With which counts became rad and N·m."""
 
     @property
@@ -93,9 +93,9 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
     )  # fmt: skip
 
 
-def recorded_calibration(table: Mapping[str, Any]) -> Calibration:
+def recorded_calibration(table: Mapping[str, Any]) -> HandCalibration:
     """The calibration in a recording's metadata."""
-    return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+    return HandCalibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
 
 
 def check_same_hand(motions: list[RecordedMotion]) -> None:

@@ -9,8 +9,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.twin.identify.fitting.shooting import MotionPieces, cut_pieces
@@ -54,11 +53,11 @@ class Gap:
     """With the hand's own file."""
 
 
-def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
+def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) -> DriveParameters:
     """Model parameters from a hand's file. `offset`: shift of reported positions, (n,), rad, by the file."""
     own, n = spec.actuation, spec.n_joints
     drive = spec.drive
-    return Parameters(
+    return DriveParameters(
         torque_constant=torque_constant if drive is None else torque_constant * drive.strength,
         armature=own.armature,
         damping=own.damping,
@@ -79,14 +78,18 @@ def has_breakaway_friction(drive: Drive | None) -> bool:
     return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
 
 
-def make_player(spec: HandSpec, period: float, drive: Drive | None) -> Player:
+def make_player(spec: HandSpec, period: float, drive: Drive | None) -> OpenLoopPlayer:
     """The model that plays motions of a hand with this drive."""
-    return Player(
+    return OpenLoopPlayer(
         spec, period, bristly=has_breakaway_friction(drive), loose=drive is not None and bool(drive.backlash.any())
     )
 
 
-def measure_gap(motion: RecordedMotion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
+def measure_gap(
+    motion: RecordedMotion,
+    before: tuple[OpenLoopPlayer, DriveParameters],
+    after: tuple[OpenLoopPlayer, DriveParameters],
+) -> Gap:
     """Errors of two models on a motion. Raises ConfigError for a recording shorter than the shortest horizon."""
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
@@ -96,7 +99,7 @@ def measure_gap(motion: RecordedMotion, before: tuple[Player, Parameters], after
 
 
 def gap_errors(
-    motion: RecordedMotion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS
+    motion: RecordedMotion, player: OpenLoopPlayer, drive: DriveParameters, horizons: tuple[float, ...] = HORIZONS
 ) -> GapErrors:
     """Errors of a model on a motion that is longer than the longest of some horizons, s."""
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)

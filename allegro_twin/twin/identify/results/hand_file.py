@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
-from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.hands.description.calibration import Calibration, Version
-from allegro_twin.hands.description.hands import load_actuation
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
+from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
+from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.sim.engine.backend import ENGINE
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import (
@@ -58,13 +57,13 @@ def write_hand_file(
     """Write the determined values into a hand's file, and leave everything else in it as it is. Returns a note on that,
     or nothing. Raises ConfigError for a file that ships, for a file of another hand, or one with another calibration
     than the recordings; RecordingError."""
-    with locked(path):
+    with lock_file(path):
         text = read_text(path)
-        content = parse_yaml(text, str(path)) if holds_anything(text) else {}
+        content = parse_yaml(text, str(path)) if has_content(text) else {}
         check_hand_file(path, content, motions)
-        made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
+        made = replace_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
-        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/explanation/identification.md"))
+        write_text(path, set_note(made, ("identified",), _NOTE, f", {day}; docs/explanation/identification.md"))
     return " ".join(filter(None, (_strength_note(path, content), _offset_note(path, kept, values, motions))))
 
 
@@ -163,11 +162,11 @@ def _unwritten(values: Mapping[str, IdentifiedValue]) -> KeptValues:
     return kept_values
 
 
-def _replacements(first: RecordedMotion, delay: float, found: DriveFit) -> Parameters:
+def _replacements(first: RecordedMotion, delay: float, found: DriveFit) -> DriveParameters:
     """Values that replace those that are not written."""
     n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
     none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
-    return Parameters(
+    return DriveParameters(
         torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
         frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
         mass_scale=found.drive.mass_scale, **none,
@@ -210,7 +209,7 @@ def mismatch_warning(path: Path) -> str:
     return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
 
 
-def offset_shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
+def offset_shift(version: Version, used: HandCalibration, encoder_offset: tuple[int, ...]) -> Vector:
     """Shift of positions, (n,), rad, that were read with one calibration when other encoder offsets, counts, are
     right."""
     right = replace(used, encoder_offset=encoder_offset)
@@ -228,14 +227,14 @@ def _offsets(motion: RecordedMotion, offset: Vector) -> list[int]:
 
 
 def _joint(spec: HandSpec, number: int) -> str:
-    return spec.readable[number]
+    return spec.joint_labels[number]
 
 
 def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
 
 
-def select_values(found: DriveFit, kept_values: KeptValues, before: Parameters) -> Parameters:
+def select_values(found: DriveFit, kept_values: KeptValues, before: DriveParameters) -> DriveParameters:
     """The drive for a hand's file: values that are not determined stay as `before`, and the others fit them. `before`:
     what is in the file, relative to the calibration of the recordings.
 

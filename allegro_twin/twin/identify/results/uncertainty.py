@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
@@ -90,7 +90,7 @@ class MotionCoverage:
     """Directions of gravity."""
 
 
-def motion_coverage(motions: list[RecordedMotion], player: Player) -> MotionCoverage:
+def motion_coverage(motions: list[RecordedMotion], player: OpenLoopPlayer) -> MotionCoverage:
     """Coverage of speeds and postures by some motions."""
     n = player.spec.n_joints
     smooth = [smooth_motion(motion) for motion in motions]

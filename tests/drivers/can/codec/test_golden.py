@@ -23,7 +23,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
 from allegro_twin.drivers.can.codec.v4 import V4
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
 
 Row = dict[str, Any]
 VECTORS: dict[str, list[Row]] = json.loads(Path(__file__).with_name("can_vectors.json").read_text())
