@@ -9,7 +9,7 @@ PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo demo-all docs test tests types test-rl test-panel test-realtime test-socketcan test-socketcan-timing test-slow test-long \
-        test-lowest test-all mutants bench models install tutorials clean
+        test-lowest test-all mutants bench models install tutorials reference clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -68,7 +68,7 @@ test-long: $(READY)
 
 test-all: test test-slow test-realtime test-rl test-panel test-long test-socketcan-timing
 
-# Small errors that no test sees: an hour and more. docs/tests.md has the last result.
+# Small errors that no test sees: an hour and more. docs/results/tests.md has the last result.
 MUTANTS ?= --count 200 --seed 1 --bar 0.9
 mutants: $(RL)
 	$(BIN)/python -m tests.mutants --map -m 'not long and not realtime'
@@ -106,6 +106,10 @@ $(DOCS): $(READY)
 # Runs the tutorials anew and keeps what they show: minutes.
 tutorials: $(DOCS)
 	$(BIN)/python docs/site/execute.py
+
+# The generated pages of the reference: commands.md, configs.md and api/.
+reference: $(READY)
+	$(BIN)/python docs/site/reference.py
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

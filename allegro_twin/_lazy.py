@@ -12,19 +12,20 @@ PROVIDERS = {"link tree": "allegro_twin.sim.model.link_tree:read_link_tree"}
 
 
 def exports(
-    package: str, homes: Mapping[str, tuple[str, ...]]
+    package: str, homes: Mapping[str, tuple[str, ...]], root: str | None = None
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of a package whose public names live in modules below it.
 
     `homes`: for each module, relative to the package, its public names. A module must not have the name of a
-    public name, which it would hide once it is imported.
+    public name, which it would hide once it is imported. `root`: the package that they are relative to, for a
+    single module with public names.
     """
     module_of = {name: module for module, names in homes.items() for name in names}
 
     def getattribute(name: str) -> object:
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{module_of[name]}"), name)
+        return getattr(import_module(f"{root or package}.{module_of[name]}"), name)
 
     return getattribute, lambda: sorted({*module_of, *vars(sys.modules[package])})
 

@@ -1,6 +1,6 @@
-"""One way to write a line for many hands, whether their numbers are NumPy's or on a device as PyTorch's tensors.
+"""Functions of arrays under NumPy's names, for NumPy's arrays and for PyTorch's tensors on a device alike.
 
-`library(x)` has, for an array x, the functions of NumPy that such lines need, by NumPy's names. NumPy's own are NumPy.
+`array_namespace(x)` is NumPy for its own arrays, else an object with the functions that this package needs.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def library(x: Any) -> Any:
-    """What computes with an array: `numpy`, or `Tensors` of the device that a tensor is on."""
-    return np if isinstance(x, np.ndarray | np.generic | float) else tensors(str(x.device))
+def array_namespace(x: Any) -> Any:
+    """The functions for an array: `numpy`, or the `TensorNamespace` of a tensor's device."""
+    return np if isinstance(x, np.ndarray | np.generic | float) else tensor_namespace(str(x.device))
 
 
 @cache
-def tensors(device: str) -> Tensors:
+def tensor_namespace(device: str) -> TensorNamespace:
     """The functions for one device, as PyTorch calls it. Raises ImportError without PyTorch."""
-    return Tensors(device)
+    return TensorNamespace(device)
 
 
-def own(x: Any) -> NDArray[np.float64]:
+def as_array(x: Any) -> NDArray[np.float64]:
     """A tensor as it is; anything else as NumPy's array of doubles."""
     return x if hasattr(x, "device") and not isinstance(x, np.ndarray) else np.asarray(x, dtype=np.float64)
 
@@ -40,27 +40,27 @@ def take(x: Any, index: Any, axis: int) -> Any:
 
 
 def cross(x: Any, y: Any) -> Any:
-    """Of vectors (..., 3); NumPy's own, to the bit, takes ten times as long."""
+    """Cross products of vectors (..., 3); NumPy's own, with the same bits, takes ten times as long."""
     if not isinstance(x, np.ndarray):
-        return library(x).cross(x, y)
+        return array_namespace(x).cross(x, y)
     return (x * y.take(_YZX, -1) - x.take(_YZX, -1) * y).take(_YZX, -1)
 
 
-def host(x: Any) -> Any:
-    """As NumPy's array, which a tensor on a device is copied for."""
+def to_numpy(x: Any) -> Any:
+    """NumPy's array of an array; a tensor on a device is copied."""
     return x if isinstance(x, np.ndarray) else x.detach().cpu().numpy()
 
 
-def fetched(tree: Any) -> Any:
-    """Arrays with a row for each of the same simulations, in dictionaries and tuples, as NumPy's: tensors are copied
-    from their device all at once."""
+def fetch(tree: Any) -> Any:
+    """A tree of dictionaries and tuples with NumPy's arrays in place of tensors, which are copied from their device all
+    at once; each array has a row for each of the same simulations."""
     leaves = list(_leaves(tree))
     if all(isinstance(leaf, np.ndarray) for leaf in leaves):
         return tree
-    join = library(leaves[0])
+    join = array_namespace(leaves[0])
     parts = [join.asarray(leaf.reshape(len(leaf), -1), np.float64) for leaf in leaves]
     whole = iter(
-        np.split(host(join.concatenate(parts, axis=-1)), np.cumsum([part.shape[1] for part in parts]), axis=-1)
+        np.split(to_numpy(join.concatenate(parts, axis=-1)), np.cumsum([part.shape[1] for part in parts]), axis=-1)
     )
     kinds = {str(kind): np.dtype(name) for name, kind in (("int64", join.torch.int64), ("bool", join.torch.bool))}
     rows = (
@@ -87,7 +87,7 @@ def _filled(tree: Any, leaves: Iterator[Any]) -> Any:
     return next(leaves)
 
 
-class Tensors:
+class TensorNamespace:
     """NumPy's functions for tensors on one device: real numbers are in single precision, whole ones have 64 bits."""
 
     def __init__(self, device: str) -> None:

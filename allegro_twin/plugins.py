@@ -17,9 +17,8 @@ from allegro_twin.backend import HandBackend
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import NOTHING
+from allegro_twin.hands.description.calibration import NOTHING, Version
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import HandSettings, TaskSettings
 from allegro_twin.spec import HandSpec
 
@@ -137,14 +136,14 @@ class Registry:
 
     def names(self) -> list[str]:
         """Every kind, the package's own first."""
-        return [*self.builtin, *(name for name in sorted(_installed(self.group)) if name not in self.builtin)]
+        return [*self.builtin, *(name for name in sorted(entry_points_of(self.group)) if name not in self.builtin)]
 
     def kind(self, name: str) -> Any:
         """A kind by its name. Raises ConfigError with the nearest names, or with what is wrong with a package."""
         if name in self.builtin:
             module, _, attribute = self.builtin[name].partition(":")
             return getattr(import_module(module), attribute)
-        point = _installed(self.group).get(name)
+        point = entry_points_of(self.group).get(name)
         if point is None:
             raise ConfigError(self._unknown(name))
         try:
@@ -220,7 +219,8 @@ _TYPES = ("extra_forbidden", "missing")
 
 
 @cache
-def _installed(group: str) -> Mapping[str, EntryPoint]:
+def entry_points_of(group: str) -> Mapping[str, EntryPoint]:
+    """What installed packages add to a group, by name."""
     return {point.name: point for point in entry_points(group=group)}
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from benchmarks import (
     bus_cost,
     deadman,
@@ -21,6 +19,7 @@ from benchmarks import (
     two_processes,
     wire,
 )
+from benchmarks.figures import show
 
 BENCHMARKS = (
     loop_cost,
@@ -39,12 +38,6 @@ BENCHMARKS = (
     gym,
     sweeping,
 )
-
-
-def show(figures: Iterable[tuple[str, float, float, str]]) -> None:
-    """One a line, as they come."""
-    for what, measured, bar, unit in figures:
-        print(f"{what:<72}{measured:>10.2f} {unit:<2}{bar:>8} {unit}", flush=True)
 
 
 def main() -> None:

@@ -22,12 +22,12 @@ import numpy as np
 from allegro_twin.control.controllers import PD
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.sim.drivetrain.backlash import able
+from allegro_twin.sim.drivetrain.backlash import allow_backlash
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import AILMENTS, Ailment
-from allegro_twin.twin.identify.results.gap import breaks_away
-from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.identify.results.gap import has_breakaway_friction
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array
 from benchmarks.mirrored_hands import PERIOD, N, hand, heard, mirror_of, moves, simulated
@@ -39,16 +39,18 @@ SOON = 3.0  # else.
 FAINT = 1.5e-6  # N·m/s.
 
 
-def learned(seed: int, spec: HandSpec, seconds: float) -> Calm:
+def learned(seed: int, spec: HandSpec, seconds: float) -> Thresholds:
     """From a free motion."""
     each, disturbance, moving = mirror_of(spec), [], []
     backend = simulated(spec, seed)
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
-    for _ in each.watched(heard(until(seconds, run(backend, controller)), spec)):
-        disturbance.append(each.latest()["disturbance"])
+    for _ in each.watch(heard(until(seconds, run(backend, controller)), spec)):
+        disturbance.append(each.columns()["disturbance"])
         moving.append(each.moving)
-    gains: Array = np.array(each.diagnosis.gains)
-    return Calm.of(np.array(disturbance[1:]), np.array(moving[1:]), each.observer.held, gains, PERIOD, spec)
+    gains: Array = np.array(each.fault_detector.gains)
+    return Thresholds.from_free_motion(
+        np.array(disturbance[1:]), np.array(moving[1:]), each.observer.held, gains, PERIOD, spec
+    )
 
 
 class Called(NamedTuple):
@@ -66,11 +68,14 @@ class Called(NamedTuple):
     """Whether it said that something touches a finger."""
 
 
-def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: float) -> Called:
+def called(spec: HandSpec, calm: Thresholds, seed: int, what: str | None, seconds: float) -> Called:
     """What the mirror says of a hand with which something goes wrong."""
     tips = [finger.joints[-1] for finger in spec.fingers]
-    rng, backend = np.random.default_rng((seed, 6)), simulated(able(spec, tips) if what == "loose" else spec, seed)
-    another = hand(seed + 500, mismatched=breaks_away(spec.drive))
+    rng, backend = (
+        np.random.default_rng((seed, 6)),
+        simulated(allow_backlash(spec, tips) if what == "loose" else spec, seed),
+    )
+    another = hand(seed + 500, mismatched=has_breakaway_friction(spec.drive))
     file = replace(another, drive=spec.drive) if what == "wrong_file" else spec
     each = Mirror(spec, mirror_of(file).observer, np.ones(N), calm)
     joint = int(rng.integers(N)) if what != "payload" else int(4 * rng.integers(4) + 1 + rng.integers(3))
@@ -78,16 +83,16 @@ def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: flo
     amount = rng.uniform(*AILMENTS[cast(Ailment, what)]) if what in KINDS else 0.0
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     done, leaned, touched = False, [], False
-    for sample in each.watched(heard(until(seconds, run(backend, controller)), spec)):
+    for sample in each.watch(heard(until(seconds, run(backend, controller)), spec)):
         if what in KINDS and not done and sample.state.t >= BEGIN:
             backend.suffer(cast(Ailment, what), joint, float(amount))
             done = True
         if what == "encoder_drift" and sample.state.tick % 100 == 99:
             leaned.append(np.linalg.norm(cast(Observer, each.observer).lean()[:, joint]))
         touched |= bool(each.contacts)
-        if each.anomaly is not None:
+        if each.fault is not None:
             break
-    said, speed = each.anomaly, amount * float(np.sqrt(np.mean(np.square(leaned)))) if leaned else 0.0
+    said, speed = each.fault, amount * float(np.sqrt(np.mean(np.square(leaned)))) if leaned else 0.0
     if said is None:
         return Called("nothing", -1, joint, float("inf"), speed, touched)
     after = sample.state.t - (BEGIN if what in KINDS else 1.0)

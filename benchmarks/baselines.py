@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks import TASKS, task_type
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
@@ -51,10 +51,10 @@ def rows(tasks: list[str], episodes: int = EPISODES) -> Iterator[str]:
     yield HEAD
     yield "|" + "---|" * (HEAD.count("|") - 1)
     for task in tasks:
-        residual = "level" in task_type(task).own
+        residual = "level" in task_type(task).own_settings
         for level in ("easy", "default") if residual else ("—",):
             given: dict[str, Any] = {"level": level} if residual else {}
-            nothing = shown(_of(Still(JOINTS), task, given, episodes))
+            nothing = shown(_of(ZeroPolicy(JOINTS), task, given, episodes))
             random = shown(_of(Random(JOINTS), task, given, episodes))
             best = _constant(task, given, episodes) if residual else "—"
             yield f"| `{task}` | {level} | {nothing} | {random} | {best} | {episodes} |"

@@ -26,7 +26,7 @@ from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import open_bus
 from allegro_twin.drivers.can.driver.settings import HostSettings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import TorqueCommand
 
 Figure = tuple[str, float, float, str]

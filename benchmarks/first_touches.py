@@ -2,8 +2,8 @@
 
 The grasps with two to four fingertips close softly on objects of the catalogue, placed as `table_pick` draws them, on
 hands like those of `benchmarks.mirror` (drives of their own; thresholds learned on free motions). A finger has met the
-object when it presses it with LEAST; the grasp says so by torque and stillness (`control/contact.py`), the mirror by
-what pushes the finger's joints, from when it says that nothing does. What is said before that, while the fingers
+object when it presses it with LEAST; the grasp says so by torque and stillness (`control/force_grasp.py`), the mirror
+by what pushes the finger's joints, from when it says that nothing does. What is said before that, while the fingers
 close, is false where the finger has touched nothing, and of something else where it touched that: the table.
 """
 
@@ -16,16 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.contact import touching
-from allegro_twin.control.force_grasp import CentroidGrasp, Gripping
-from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.control.force_grasp import CentroidGrasp, CentroidMemory, fingers_in_contact
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, TorqueCommand
 from benchmarks.mirror import learned
@@ -55,11 +54,11 @@ class Watched:
     def __init__(self, inner: CentroidGrasp) -> None:
         self.inner = inner
 
-    def start(self, state: HandState) -> Gripping:
+    def start(self, state: HandState) -> CentroidMemory:
         self.memory = self.inner.start(state)
         return self.memory
 
-    def __call__(self, state: HandState, memory: Gripping) -> tuple[TorqueCommand, Gripping]:
+    def __call__(self, state: HandState, memory: CentroidMemory) -> tuple[TorqueCommand, CentroidMemory]:
         command, self.memory = self.inner(state, memory)
         return command, self.memory
 
@@ -67,13 +66,13 @@ class Watched:
 def prepared(spec: HandSpec, above: Array, grasp: str, thing: str, seed: int) -> tuple[Trial, CentroidGrasp, Mirror]:
     """A trial of a grasp with an object, its controller, and a mirror that knows what a touch is."""
     scenario, path = load_scenario(grasp)
-    bench, draw = Bench(spec, threads=1), draws(Uncertainty(torque=0.0), 1, seed)[0]
+    bench, draw = TrialRunner(spec, threads=1), sample_perturbations(Uncertainty(torque=0.0), 1, seed)[0]
     scenario = scenario.model_copy(update={"objects": load_scenario(thing)[0].objects[:1]})
-    case = Case(scenario, load_grasp(scenario.grasp, spec), draw, load_protocol("table_pick"), path.parent)
+    case = TrialCase(scenario, load_grasp(scenario.grasp, spec), draw, load_protocol("table_pick"), path.parent)
     trial = bench.trial(case)
     controller = bench.controller(trial)
     assert isinstance(controller, CentroidGrasp)
-    calm = Calm(above, np.full(len(spec.fingers), np.inf))
+    calm = Thresholds(above, np.full(len(spec.fingers), np.inf))
     return trial, controller, Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
 
 
@@ -84,7 +83,7 @@ def closed(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror
     links = [{int(model.joint(name).bodyid[0]) for name in names[list(row)]} for row in controller.joints]
     fingers = [next(k for k, f in enumerate(spec.fingers) if row[0] in f.joints) for row in controller.joints]
     said, old = np.full((4, len(fingers)), np.inf), np.ones(len(fingers), dtype=bool)
-    for sample in trial.watched(each.watched(heard(until(trial.seconds, run(trial.backend, watched)), spec))):
+    for sample in trial.watched(each.watch(heard(until(trial.seconds, run(trial.backend, watched)), spec))):
         t = sample.state.t
         if t < controller.close_at:
             continue
@@ -93,7 +92,7 @@ def closed(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror
         met = set(model.body_weldid[model.geom_bodyid[data.contact.geom]].reshape(-1).tolist())
         anything = [not met.isdisjoint(own) for own in links]
         force = trial.latest()["contact_force"][fingers]
-        now = np.stack([force > LEAST, anything, touching(watched.memory.stall), mirror & ~old])
+        now = np.stack([force > LEAST, anything, fingers_in_contact(watched.memory.stall), mirror & ~old])
         said = np.where(now, np.minimum(said, t), said)
         if not np.isnan(watched.memory.contact):
             break
@@ -105,7 +104,7 @@ def held(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror, 
     names = [next(f.name for f in spec.fingers if row[0] in f.joints) for row in controller.joints]
     if by_mirror:
         controller = replace(controller, felt=lambda: np.array([name in each.contacts for name in names]))
-    for _ in trial.watched(each.watched(heard(until(trial.seconds, run(trial.backend, controller)), spec))):
+    for _ in trial.watched(each.watch(heard(until(trial.seconds, run(trial.backend, controller)), spec))):
         pass
     return trial.report().held
 

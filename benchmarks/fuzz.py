@@ -35,7 +35,7 @@ from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
 from allegro_twin.errors import HandError, ProtocolError
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, TorqueCommand, frozen
 

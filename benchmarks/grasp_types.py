@@ -11,45 +11,45 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case, case_of
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner, load_case
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
-from allegro_twin.hands.library.gains import ruled
+from allegro_twin.hands.library.entry_files import LibraryEntry
+from allegro_twin.hands.library.gains import protocol_gains
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.sources import Listed
-from allegro_twin.hands.library.taxonomy import Observed, Taxonomy, as_claimed
+from allegro_twin.hands.library.taxonomy import ClaimedType, ObservedType, claim_observed
 
 _PLAIN = re.compile(r"[A-Za-z][\w %.;-]*")
 
 
-def shown(listed: list[Listed]) -> Iterator[tuple[Listed, bool, Observed | None]]:
+def shown(listed: list[LibraryEntry]) -> Iterator[tuple[LibraryEntry, bool, ObservedType | None]]:
     """Each grasp that has evidence, whether it holds there, and as what."""
-    groups: dict[tuple[str, str, float], list[tuple[Listed, Case]]] = {}
+    groups: dict[tuple[str, str, float], list[tuple[LibraryEntry, TrialCase]]] = {}
     for each in listed:
         entry = each.entry
         assert isinstance(entry, GraspFile)
         if entry.evidence and not entry.evidence.startswith("posture: "):
             spec = load_spec(entry.hand)
-            case = case_of({"scenario": entry.evidence, "grasp": each.name}, spec)
-            key = entry.hand, ruled(case.ruled.gains, spec), case.ruled.period or PERIOD
+            case = load_case({"scenario": entry.evidence, "grasp": each.name}, spec)
+            key = entry.hand, protocol_gains(case.ruled.gains, spec), case.ruled.period or PERIOD
             groups.setdefault(key, []).append((each, case))
     for (hand, gains, period), rows in groups.items():
-        verdicts = Bench(load_spec(hand), gains, period, 1).verdicts([case for _, case in rows])
+        verdicts = TrialRunner(load_spec(hand), gains, period, 1).verdicts([case for _, case in rows])
         for (each, _), verdict in zip(rows, verdicts, strict=True):
             yield each, verdict.held, None if verdict.report is None else verdict.report.observed
 
 
-def mended(text: str, claimed: Taxonomy, observed: Observed) -> str:
+def mended(text: str, claimed: ClaimedType, observed: ObservedType) -> str:
     """A grasp file's text with both."""
     lines = [line for line in text.splitlines() if not line.startswith("observed:")]
     place = next(k for k, line in enumerate(lines) if line.startswith("taxonomy:"))
     if claimed.number != observed.number or claimed.number is None:
-        lines[place] = f"taxonomy: {_flow(as_claimed(observed))}"
+        lines[place] = f"taxonomy: {_flow(claim_observed(observed))}"
     lines.insert(place + 1, f"observed: {_flow(observed)}")
     return "\n".join(lines) + "\n"
 
 
-def _flow(model: Taxonomy | Observed) -> str:
+def _flow(model: ClaimedType | ObservedType) -> str:
     fields = model.model_dump()
     kept = {key: value for key, value in fields.items() if value not in (None, "") or key == "number"}
     return "{" + ", ".join(f"{key}: {_scalar(value)}" for key, value in kept.items()) + "}"

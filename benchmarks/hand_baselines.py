@@ -10,9 +10,9 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.training.evaluation import evaluate
 from benchmarks.unlearned import SEED, Random, put, shown
 
@@ -32,7 +32,7 @@ def rows(hands: list[str], episodes: int = EPISODES) -> Iterator[str]:
         for task in TASKS:
             for level in ("easy", "default"):
                 given = {"hand": hand, "level": level}
-                found = [_shown(policy, task, given, episodes) for policy in (Still(motors), Random(motors))]
+                found = [_shown(policy, task, given, episodes) for policy in (ZeroPolicy(motors), Random(motors))]
                 yield f"| `{hand}` | `{task}` | {level} | {found[0]} | {found[1]} | {episodes} |"
 
 

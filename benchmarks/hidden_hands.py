@@ -13,16 +13,15 @@ import numpy as np
 import yaml
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
-from allegro_twin.twin.identify.motions.motion import Motion, read_motion
-from allegro_twin.twin.identify.pipeline import Identified, gaps, identify
-from allegro_twin.twin.identify.record_excitation import laid, play, task_of
-from allegro_twin.twin.identify.results.gap import SMALLEST, Gap, side_of
-from allegro_twin.twin.identify.results.hand_file import store
+from allegro_twin.twin.identify.motions.motion import RecordedMotion, read_motion
+from allegro_twin.twin.identify.pipeline import Identification, identify_hand, measure_gaps
+from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
+from allegro_twin.twin.identify.results.gap import SMALLEST, Gap, gap_errors
+from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
@@ -31,11 +30,11 @@ TIMESTEP = 0.0005  # s, of the hidden hand.
 _N = 16
 NOISES = (5e-5, 3e-4)  # rad
 _LOAD, _STICTION, _STRIBECK, _BRISTLE = (0.02, 0.08), (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
-"""Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/twin.md"""
+"""Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/results/identification.md"""
 
 
 def drawn(seed: int, kind: str) -> dict[str, Any]:
-    """The truth of a hand: around the nominal one, as docs/twin.md says."""
+    """The truth of a hand: around the nominal one, as docs/results/identification.md says."""
     rng = np.random.default_rng((seed, 11))
 
     def row(low: float, high: float) -> list[float]:
@@ -75,10 +74,10 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
         known = item["masses"] == "known"
         file.write_text(yaml.safe_dump({"drive": {"mass_scale": truth["drive"]["mass_scale"]}} if known else {}))
         began = time.process_time()
-        found = identify(paths[:-1], (), masses_known=known, hand=str(file))
+        found = identify_hand(paths[:-1], (), masses_known=known, hand=str(file))
         cost = time.process_time() - began
-        store(file, found.fit, found.values, found.motions, "")
-        (gap,) = gaps(paths[-1:], str(file))
+        write_hand_file(file, found.fit, found.values, found.motions, "")
+        (gap,) = measure_gaps(paths[-1:], str(file))
         truth_itself = best(truth, read_motion(paths[-1]))
     own = {"kind": item["kind"], "seed": item["seed"], "backlash_true": truth["drive"]["backlash"]}
     return {
@@ -102,13 +101,13 @@ def excited(
     }  # fmt: skip
     blocks = {"hand": {"side": item["side"]}, "backend": backend, "controller": {"kind": "torque"}}
     config = RunConfig.model_validate(blocks)
-    todo = task_of(config, pose, HELD_OUT if pose == UNSEEN else seconds, 100 * item["seed"] + number, folder)
+    todo = remaining_run(config, pose, HELD_OUT if pose == UNSEEN else seconds, 100 * item["seed"] + number, folder)
     assert todo is not None  # The folder is new.
-    play(laid(config, todo.pose), todo, lambda t: None)
+    record_run(pose_config(config, todo.pose), todo, lambda t: None)
     return todo.file
 
 
-def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
+def _errors(truth: Mapping[str, Any], found: Identification) -> dict[str, Any]:
     constant = np.array(truth["wire"]["torque_constant"])
     true = {name: np.array(values) / constant for name, values in truth["actuation"].items()}
     true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
@@ -136,21 +135,21 @@ def _prediction(gap: Gap) -> dict[str, Any]:
     return {"nominal_mrad": _text(1000 * gap.before.joint[-1]), "open_loop_mrad": _text(1000 * gap.after.joint[-1])}
 
 
-def best(truth: Mapping[str, Any], motion: Motion) -> Array:
+def best(truth: Mapping[str, Any], motion: RecordedMotion) -> Array:
     """What the hand's true parameters are off by over 5 s in the model that is fitted, whose time step is another: rad,
     (n,). Nearer no fit can come but by chance; a joint on the verge of breaking away is far off."""
     mine = load_spec(motion.spec.model, motion.spec.side)
     loose = truth["drive"]["backlash"] > 0.0
-    player = Player(mine, motion.period, bristly="stiction" in truth["drive"], loose=loose)
-    found: Array = side_of(motion, player, _true(truth)).joint[-1]
+    player = OpenLoopPlayer(mine, motion.period, bristly="stiction" in truth["drive"], loose=loose)
+    found: Array = gap_errors(motion, player, _true(truth)).joint[-1]
     return found
 
 
-def _true(truth: Mapping[str, Any]) -> Parameters:
+def _true(truth: Mapping[str, Any]) -> DriveParameters:
     drive, usual = truth["drive"], {"stiction": 1.0, "stribeck_speed": 1.0, "bristle": 0.0, "load_friction": 0.0}
     every = {**truth["wire"], **truth["actuation"], **usual, **drive}
     rows = {name: np.broadcast_to(np.asarray(value, dtype=float), (_N,)).copy() for name, value in every.items()}
-    return Parameters(
+    return DriveParameters(
         **{name: rows[name] for name in ("torque_constant", *truth["actuation"], "mass_scale", *usual)}
         | {
             "offset": rows["encoder_offset"],

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import (
     euler_from_matrix,
@@ -169,6 +169,6 @@ def _median(calls: Sequence[Callable[[], object]]) -> float:
 
 
 if __name__ == "__main__":
-    from benchmarks.__main__ import show
+    from benchmarks.figures import show
 
     show(figures())

@@ -1,7 +1,8 @@
 """The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; what the checks say.
 
 `python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--once] [--rows FILE]`
-prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
+prints the tables of docs/results/cell.md; a placement of all things is whole before the next begins. Every trial that
+takes
 something is done twice more (not with `--once`), without a second try: with the thing taken away once it was seen, and
 with it moved by 5 cm in a drawn direction when the approach begins. `--unlike`: the hand in the cell is not the one
 that the checks know: its joints' friction differs by factors of 0.5 to 2, its motors by 0.85 to 1.15.
@@ -19,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.assembly import Room, make_room, with_things
-from allegro_twin.cell.motion.grasp_selection import cards
-from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.assembly import Cell, make_cell, with_objects
+from allegro_twin.cell.motion.grasp_selection import stored_grasps
+from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
-from allegro_twin.cell.states import Now
+from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.types import Array
 
 _MOVED = 0.05  # m.
@@ -44,9 +45,9 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
-    settings = load(LabSettings, data_root() / "conf" / f"{asked.config}.yaml")
+    settings = load_settings(LabSettings, data_root() / "conf" / f"{asked.config}.yaml")
     once = settings.decide.model_copy(update={"retries": 0})
-    names = sorted(card.name for card in cards(settings.hand.model))
+    names = sorted(card.name for card in stored_grasps(settings.hand.model))
     began, rows = time.monotonic(), []
     for number in range(asked.placements):
         for index, name in enumerate(names):
@@ -56,7 +57,7 @@ def main() -> None:
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
             thing = ThingSettings(name=name, at=(float(at[0]), float(at[1])), yaw=yaw)
             turn = float(draws.uniform(0.0, 2.0 * np.pi))
-            here = with_things(settings, [thing], 1000 * asked.seed + len(names) * number + index)
+            here = with_objects(settings, [thing], 1000 * asked.seed + len(names) * number + index)
             unlike = (asked.seed, number, index, 1) if asked.unlike else None
             row = tried(here, name, unlike=unlike)
             if row["grasp"] is not None and not asked.once:
@@ -76,22 +77,22 @@ def tried(
 ) -> Row:  # fmt: skip
     """One run, as a row. `vanish`: the thing is gone once it was seen; `moved`: by so much when the approach begins,
     (2,), m; `unlike`: the seed by which the hand differs from the one that the checks know."""
-    room = make_room(settings)
+    cell = make_cell(settings)
     if unlike is not None:
-        _alter(room, np.random.default_rng(unlike))
+        _alter(cell, np.random.default_rng(unlike))
 
-    def entered(now: Now) -> None:
+    def entered(now: MachineState) -> None:
         if vanish and now.state == "ToTargetPose":
-            room.cell.world.data.joint(name).qpos[:3] = _AWAY
+            cell.robot.world.data.joint(name).qpos[:3] = _AWAY
         if moved is not None and now.state == "Approach":
-            room.cell.world.data.joint(name).qpos[:2] += moved
+            cell.robot.world.data.joint(name).qpos[:2] += moved
 
     try:
         began = time.perf_counter()
-        report = perform(room, entered=entered)
+        report = perform(cell, on_state=entered)
         return _row(report, name, time.perf_counter() - began)
     finally:
-        room.close()
+        cell.close()
 
 
 def told(rows: Sequence[Row]) -> list[str]:
@@ -129,18 +130,18 @@ def told(rows: Sequence[Row]) -> list[str]:
     ]  # fmt: skip
 
 
-def _alter(room: Room, draws: np.random.Generator) -> None:
-    model, spec = room.cell.world.model, room.hand.spec
+def _alter(cell: Cell, draws: np.random.Generator) -> None:
+    model, spec = cell.robot.world.model, cell.hand.spec
     joints = [int(model.joint(name).dofadr[0]) for name in spec.joints]
     motors = [model.actuator(name).id for name in spec.joints]
     model.dof_frictionloss[joints] *= np.exp(draws.uniform(np.log(0.5), np.log(2.0), len(joints)))
     model.actuator_gear[motors, 0] *= draws.uniform(0.85, 1.15, len(motors))
 
 
-def _row(report: Report, name: str, wall: float) -> Row:
+def _row(report: LabReport, name: str, wall: float) -> Row:
     check = report.checked
     return {
-        "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.truly),
+        "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "tries": report.tries, "grasp": report.grasp, "error": report.error, "lifted": report.lifted, "wall": wall,
         "t": report.events[-1][0], "force": None if check is None else bool(check.by_force),
         "torque": None if check is None else check.by_torque, "fingers": None if check is None else check.by_fingers,

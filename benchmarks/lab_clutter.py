@@ -1,7 +1,7 @@
 """The cell with two or three objects on the table: which it takes, what it says, and what it moves on the way.
 
 `python -m benchmarks.lab_clutter [--hand allegro] [--runs 20] [--seed 0] [--rows FILE]` draws objects, places and yaws:
-the first within 6 cm of the middle, each other one at 8 to 30 cm from it. Prints the table of docs/lab.md.
+the first within 6 cm of the middle, each other one at 8 to 30 cm from it. Prints the table of docs/results/cell.md.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.assembly import make_room, with_things
-from allegro_twin.cell.motion.grasp_selection import cards
+from allegro_twin.cell.assembly import make_cell, with_objects
+from allegro_twin.cell.motion.grasp_selection import stored_grasps
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.files.schema import load_settings
+from allegro_twin.sim.objects.catalogue import load_object
 
 _GAP = 0.005  # m, between two at least.
 Row = dict[str, Any]
@@ -30,14 +30,14 @@ Row = dict[str, Any]
 def drawn(names: Sequence[str], draws: np.random.Generator) -> list[ThingSettings]:
     """Two or three objects, none in another."""
     chosen = draws.permutation(names)[: int(draws.integers(2, 4))]
-    wide = [float(np.hypot(*named(str(name)).half_extents()[:2])) for name in chosen]
+    wide = [float(np.hypot(*load_object(str(name)).half_extents()[:2])) for name in chosen]
     at = draws.uniform(-0.06, 0.06, 2)
     places = [at]
     while len(places) < len(chosen):
         turn, far = draws.uniform(0.0, 2.0 * np.pi), draws.uniform(0.08, 0.3)
         place = at + far * np.array([np.cos(turn), np.sin(turn)])
-        room = [float(np.linalg.norm(place - other)) - wide[k] - wide[len(places)] for k, other in enumerate(places)]
-        if min(room) > _GAP and np.abs(place).max() < 0.4:
+        cell = [float(np.linalg.norm(place - other)) - wide[k] - wide[len(places)] for k, other in enumerate(places)]
+        if min(cell) > _GAP and np.abs(place).max() < 0.4:
             places.append(place)
     yaws = draws.uniform(-180.0, 180.0, len(chosen)).tolist()
     return [ThingSettings(name=str(name), at=(float(place[0]), float(place[1])), yaw=yaw)
@@ -46,15 +46,15 @@ def drawn(names: Sequence[str], draws: np.random.Generator) -> list[ThingSetting
 
 def tried(settings: LabSettings) -> Row:
     """One run, as a row."""
-    room = make_room(settings)
+    cell = make_cell(settings)
     try:
-        report = perform(room)
+        report = perform(cell)
     finally:
-        room.close()
+        cell.close()
     near = [float(np.hypot(*np.subtract(each.at, settings.objects[0].at))) for each in settings.objects[1:]]
     return {
         "objects": [each.name for each in settings.objects], "apart": near, "taken": report.thing,
-        "grasp": report.grasp, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.truly),
+        "grasp": report.grasp, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "error": report.error, "moved": dict(report.moved), "doubt": bool(report.checked and report.checked.doubt),
     }  # fmt: skip
 
@@ -83,11 +83,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
-    settings = load(LabSettings, data_root() / "conf" / f"lab_{asked.hand}.yaml")
-    names, rows = sorted(card.name for card in cards(asked.hand)), []
+    settings = load_settings(LabSettings, data_root() / "conf" / f"lab_{asked.hand}.yaml")
+    names, rows = sorted(card.name for card in stored_grasps(asked.hand)), []
     for number in range(asked.runs):
         draws = np.random.default_rng((asked.seed, number))
-        rows.append(tried(with_things(settings, drawn(names, draws), number)))
+        rows.append(tried(with_objects(settings, drawn(names, draws), number)))
         if asked.rows is not None:
             with asked.rows.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")

@@ -2,7 +2,8 @@
 
 `python -m benchmarks.lab_faults [--hands allegro,leap] [--kinds power,weak] [--objects 1] [--most N] [--seed 0]
 [--rows FILE]`
-prints the table of docs/lab.md. Objects, places, yaws and joints are drawn, with `--most` N cases of each kind. Kinds:
+prints the table of docs/results/cell.md. Objects, places, yaws and joints are drawn, with `--most` N cases of each
+kind. Kinds:
 
 - `power`: the motors of the whole hand, or of one finger, give nothing from a state on, for every state;
 - `weak`: the motors give 20 % from a state on;
@@ -29,26 +30,26 @@ from typing import Any, get_args
 import numpy as np
 
 from allegro_twin.backend import HandBackend
-from allegro_twin.cell.arm.faults import Disturbed, InFront
-from allegro_twin.cell.assembly import Room, make_room, with_things
-from allegro_twin.cell.motion.grasp_selection import cards
-from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.arm.faults import DisturbedBackend, PassThroughBackend
+from allegro_twin.cell.assembly import Cell, make_cell, with_objects
+from allegro_twin.cell.motion.grasp_selection import stored_grasps
+from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
-from allegro_twin.cell.states import Now, State
+from allegro_twin.cell.states import MachineState, StateName
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 
 HANDS = ("allegro", "leap", "model_o", "qb_softhand", "sih")
-STATES: tuple[State, ...] = get_args(State)
+STATES: tuple[StateName, ...] = get_args(StateName)
 KINDS = ("healthy", "power", "weak", "encoder", "dead", "stuck", "taken", "camera", "force", "glued")
 _AWAY = (2.0, 2.0, 1.0)  # m: off the table.
 Row = dict[str, Any]
 
 
-class Misread(InFront):
+class Misread(PassThroughBackend):
     """A hand in front of a hand: one joint's encoder is off by `by`, rad; or `dead`: it stays at what it reads. A loop
     in the firmware goes by the same encoder."""
 
@@ -80,7 +81,7 @@ class Misread(InFront):
         return replace(state, position=frozen(position), velocity=frozen(velocity))
 
 
-class Frozen(Disturbed):
+class Frozen(DisturbedBackend):
     """A force sensor that stays at its last value once it is `stuck`."""
 
     stuck = False
@@ -127,11 +128,11 @@ def cases(kind: str, spec: HandSpec, draws: np.random.Generator) -> Iterator[Cas
             for joint in joints:
                 for degrees in (-3.0, -1.0, 1.0, 3.0):
                     for empty in (False, True):
-                        what = f"{spec.readable[joint]} by {degrees:+.0f}°"
+                        what = f"{spec.joint_labels[joint]} by {degrees:+.0f}°"
                         yield Case(kind, what, "always", empty, joint=joint, by=float(np.radians(degrees)))
         case "dead" | "stuck":
             for joint in joints:
-                yield from (Case(kind, spec.readable[joint], "ClosingHand", empty, joint=joint)
+                yield from (Case(kind, spec.joint_labels[joint], "ClosingHand", empty, joint=joint)
                             for empty in (False, True))  # fmt: skip
         case "taken":
             yield from (Case(kind, "object", state) for state in STATES)
@@ -148,20 +149,20 @@ def cases(kind: str, spec: HandSpec, draws: np.random.Generator) -> Iterator[Cas
 
 def tried(settings: LabSettings, case: Case) -> Row:
     """One run, as a row."""
-    room = make_room(settings)
+    cell = make_cell(settings)
     name = settings.objects[0].name
-    entered, room = _injected(room, case, name)
+    entered, cell = _injected(cell, case, name)
     try:
-        return _row(perform(room, entered=entered), case, settings)
+        return _row(perform(cell, on_state=entered), case, settings)
     finally:
-        room.close()
+        cell.close()
 
 
-def _injected(room: Room, case: Case, name: str) -> tuple[Callable[[Now], None], Room]:
-    model, data, spec = room.cell.world.model, room.cell.world.data, room.hand.spec
-    hand, sensor, done = Misread(room.hand, case.joint, case.by), Frozen(room.arm, np.zeros(6)), False
+def _injected(cell: Cell, case: Case, name: str) -> tuple[Callable[[MachineState], None], Cell]:
+    model, data, spec = cell.robot.world.model, cell.robot.world.data, cell.hand.spec
+    hand, sensor, done = Misread(cell.hand, case.joint, case.by), Frozen(cell.arm, np.zeros(6)), False
 
-    def entered(now: Now) -> None:
+    def entered(now: MachineState) -> None:
         nonlocal done
         if case.empty and now.state == "Approach":
             data.joint(name).qpos[:3] = _AWAY
@@ -181,10 +182,10 @@ def _injected(room: Room, case: Case, name: str) -> tuple[Callable[[Now], None],
             case "taken":
                 data.joint(name).qpos[:3] = _AWAY
             case "camera":
-                room.camera.freeze()
+                cell.camera.freeze()
             case "force":
                 sensor.stuck = case.what == "stuck"
-                arm = room.cell.base.rotation @ room.cell.model.pose(data.qpos[:7]).rotation
+                arm = cell.robot.base.rotation @ cell.robot.model.pose(data.qpos[:7]).rotation
                 if not sensor.stuck:
                     sensor._bias[:3] = arm.T @ [0.0, 0.0, -3.0]
             case "glued":
@@ -192,16 +193,16 @@ def _injected(room: Room, case: Case, name: str) -> tuple[Callable[[Now], None],
                 model.dof_damping[first : first + 6] = 1e4  # N·s/m and N·m·s: it hardly moves.
 
     if case.kind in ("encoder", "dead"):
-        room = replace(room, hand=hand)
-    return entered, replace(room, arm=sensor) if case.kind == "force" else room
+        cell = replace(cell, hand=hand)
+    return entered, replace(cell, arm=sensor) if case.kind == "force" else cell
 
 
-def _row(report: Report, case: Case, settings: LabSettings) -> Row:
+def _row(report: LabReport, case: Case, settings: LabSettings) -> Row:
     check = report.checked
     return {
         "hand": settings.hand.model, "object": settings.objects[0].name, "kind": case.kind, "what": case.what,
         "state": case.state, "empty": case.empty, "end": str(report.end), "sentence": report.end.sentence,
-        "truly": bool(report.truly), "tries": report.tries, "states": [state for _, state in report.events],
+        "truly": bool(report.is_lifted), "tries": report.tries, "states": [state for _, state in report.events],
         "check": None if check is None else [check.weight, check.torque, check.between, check.by_camera],
     }  # fmt: skip
 
@@ -237,14 +238,14 @@ def main() -> None:
     asked = parser.parse_args()
     rows: list[Row] = []
     for number, hand in enumerate(asked.hands.split(",")):
-        settings = load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
+        settings = load_settings(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
         settings = settings.model_copy(update={"decide": settings.decide.model_copy(update={"retries": 0})})
-        names, draws = sorted(card.name for card in cards(hand)), np.random.default_rng((asked.seed, number))
+        names, draws = sorted(card.name for card in stored_grasps(hand)), np.random.default_rng((asked.seed, number))
         left = asked.objects
         for name in draws.permutation(names):
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
             thing = ThingSettings(name=str(name), at=(float(at[0]), float(at[1])), yaw=yaw)
-            here = with_things(settings, [thing], asked.seed)
+            here = with_objects(settings, [thing], asked.seed)
             if left == 0:
                 break
             if tried(here, Case("healthy", "nothing", ""))["end"].startswith("refused"):

@@ -17,11 +17,11 @@ from allegro_twin.app.config import load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.grasping.trial import make_trial
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Sample, frozen
@@ -53,7 +53,7 @@ def ratio(sim: SimBackend, controller: PD, *, resume: bool = False) -> float:
     samples = run(backend, controller)
     ratios = []
     with tempfile.TemporaryDirectory() as folder:
-        samples = recorded(samples, Path(folder) / "bench.arrow", spec, sim.period)
+        samples = record(samples, Path(folder) / "bench.arrow", spec, sim.period)
         list(islice(samples, 300))
         for _ in range(ROUNDS):
             ours = _timed(samples)

@@ -11,13 +11,13 @@ from pathlib import Path
 from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
 from allegro_twin.loop import run
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 
 
 def figures() -> Iterator[tuple[str, float, float, str]]:
     rig = assemble(load_config("sim_right"))
     with tempfile.TemporaryDirectory() as folder:
-        samples = recorded(run(rig.backend, rig.controller), Path(folder) / "long.arrow", rig.spec, rig.backend.period)
+        samples = record(run(rig.backend, rig.controller), Path(folder) / "long.arrow", rig.spec, rig.backend.period)
         for _ in islice(samples, 2_000):
             pass
         before = _resident()

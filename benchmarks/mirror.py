@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.control.controllers import PD
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.contact_detection import axes, thresholds, touched
-from allegro_twin.twin.mirror.rerun_view import RATE, drawn, stage
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.contact_detection import contact_thresholds, joint_thresholds, touched_fingers
+from allegro_twin.twin.mirror.rerun_view import RATE, draw_mirror, mirror_scenery
 from allegro_twin.types import Array
 from allegro_twin.viewing.rerun.viewer import Viewer
 from benchmarks.mirrored_hands import (
@@ -50,7 +50,7 @@ DRAWN = 10.0  # s
 def figures() -> Iterator[tuple[str, float, float, str]]:
     """What a period of the mirror takes of real time."""
     spec = load_spec()
-    observer = Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), PERIOD)
+    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), PERIOD)
     middle = (spec.lower + spec.upper) / 2.0
     observer.reset(middle)
     duty, down, took = np.full(N, 0.02), np.array([0.0, 0.0, -9.81]), []
@@ -70,10 +70,10 @@ def _drawn(spec: HandSpec) -> tuple[float, float]:
     motion = run(simulated(spec, 0), PD(moves(spec, 0, DRAWN), load_gains("v4", spec)))
     samples, each, took = list(heard(until(DRAWN, motion), spec)), mirror_of(spec), []
     with tempfile.TemporaryDirectory() as folder:
-        viewer = Viewer(spec, stage(spec), rate=RATE, live=True).to_file(Path(folder) / "mirror.rrd")
+        viewer = Viewer(spec, mirror_scenery(spec), rate=RATE, live=True).to_file(Path(folder) / "mirror.rrd")
         viewer.flush()
         began, last = time.process_time(), time.thread_time()
-        for _ in drawn(each.watched(samples), each, viewer, None):
+        for _ in draw_mirror(each.watch(samples), each, viewer, None):
             now = time.thread_time()
             took.append(now - last)
             last = now
@@ -114,7 +114,7 @@ def main() -> None:
 def learned(seed: int, spec: HandSpec, seconds: float, *, coulomb: bool) -> Array:
     """Thresholds from a free motion."""
     free, moving = disturbances(spec, 1000 + seed, seconds, coulomb=coulomb)
-    above = thresholds(free, moving, mirror_of(spec, coulomb=coulomb).observer.held, PERIOD, spec)
+    above = contact_thresholds(free, moving, mirror_of(spec, coulomb=coulomb).observer.held, PERIOD, spec)
     for which, (name, rows) in enumerate((("at rest", ~moving[400:]), ("moving", moving[400:]))):
         print(f"hand {seed}, joints {name}: floor {1e3 * free[400:][rows].std():.1f} mN·m, thresholds "
               f"{1e3 * above[which].min():.1f} to {1e3 * above[which].max():.1f}", flush=True)  # fmt: skip
@@ -146,7 +146,7 @@ def alarms(specs: Sequence[HandSpec], above: Sequence[Array], minutes: float, *,
     for k in range(round(minutes)):
         which = k % len(specs)
         free, moving = disturbances(specs[which], 2000 + k, 60.0, coulomb=coulomb)
-        count += int(touched(free, axes(above[which], moving), specs[which])[400:].any())
+        count += int(touched_fingers(free, joint_thresholds(above[which], moving), specs[which])[400:].any())
     print(f"{count} of {round(minutes)} minutes of free motion with a false alarm", flush=True)
 
 

@@ -16,16 +16,16 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.backend import torque_of
-from allegro_twin.cell.arm.faults import InFront
+from allegro_twin.cell.arm.faults import PassThroughBackend
 from allegro_twin.control.controllers import PD
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
 from benchmarks.mirrored_hands import FULL, PERIOD, N, hand, mirror_of, moves, simulated
@@ -35,7 +35,7 @@ BURST = (5, 30)  # Periods.
 PUSH = 0.06  # N·m, of one joint.
 
 
-class Host(InFront):
+class Host(PassThroughBackend):
     """A simulated hand as a CAN host hears it, `loss`: share of reports of one finger that are lost; `bursts`: share of
     periods that begin a burst."""
 
@@ -88,20 +88,22 @@ def drawn(seed: int, noise: float, *, mismatched: bool) -> HandSpec:
     return replace(spec, drive=replace(spec.drive, encoder_noise=frozen(own)))
 
 
-def learned(spec: HandSpec, seed: int, seconds: float, loss: float) -> Calm:
+def learned(spec: HandSpec, seed: int, seconds: float, loss: float) -> Thresholds:
     """From a free motion."""
     each, rows = mirror_of(spec), []
     host = Host(simulated(spec, seed), loss, 0.0, seed)
-    for _ in each.watched(until(seconds, run(host, PD(moves(spec, seed, seconds), load_gains("v4", spec))))):
-        rows.append((each.latest()["disturbance"], each.moving, each.observer.spread))
+    for _ in each.watch(until(seconds, run(host, PD(moves(spec, seed, seconds), load_gains("v4", spec))))):
+        rows.append((each.columns()["disturbance"], each.moving, each.observer.spread))
     disturbance, moving, spread = (np.array(column[1:]) for column in zip(*rows, strict=True))
     usual = np.median(spread, axis=0)
     kept = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
-    gains = np.array(each.diagnosis.gains)
-    return Calm.of(kept, moving, each.observer.held, gains, PERIOD, spec, usual)
+    gains = np.array(each.fault_detector.gains)
+    return Thresholds.from_free_motion(kept, moving, each.observer.held, gains, PERIOD, spec, usual)
 
 
-def heard(spec: HandSpec, calm: Calm | None, seed: int, seconds: float, loss: float, bursts: float, at: float) -> Said:
+def heard(
+    spec: HandSpec, calm: Thresholds | None, seed: int, seconds: float, loss: float, bursts: float, at: float
+) -> Said:
     """`at`: s, when something begins to push one joint; infinite: nothing does."""
     backend = simulated(spec, seed)
     each = Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
@@ -111,7 +113,7 @@ def heard(spec: HandSpec, calm: Calm | None, seed: int, seconds: float, loss: fl
     push[finger.joints[1 + seed % 2]] = PUSH * rng.choice([-1.0, 1.0])
     host = Host(backend, loss, bursts, seed)
     samples = until(seconds, run(host, PD(moves(spec, seed, seconds), load_gains("v4", spec))))
-    for sample in each.watched(samples):
+    for sample in each.watch(samples):
         t = sample.state.t
         if t >= at:
             backend.push(push)
@@ -121,7 +123,7 @@ def heard(spec: HandSpec, calm: Calm | None, seed: int, seconds: float, loss: fl
         now = set(each.contacts)
         touches += len(now - before)
         before = now
-    return Said(touches, "" if each.anomaly is None else each.anomaly.name, noticed)
+    return Said(touches, "" if each.fault is None else each.fault.name, noticed)
 
 
 def main() -> None:

@@ -16,16 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.batch.trials import Bench, Case
-from allegro_twin.grasping.scenario import Protocol, load_protocol, load_scenario
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.scenario import TrialProtocol, load_protocol, load_scenario
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import AILMENTS
-from allegro_twin.twin.mirror.fault_detection import Calm
-from allegro_twin.twin.mirror.faults import Anomaly
+from allegro_twin.twin.mirror.fault_detection import Thresholds
+from allegro_twin.twin.mirror.faults import Fault
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array
 from benchmarks.anomalies import learned
@@ -45,7 +45,7 @@ SOON = 3.0  # s.
 class Said(NamedTuple):
     """Of one grasp."""
 
-    found: Anomaly | None
+    found: Fault | None
     at: float
     """s."""
     t: Array
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 
 
 @cache
-def rules(*, slippery: bool) -> Protocol:
+def rules(*, slippery: bool) -> TrialProtocol:
     """`table_pick`; `slippery`: to a longer hold, which ends it."""
     protocol = load_protocol("table_pick")
     if not slippery:
@@ -80,25 +80,27 @@ def rules(*, slippery: bool) -> Protocol:
     return protocol.model_copy(update={"phases": (*until_held[:-1], hold)})
 
 
-def grasped(spec: HandSpec, calm: Calm, name: str, seed: int, *, slippery: bool) -> Said:
+def grasped(spec: HandSpec, calm: Thresholds, name: str, seed: int, *, slippery: bool) -> Said:
     """One grasp with a mirror beside it."""
     scenario, path = load_scenario(name)
-    bench, draw = Bench(spec, threads=1), draws(Uncertainty(torque=0.0), 1, seed)[0]
-    trial = bench.trial(Case(scenario, load_grasp(scenario.grasp, spec), draw, rules(slippery=slippery), path.parent))
+    bench, draw = TrialRunner(spec, threads=1), sample_perturbations(Uncertainty(torque=0.0), 1, seed)[0]
+    trial = bench.trial(
+        TrialCase(scenario, load_grasp(scenario.grasp, spec), draw, rules(slippery=slippery), path.parent)
+    )
     each = Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
     amount = float(np.random.default_rng((seed, 8)).uniform(*AILMENTS["slippery"]))
     at = next(window.begin for window in trial.windows if window.name == "hold") + HELD
     found, when, touched, suffered, rows = None, np.inf, 0, np.inf, []
     samples = heard(until(trial.seconds, run(trial.backend, bench.controller(trial))), spec)
-    for sample in trial.watched(each.watched(samples)):
+    for sample in trial.watched(each.watch(samples)):
         t, seen = sample.state.t, trial.latest()
         palm, thing = seen["palm"], seen["object"]
         rows.append((t, matrix_from_quaternion(palm[3:]).T @ (thing[:3] - palm[:3])))
         if slippery and suffered > t >= at:
             trial.backend.suffer("slippery", 0, amount)
             suffered, touched = t, int((seen["contact_force"] > 0.05).sum())
-        if each.anomaly is not found and (found is None or (slippery and when < suffered)):
-            found, when = each.anomaly, t  # The first, or, after a slip, the first since it grew slippery.
+        if each.fault is not found and (found is None or (slippery and when < suffered)):
+            found, when = each.fault, t  # The first, or, after a slip, the first since it grew slippery.
     times, places = zip(*rows, strict=True)
     return Said(found, when, np.array(times), np.array(places), suffered, touched)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from allegro_twin.backend import torque_of
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
@@ -23,8 +23,8 @@ from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.twin.identify.results.gap import breaks_away, drive_of
-from allegro_twin.twin.mirror.contact_detection import PERIODS, axes, pushed
+from allegro_twin.twin.identify.results.gap import drive_parameters, has_breakaway_friction
+from allegro_twin.twin.mirror.contact_detection import PERIODS, joint_thresholds, push_ratio
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, frozen
 
@@ -62,7 +62,7 @@ def hand(seed: int, *, mismatched: bool = False) -> HandSpec:
     if mismatched:
         ranges = {"stiction": (1.2, 1.8), "stribeck_speed": (0.08, 0.2), "bristle": (5e-4, 2e-3)}
         drive |= {name: rng.uniform(*ends, N).tolist() for name, ends in ranges.items()} | {"load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made(drive, N))
+    return replace(spec, actuation=own, drive=Drive.from_values(drive, N))
 
 
 def simulated(spec: HandSpec, seed: int) -> SimBackend:
@@ -85,8 +85,10 @@ def moves(spec: HandSpec, seed: int, seconds: float) -> Reference:
 
 def mirror_of(spec: HandSpec, *, coulomb: bool = False) -> Mirror:
     """With the hand's true drive; `coulomb`: but that its friction is Coulomb's whatever the hand's is."""
-    bristly = breaks_away(spec.drive) and not coulomb
-    return Mirror(spec, Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), PERIOD, bristly=bristly), np.ones(N))
+    bristly = has_breakaway_friction(spec.drive) and not coulomb
+    return Mirror(
+        spec, Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), PERIOD, bristly=bristly), np.ones(N)
+    )
 
 
 def heard(samples: Iterator[Sample], spec: HandSpec) -> Iterator[Sample]:
@@ -104,7 +106,7 @@ def disturbances(
     each, backend = mirror_of(spec, coulomb=coulomb), simulated(spec, seed)
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     samples = heard(until(seconds, run(backend, controller)), spec)
-    rows = [(each.latest()["disturbance"], each.moving) for _ in each.watched(samples)][1:]
+    rows = [(each.columns()["disturbance"], each.moving) for _ in each.watch(samples)][1:]
     return np.array([row for row, _ in rows]), np.array([moving for _, moving in rows])
 
 
@@ -153,7 +155,7 @@ def touch(
     begun, felt, since, after, known, found = np.inf, np.inf, 0, np.inf, np.zeros(4), np.zeros(4)
     jacobian, first, moved = np.zeros((3, model.nv)), np.zeros(4), False
     samples = heard(until(LATEST + AFTER, run(backend, PD(reference, load_gains("v4", spec)))), spec)
-    for sample in each.watched(samples):
+    for sample in each.watch(samples):
         t, ready = sample.state.t, not moving or (np.abs(sample.state.velocity[joints]) > MOVING).sum() >= 2
         if t < BEGIN or (push is None and not ready and t < LATEST):
             continue
@@ -169,8 +171,12 @@ def touch(
         backend.push(torque[:N])
         felt = min(felt, t) if np.linalg.norm(force) >= least - 1e-9 else felt
         moved |= t <= felt + 0.06 and bool((np.abs(data.qpos[joints] - first) > COUNT).any())
-        estimate = each.latest()["disturbance"]
-        since = since + 1 if t > felt and pushed(estimate, axes(above, each.moving), spec, joints) > 1.0 else 0
+        estimate = each.columns()["disturbance"]
+        since = (
+            since + 1
+            if t > felt and push_ratio(estimate, joint_thresholds(above, each.moving), spec, joints) > 1.0
+            else 0
+        )
         after = min(after, t - felt) if since >= PERIODS else after
         if t > begun + 0.2:
             known, found = known + torque[joints], found + estimate[joints]

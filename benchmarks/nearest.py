@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import SIDES
 from allegro_twin.types import Array

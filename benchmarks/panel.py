@@ -22,9 +22,10 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.panel import requests as w
-from allegro_twin.surfaces.panel.host import Habits, Host
-from allegro_twin.surfaces.panel.page_process import Pages
+from allegro_twin.surfaces.panel import requests
+from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
+from allegro_twin.surfaces.panel.host import Host
+from allegro_twin.surfaces.panel.page_process import PageServer
 from allegro_twin.types import Sample
 from benchmarks.two_processes import Figure, _hand
 
@@ -79,26 +80,26 @@ def _alone(config: RunConfig, folder: Path, keep: Any, seconds: float) -> None:
 
 def _through_the_panel(config: RunConfig, folder: Path, keep: Any, seconds: float) -> None:
     with served(config, folder) as (host, _):
-        opened = host._opened
-        assert opened is not None
+        opened = host._session
+        assert isinstance(opened, HandSession)
         opened.hand.listen(keep)
         for wish in _wishes(opened.rig.spec.lower, opened.rig.spec.upper, seconds):
             host._take(wish)
 
 
-def _wishes(lower: Any, upper: Any, seconds: float) -> Iterator[w.Joints]:
+def _wishes(lower: Any, upper: Any, seconds: float) -> Iterator[requests.MoveJoints]:
     middle = np.clip(0.3, lower, upper)
     for k in range(round(20 * seconds)):
         goal = middle.copy()
         goal[1] = np.clip(0.5 + 0.3 * np.sin(k / 8.0), lower[1], upper[1])
-        yield w.Joints(tuple(goal.tolist()))
+        yield requests.MoveJoints(tuple(goal.tolist()))
         time.sleep(0.05)
 
 
 @contextmanager
 def served(config: RunConfig, folder: Path) -> Iterator[tuple[Host, str]]:
     """A panel whose hand is in this process, and its address."""
-    host = Host(config, Habits("hold", folder, folder / "taught.yaml"), Pages("127.0.0.1", 0, "hold"))
+    host = Host(HandSessions(config, Folders(folder, folder / "taught.yaml")), PageServer("127.0.0.1", 0, "hold"))
     over = threading.Event()
     host.begin()
     address = host._page.address()
@@ -158,8 +159,8 @@ def _page(chromium: Any, address: str) -> Any:
 
 def _latency(host: Host, page: Any) -> float:
     """s from a key on a slider, in the browser, to the first state of the hand in which the joint has moved 1 mrad."""
-    assert host._opened is not None
-    hand, moved, at = host._opened.hand, threading.Event(), list[float]()
+    assert isinstance(host._session, HandSession)
+    hand, moved, at = host._session.hand, threading.Event(), list[float]()
     start = hand.state.position[1]
 
     def look(sample: Sample) -> None:
@@ -179,10 +180,10 @@ def _latency(host: Host, page: Any) -> float:
 
 
 def _rate(host: Host, page: Any, seconds: float = 8.0) -> float:
-    host._take(w.Posture("home"))
+    host._take(requests.MoveToPosture("home"))
     before, begin = page.evaluate("window.frames_"), time.perf_counter()
     for k in range(round(2 * seconds)):
-        host._take(w.Posture("fist" if k // 4 % 2 else "open"))
+        host._take(requests.MoveToPosture("fist" if k // 4 % 2 else "open"))
         page.wait_for_timeout(500)
     return float(page.evaluate("window.frames_") - before) / (time.perf_counter() - begin)
 

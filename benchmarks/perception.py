@@ -1,6 +1,7 @@
 """How near perception comes to what a thing is and where it stands, on placements that are drawn; and what it costs.
 
-`python -m benchmarks.perception [--placements 20] [--seed 0] [--noise 0.08]` prints the tables of docs/perception.md.
+`python -m benchmarks.perception [--placements 20] [--seed 0] [--noise 0.08]` prints the tables of
+docs/results/perception.md.
 """
 
 from __future__ import annotations
@@ -14,22 +15,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.camera.frame import Frame
-from allegro_twin.cell.camera.mount import Mount
-from allegro_twin.cell.camera.settings import CameraSettings, Noise
-from allegro_twin.cell.perception.cloud import voxel
-from allegro_twin.cell.perception.errors import Refused
+from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
+from allegro_twin.cell.camera.mount import CameraMount
+from allegro_twin.cell.camera.settings import DepthCameraSettings, DepthNoise
+from allegro_twin.cell.perception.errors import Refusal
 from allegro_twin.cell.perception.fits.model import SHAPES, Solid
-from allegro_twin.cell.perception.pipeline import Found, Pipeline
-from allegro_twin.cell.perception.principal import principal_frame
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue
-from allegro_twin.sim.objects.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, object_catalogue
+from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
+from benchmarks.principal_frame import principal_frame, voxel
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.
 _TIMES = 3  # A frame is looked at so often and the least time counts: others use the machine too.
@@ -41,7 +40,7 @@ Figure = tuple[str, float, float, str]
 class Trial:
     """One picture of one thing."""
 
-    thing: Thing
+    thing: GraspObject
     shape: str
     """As it was seen, or the word of the refusal."""
     off: float
@@ -58,18 +57,18 @@ class Trial:
     """What the cloud of the same frame costs, turn by turn with it, ms: how busy the machine is."""
 
 
-def trials(placements: int, seed: int, noise: Noise) -> Iterator[Trial]:
+def trials(placements: int, seed: int, noise: DepthNoise) -> Iterator[Trial]:
     """Each thing of the catalogue so often, the same for the same numbers."""
-    settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
-    pipeline, draws = Pipeline(settings), np.random.default_rng(seed)
-    for thing in catalogue().values():
+    settings = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+    pipeline, draws = PerceptionPipeline(settings), np.random.default_rng(seed)
+    for thing in object_catalogue().values():
         for _ in range(placements):
             placed, mount, number = drawn(thing, draws)
-            frame = picture(placed, CameraSettings(mount=mount, noise=noise), number)
+            frame = picture(placed, DepthCameraSettings(mount=mount, noise=noise), number)
             yield _tried(pipeline, placed, frame)
 
 
-def drawn(thing: Thing, draws: np.random.Generator) -> tuple[Placement, Mount, int]:
+def drawn(thing: GraspObject, draws: np.random.Generator) -> tuple[PlacedObject, CameraMount, int]:
     """On any side that it can stand on, anywhere in the middle of the table, seen from 35 to 65 degrees above it and
     from 0.4 to 0.6 m away, from anywhere around; and a seed for the camera."""
     sides = {"sphere": "z", "cylinder": "zx", "ellipsoid": "yz", "box": "xyz"}[thing.shape]
@@ -77,27 +76,27 @@ def drawn(thing: Thing, draws: np.random.Generator) -> tuple[Placement, Mount, i
     x, y = draws.uniform(-0.08, 0.08, 2)
     above, around, away = np.radians(draws.uniform(35, 65)), draws.uniform(-np.pi, np.pi), draws.uniform(0.4, 0.6)
     position = away * np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
-    mount = Mount(position=(position[0], position[1], position[2]), towards=(0.0, 0.0, 0.04))
-    return standing(thing, up, yaw, x, y), mount, int(draws.integers(2**31))
+    mount = CameraMount(position=(position[0], position[1], position[2]), towards=(0.0, 0.0, 0.04))
+    return place_standing(thing, up, yaw, x, y), mount, int(draws.integers(2**31))
 
 
-def picture(placed: Placement, settings: CameraSettings, seed: int) -> Frame:
-    model, data = tabletop([placed])
-    camera = Camera(model, settings, seed)
+def picture(placed: PlacedObject, settings: DepthCameraSettings, seed: int) -> CameraFrame:
+    model, data = compile_tabletop([placed])
+    camera = DepthCamera(model, settings, seed)
     frame = camera.capture(data)
     camera.close()
     return frame
 
 
-def _tried(pipeline: Pipeline, placed: Placement, frame: Frame) -> Trial:
+def _tried(pipeline: PerceptionPipeline, placed: PlacedObject, frame: CameraFrame) -> Trial:
     thing, cloud, spent, beside = placed.thing, frame.cloud, np.inf, np.inf
     for _ in range(_TIMES):
         begin = time.perf_counter()
-        seen = pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
+        seen = pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         between = time.perf_counter()
         frame.lens.cloud(frame.depth)
         spent, beside = min(spent, 1e3 * (between - begin)), min(beside, 1e3 * (time.perf_counter() - between))
-    if isinstance(seen, Refused):
+    if isinstance(seen, Refusal):
         return Trial(
             thing, seen.reason, np.inf, np.nan if thing.shape == "sphere" else 180.0, np.nan, np.nan, spent, beside
         )
@@ -106,7 +105,7 @@ def _tried(pipeline: Pipeline, placed: Placement, frame: Frame) -> Trial:
     return Trial(thing, seen.solid.shape, off, turned, *_baseline(seen, frame, placed, turn), spent, beside)
 
 
-def apart(thing: Thing, turn: Array, solid: Solid) -> float:
+def apart(thing: GraspObject, turn: Array, solid: Solid) -> float:
     """The angle between a thing's axes and those that were seen, degrees, its symmetries counted out: of a ball there
     is none (NaN), of a solid of revolution only its axis counts, of a box any turn that leaves it as it is does not."""
     edges = 2.0 * thing.half_extents()
@@ -127,7 +126,7 @@ def apart(thing: Thing, turn: Array, solid: Solid) -> float:
     return least
 
 
-def _baseline(seen: Found, frame: Frame, placed: Placement, turn: Array) -> tuple[float, float]:
+def _baseline(seen: Detection, frame: CameraFrame, placed: PlacedObject, turn: Array) -> tuple[float, float]:
     """Of the same points: how far the report's frame is off, mm, and its main axis from the thing's, degrees."""
     camera = (voxel(seen.points, _VOXEL) - frame.pose.position) @ frame.pose.rotation
     found = principal_frame(camera)
@@ -142,7 +141,7 @@ def _baseline(seen: Found, frame: Frame, placed: Placement, turn: Array) -> tupl
 
 def figures() -> Iterator[Figure]:
     """Beside their bars."""
-    done = list(trials(3, 0, Noise()))
+    done = list(trials(3, 0, DepthNoise()))
     yield "perception: middle of a YCB thing, median", float(np.median([t.off for t in done])), 3.0, "mm"
     yield "perception: its axes, median", float(np.nanmedian([t.turned for t in done])), 5.0, "°"
     yield "perception: one frame of 640x480, median", float(np.median([t.spent for t in done])), 12.0, "ms"
@@ -184,7 +183,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--noise", type=float, default=0.08, help="of disparity, pixels")
     given = parser.parse_args()
-    done = list(trials(given.placements, given.seed, Noise(disparity=given.noise)))
+    done = list(trials(given.placements, given.seed, DepthNoise(disparity=given.noise)))
     print(f"{len(done)} pictures, seed {given.seed}, disparity noise {given.noise} px, {platform.machine()}\n")
     _table(done)
     _confusion(done)

@@ -1,4 +1,5 @@
-"""The pictures of docs/camera.md and docs/perception.md: `python -m benchmarks.perception_pictures docs/images`."""
+"""The pictures of docs/reference/camera.md and docs/results/perception.md: `python -m benchmarks.perception_pictures
+docs/images`."""
 
 from __future__ import annotations
 
@@ -9,24 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.camera.intrinsics import D435I_COLOUR, D435I_COLOUR_AT
-from allegro_twin.cell.camera.mount import CameraPose, Mount
-from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.camera.mount import CameraMount, CameraPose
+from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.target import Target, target
+from allegro_twin.cell.perception.target import GraspTarget, grasp_target
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.sim.objects.catalogue import Placement, named
-from allegro_twin.sim.objects.tabletop import standing, tabletop
+from allegro_twin.files.schema import load_settings
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
+from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
 
 Picture = NDArray[np.uint8]
 _AXES = ((220, 40, 40), (40, 160, 60), (40, 90, 220))
 _SOLID = (255, 230, 60)
-_MOUNT = Mount(position=(-0.36, 0.05, 0.36), towards=(0.0, 0.0, 0.03))
+_MOUNT = CameraMount(position=(-0.36, 0.05, 0.36), towards=(0.0, 0.0, 0.03))
 _SHOWN = (
     ("tomato_soup_can", "z"), ("sugar_box", "y"), ("mug", "x"),
     ("foam_brick", "z"), ("pear", "z"), ("tennis_ball", "z"),
@@ -35,10 +36,10 @@ _SHOWN = (
 
 def camera_picture() -> Picture:
     """Colour, exact depth, depth as it is told, and their difference: blue is nearer, red further, 5 mm at most."""
-    things = [standing(named(name), up, 0.5, x, y) for name, up, x, y in (
+    things = [place_standing(load_object(name), up, 0.5, x, y) for name, up, x, y in (
         ("mug", "z", 0.0, 0.0), ("sugar_box", "z", 0.06, 0.14), ("lemon", "z", -0.08, -0.1))]  # fmt: skip
-    model, data = tabletop(things)
-    camera = Camera(model, CameraSettings(mount=_MOUNT, colour=True))
+    model, data = compile_tabletop(things)
+    camera = DepthCamera(model, DepthCameraSettings(mount=_MOUNT, colour=True))
     frame = camera.capture(data)
     exact = camera.exact(data, frame.pose)
     camera.close()
@@ -52,26 +53,26 @@ def camera_picture() -> Picture:
 
 def perception_picture() -> Picture:
     """Six things: the solid that was fitted, its middle, and the target's frame: x red, y green, z blue."""
-    settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
-    tiles = [_tile(standing(named(name), up, 0.7, 0.0, 0.0), settings) for name, up in _SHOWN]
+    settings = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+    tiles = [_tile(place_standing(load_object(name), up, 0.7, 0.0, 0.0), settings) for name, up in _SHOWN]
     return np.concatenate([np.concatenate(tiles[:3], 1), np.concatenate(tiles[3:], 1)], 0)
 
 
-def _tile(placed: Placement, settings: PerceptionSettings) -> Picture:
-    model, data = tabletop([placed])
-    camera = Camera(model, CameraSettings(mount=_MOUNT, colour=True))
+def _tile(placed: PlacedObject, settings: PerceptionSettings) -> Picture:
+    model, data = compile_tabletop([placed])
+    camera = DepthCamera(model, DepthCameraSettings(mount=_MOUNT, colour=True))
     frame = camera.capture(data)
     camera.close()
-    found = Pipeline(settings).look(frame.cloud, frame.pose.position, frame.pose.rotation)
-    assert isinstance(found, Found), found
+    found = PerceptionPipeline(settings).detect(frame.cloud, frame.pose.position, frame.pose.rotation)
+    assert isinstance(found, Detection), found
     assert frame.colour is not None
     image = Image.fromarray(frame.colour)
     draw, eye = ImageDraw.Draw(image), frame.pose
     for line in _wires(found.solid):
         draw.line([tuple(p) for p in _pixels(line, eye)], fill=_SOLID, width=2)
     _dot(draw, _pixels(found.solid.position[None], eye)[0], _SOLID)
-    aim = target(found, settings.target)
-    if isinstance(aim, Target):
+    aim = grasp_target(found, settings.target)
+    if isinstance(aim, GraspTarget):
         for axis, color in zip(aim.rotation.T, _AXES, strict=True):
             draw.line([tuple(p) for p in _pixels(np.stack([aim.position, aim.position + 0.04 * axis]), eye)], color, 3)
     off = 1e3 * float(np.linalg.norm(found.solid.position - placed.position))

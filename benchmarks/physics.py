@@ -1,4 +1,4 @@
-"""What the verdicts depend on: `python -m benchmarks.physics [FILE]` makes the tables of docs/physics.md.
+"""What the verdicts depend on: `python -m benchmarks.physics [FILE]` makes the tables of docs/results/physics.md.
 
 The demo's trials, right hand, under one changed setting at a time; and whether contacts obey the laws that they stand
 for: force balance, friction cones, energy, the same bits again.
@@ -18,11 +18,11 @@ import numpy as np
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.batch.batched_trials import Verdict
-from allegro_twin.grasping.batch.trials import Bench, Case
-from allegro_twin.grasping.scenario import Phase, PhysicsSettings, Protocol, load_protocol, load_scenario
-from allegro_twin.grasping.uncertainty import Draw
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.scenario import Phase, PhysicsSettings, TrialProtocol, load_protocol, load_scenario
+from allegro_twin.grasping.uncertainty import Perturbation
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.sim.engine.backend import ENGINE
 
 DEMO = sorted(path.stem for path in (data_root() / "scenarios" / "demo").glob("*.yaml"))
@@ -41,10 +41,10 @@ PHYSICS: Mapping[str, Mapping[str, Any]] = {
     "implicit": {"integrator": "implicit"},
 }
 DRAWS = {
-    "friction 0.6": Draw(friction=0.6),
-    "friction 0.5": Draw(friction=0.5),
-    "torque × 0.7": Draw(torque=0.7),
-    "torque × 1.3": Draw(torque=1.3),
+    "friction 0.6": Perturbation(friction=0.6),
+    "friction 0.5": Perturbation(friction=0.5),
+    "torque × 0.7": Perturbation(torque=0.7),
+    "torque × 1.3": Perturbation(torque=1.3),
 }
 GAINS = ("v4",)
 
@@ -74,16 +74,16 @@ class Row:
 def rows() -> Iterator[Row]:
     """Each setting, one after the other."""
     spec = load_spec()
-    bench = Bench(spec)
+    bench = TrialRunner(spec)
     for name, settings in PHYSICS.items():
         yield _row(bench, name, PROTOCOL.model_copy(update={"physics": PhysicsSettings(**settings)}))
     for name, draw in DRAWS.items():
         yield _row(bench, name, PROTOCOL, draw)
     for gains in GAINS:
-        yield _row(Bench(spec, gains), f"gains {gains}", PROTOCOL)
+        yield _row(TrialRunner(spec, gains), f"gains {gains}", PROTOCOL)
 
 
-def _row(bench: Bench, name: str, protocol: Protocol, draw: Draw | None = None) -> Row:
+def _row(bench: TrialRunner, name: str, protocol: TrialProtocol, draw: Perturbation | None = None) -> Row:
     began = time.process_time()
     cases = [replace(case, protocol=protocol, draw=draw) for case in _cases(bench)]
     verdicts = list(bench.verdicts(cases))
@@ -93,15 +93,15 @@ def _row(bench: Bench, name: str, protocol: Protocol, draw: Draw | None = None) 
     return Row(name, verdicts, turned, seconds)
 
 
-def _cases(bench: Bench) -> list[Case]:
+def _cases(bench: TrialRunner) -> list[TrialCase]:
     found = []
     for name in DEMO:
         scenario, path = load_scenario(name)
-        found.append(Case(scenario, load_grasp(scenario.grasp, bench.spec), folder=path.parent))
+        found.append(TrialCase(scenario, load_grasp(scenario.grasp, bench.spec), folder=path.parent))
     return found
 
 
-def _since(protocol: Protocol, phase: str, last: str) -> Protocol:
+def _since(protocol: TrialProtocol, phase: str, last: str) -> TrialProtocol:
     """The protocol up to a phase, with motion counted from the end of another one."""
     names = [each.name for each in protocol.phases]
     return protocol.model_copy(update={"reference": phase, "phases": protocol.phases[: names.index(last) + 1]})
@@ -115,7 +115,7 @@ def _moved(verdict: Verdict, phase: str) -> float:
 
 def creeping() -> Iterator[list[str]]:
     """How fast each object moves in the hand when it has been held for 10 s, µm/s."""
-    bench = Bench(load_spec())
+    bench = TrialRunner(load_spec())
     phases: list[Phase] = []
     for phase in PROTOCOL.phases:
         if phase.name == "hold":
@@ -131,7 +131,7 @@ def creeping() -> Iterator[list[str]]:
 
 def laws() -> Iterator[list[str]]:
     """What contacts must obey, over the demo's trials, in steps of 30 ms from the lift on."""
-    bench = Bench(load_spec())
+    bench = TrialRunner(load_spec())
     imbalance: list[float] = []
     cone: list[float] = []
     count = 0
@@ -154,7 +154,7 @@ def laws() -> Iterator[list[str]]:
     yield ["three trials again", "the same bits" if again else "DIFFERENT"]
 
 
-def _watched(bench: Bench, trial: Any, body: int) -> Iterator[tuple[Any, list[float]]]:
+def _watched(bench: TrialRunner, trial: Any, body: int) -> Iterator[tuple[Any, list[float]]]:
     """From the lift on: the sum of contact forces on the object, N, and how far each friction is up its cone."""
     from allegro_twin.loop import run, until
 

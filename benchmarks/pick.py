@@ -1,6 +1,7 @@
 """What `ArmPick` needs no learning for: nothing, random actions and the script, in the same episodes.
 
-`python -m benchmarks.pick [--episodes 100] [--seed 0]` prints the table of docs/rl.md; intervals are Wilson's, 95 %.
+`python -m benchmarks.pick [--episodes 100] [--seed 0]` prints the table of docs/results/environments.md; intervals
+are Wilson's, 95 %.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.cell.pick.env import ArmPick, Floats
-from allegro_twin.cell.pick.scripted_policy import Script
+from allegro_twin.cell.pick.scripted_policy import ScriptedPick
 from allegro_twin.grasping.statistics import wilson
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -66,7 +67,7 @@ def tried(name: str, settings: dict[str, Any], episodes: int, seed: int) -> tupl
 def _policy(name: str, env: ArmPick, draws: np.random.Generator) -> Callable[[], Floats]:
     size = env.action_space.shape
     if name == "script":
-        return Script(env)
+        return ScriptedPick(env)
     if name == "random":
         return lambda: draws.uniform(-1.0, 1.0, size).astype(np.float32)
     return lambda: np.zeros(size or (), np.float32)

@@ -3,7 +3,7 @@
 Each object lies on the table at its catalogue mass, friction 0.8; five grasps are asked for. A line of JSON an object
 is appended to out/planning_<seed>_<seconds>.jsonl: what is there is not tried again, so the command goes on after an
 interruption. Held are the trials of draws that no search has seen: position ±5 mm, yaw ±10°, size ±5 %, mass ±20 %,
-friction 0.5–1.0, together. Prints the table of docs/planning.md.
+friction 0.5–1.0, together. Prints the table of docs/results/planning.md.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.grasping.batch.trials import Bench, Case
-from allegro_twin.grasping.plan.search import Budget, Search
-from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import SEARCHED
-from allegro_twin.grasping.uncertainty import draws
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.grasping.uncertainty import sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 
 WANTED = 5
 UNSEEN = 999  # The seed of the draws that nobody has chosen on.
@@ -33,23 +33,23 @@ UNSEEN = 999  # The seed of the draws that nobody has chosen on.
 def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]:
     """One object: how many were found in what time, and what share of unseen draws they hold."""
     spec = load_spec()
-    search = Search(scenario_of(name, "z", 1.0, None, 0.8), spec, templates(spec), seed=seed)
+    search = GraspSearch(scenario_of(name, "z", 1.0, None, 0.8), spec, grasp_templates(spec), seed=seed)
     wall, cpu = time.monotonic(), time.process_time()
-    found = search.run(WANTED, Budget(cpu=seconds))
+    found = search.run(WANTED, SearchBudget(cpu=seconds))
     row: dict[str, Any] = {
         "object": name, "found": len(found), "seconds": round(time.monotonic() - wall, 1),
         "cpu_seconds": round(time.process_time() - cpu, 1), "candidates": search.closed, "ends": dict(search.ends),
         "margins": [round(each.margin, 2) for each in found],
     }  # fmt: skip
     if found and unseen:
-        drawn = draws(SEARCHED, unseen, seed=UNSEEN, stream="judge")
-        cases = [Case(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
-        row["held"] = round(float(np.mean([v.held for v in Bench(spec).verdicts(cases, hasty=True)])), 3)
+        drawn = sample_perturbations(SEARCHED, unseen, seed=UNSEEN, stream="judge")
+        cases = [TrialCase(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
+        row["held"] = round(float(np.mean([v.held for v in TrialRunner(spec).verdicts(cases, stop_early=True)])), 3)
     return row
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """As docs/planning.md has it."""
+    """As docs/results/planning.md has it."""
     lines = ["| object | grasps | CPU s | held of unseen draws | most ended |", "|---|---|---|---|---|"]
     for row in rows:
         ends = {name: count for name, count in row["ends"].items() if name not in ("passed", "held")}

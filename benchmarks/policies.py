@@ -2,7 +2,8 @@
 
 `python -m benchmarks.policies FOLDER [POLICY …] [--episodes 1000] [--seed 3000000000] [--timestep 0.001] [--alone]`
 simulates in chunks of 100 episodes. Every finished chunk is a line of FOLDER/results.jsonl, so that a run that was cut
-off goes on where it was. Then it prints the table of docs/rl.md, intervals Wilson's (95 %), of what is there; `--table`
+off goes on where it was. Then it prints the table of docs/results/policies.md, intervals Wilson's (95 %), of what is
+there; `--table`
 prints it and simulates nothing. Another time step than what ships is said in the table.
 """
 
@@ -20,10 +21,10 @@ import numpy as np
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.training.evaluation import evaluate
-from allegro_twin.learning.training.report import SEED, quartiles, sets
+from allegro_twin.learning.training.report import SEED, evaluation_sets, quartiles
 from allegro_twin.learning.training.settings import load_recipe
 from benchmarks.baselines import JOINTS, Squeeze
 
@@ -56,11 +57,11 @@ class Case:
         more: dict[str, Any] = {"timestep": self.timestep}
         if self.acts == CONSTANT:
             more |= {"control": "absolute", "state": False}  # A critic's numbers change no episode.
-        return recipe.task, sets(recipe)[self.objects].model_copy(update=more)
+        return recipe.task, evaluation_sets(recipe)[self.objects].model_copy(update=more)
 
     def player(self) -> Policy:
         if self.acts == SCRIPT:
-            return Still(JOINTS)
+            return ZeroPolicy(JOINTS)
         if self.acts == CONSTANT:
             return Squeeze("proximal", 0.10)
         return load_policy(data_root() / "conf" / "policies" / f"{self.policy}.onnx").policy
@@ -71,8 +72,8 @@ class Case:
         return {
             "key": self.key(first),
             "success": found.success.astype(int).tolist(),
-            "objects": list(found.things),
-            "counted": None if found.counted is None else found.counted.round(4).tolist(),
+            "objects": list(found.objects),
+            "counted": None if found.counts is None else found.counts.round(4).tolist(),
             "shares": {name: share.round(4).tolist() for name, share in found.shares.items()},
         }
 
@@ -84,7 +85,7 @@ def cases(policies: list[str], timestep: float, seed: int, alone: bool) -> list[
     """What is measured; `alone`: the policies, and nothing that they are compared with."""
     found = []
     for policy in policies:
-        for objects in sets(load_recipe(RECIPES[policy])):
+        for objects in evaluation_sets(load_recipe(RECIPES[policy])):
             acts = (policy, *([SCRIPT, CONSTANT] if policy == "grasp_right" and not alone else []))
             found += [Case(policy, objects, each, timestep, seed) for each in acts]
     return found

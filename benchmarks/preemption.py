@@ -1,6 +1,7 @@
-"""The tables of docs/preemption.md, of the trials that a folder has.
+"""The tables of docs/results/preemption.md, of the trials that a folder has.
 
-`python -m benchmarks.preemption docs/studies/preemption [docs/preemption.md]` prints them; with the path of a page they
+`python -m benchmarks.preemption docs/studies/preemption [docs/results/preemption.md]` prints them; with the path of a
+page they
 are put between that page's marks.
 """
 

@@ -1,4 +1,4 @@
-"""What evaluating many grasps takes: `python -m benchmarks.scale docs/scale.md` makes the tables of that page.
+"""What evaluating many grasps takes: `python -m benchmarks.scale docs/results/scale.md` makes the tables of that page.
 
 `--sizes 100 1000 10000` takes other sizes for the curve; 10,000 trials are some 20 minutes of two cores.
 """
@@ -17,12 +17,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from allegro_twin.grasping.batch.trials import judged
+from allegro_twin.grasping.batch.trials import run_cases
 from allegro_twin.grasping.evaluation.campaign import JUDGE
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Local, cores
+from allegro_twin.sweep.local import Local, core_count
 from allegro_twin.sweep.runner import run
 from allegro_twin.sweep.store import Store
 
@@ -92,21 +92,21 @@ def costs() -> dict[str, float]:
     found = {}
     for protocol in PROTOCOLS:
         items = list(_items(SAMPLE, protocol))
-        judged({"threads": 1}, items[:1])  # What is read once.
+        run_cases({"threads": 1}, items[:1])  # What is read once.
         began = time.process_time()
-        judged({"threads": 1}, items)
+        run_cases({"threads": 1}, items)
         found[protocol] = (time.process_time() - began) / SAMPLE
     return found
 
 
 def _items(n: int, protocol: str) -> Iterator[dict[str, Any]]:
-    for draw in draws(Uncertainty(), n):
+    for draw in sample_perturbations(Uncertainty(), n):
         yield {"scenario": "mug", "protocol": protocol, "draw": asdict(draw)}
 
 
 def tables(sizes: Sequence[int]) -> Iterator[str]:
     """As Markdown, each as soon as it is measured."""
-    yield f"### Trials of half a second on {cores()} cores ({ENGINE})\n"
+    yield f"### Trials of half a second on {core_count()} cores ({ENGINE})\n"
     yield "| trials | wall s | CPU ms a trial | a process, MB | the program, MB |\n|---|---|---|---|---|"
     for made in (apart("trials", n) for n in sizes):
         each = 1000 * made.cpu / made.n

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.learning.tasks.scenes import known
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.learning.tasks.scenes import known_scenarios
+from allegro_twin.sim.objects.catalogue import object_catalogue
 
 SEED, FACTOR = 20261124, (0.88, 1.12)
 
@@ -22,12 +22,12 @@ SEED, FACTOR = 20261124, (0.88, 1.12)
 def drawn(count: int, seed: int) -> list[dict[str, Any]]:
     """As a recipe has them, sizes in whole mm."""
     rng = np.random.default_rng(seed)
-    templates = [name for name in known() if name in catalogue()]
+    templates = [name for name in known_scenarios() if name in object_catalogue()]
     return [_like(name, rng) for name in sorted(rng.choice(templates, count, replace=False).tolist())]
 
 
 def _like(name: str, rng: np.random.Generator) -> dict[str, Any]:
-    template = catalogue()[name]
+    template = object_catalogue()[name]
     along = 2.0 * template.half_extents() * rng.uniform(*FACTOR, 3)
     round_one = template.shape in ("sphere", "ellipsoid")
     shape = str(rng.choice(["sphere", "ellipsoid"] if round_one else ["cylinder", "box"]))

@@ -18,9 +18,9 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.trial import make_trial
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sweep import Local, RayCluster, Sweep, run
-from allegro_twin.sweep.local import Engine, cores
+from allegro_twin.sweep.local import SweepEngine, core_count
 
 STEPS = 40
 """Of physics an item, some 4 ms of a core."""
@@ -52,11 +52,11 @@ def figures() -> Iterator[tuple[str, float, float, str]]:
     cluster = _cluster()
     for _ in range(TURNS):
         alone.append(_rate(sweep, Local(0), 1))
-        local.append(_rate(sweep, Local(), cores()))
+        local.append(_rate(sweep, Local(), core_count()))
         if cluster is not None:
-            ray.append(_rate(sweep, cluster, cores()))
-    efficiency = statistics.median(many / one for many, one in zip(local, alone, strict=True)) / cores()
-    yield f"sweep, units of {UNIT}: a core of {cores()} processes / this process alone", efficiency, 0.90, ""
+            ray.append(_rate(sweep, cluster, core_count()))
+    efficiency = statistics.median(many / one for many, one in zip(local, alone, strict=True)) / core_count()
+    yield f"sweep, units of {UNIT}: a core of {core_count()} processes / this process alone", efficiency, 0.90, ""
     if ray:
         ratio = statistics.median(far / near for far, near in zip(ray, local, strict=True))
         yield f"sweep, units of {UNIT}: Ray / local, after start-up", ratio, 0.95, ""
@@ -70,7 +70,7 @@ def _cluster() -> RayCluster | None:
         return None
 
 
-def _rate(sweep: Sweep, engine: Engine, at_once: int) -> float:
+def _rate(sweep: Sweep, engine: SweepEngine, at_once: int) -> float:
     """Items a second, from when every process has done a unit."""
     times: list[tuple[int, float]] = []
     run(sweep, engine=engine, progress=lambda done, total: times.append((done, time.perf_counter())))

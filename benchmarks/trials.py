@@ -12,16 +12,16 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 
-from allegro_twin.grasping.batch.batched_trials import together
-from allegro_twin.grasping.batch.trials import Bench, Case
-from allegro_twin.grasping.scenario import Protocol, load_protocol, load_scenario
+from allegro_twin.grasping.batch.batched_trials import run_trials
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.scenario import TrialProtocol, load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.sim.batch.simulations import Rows, Simulations
-from allegro_twin.sim.model import wrist
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.types import Array
 
 Figure = tuple[str, float, float, str]
@@ -31,7 +31,7 @@ _CALLS: list[tuple[Rows, Array, Array, int]] = []
 
 def figures() -> Iterator[Figure]:
     """Ratios of trials a CPU second; the middle of three turns."""
-    bench = Bench(load_spec(), threads=1)
+    bench = TrialRunner(load_spec(), threads=1)
     seconds = np.array([[*_together(bench), _seconds(_looped, bench), _seconds(_stepped, bench)] for _ in range(TURNS)])
     whole, physics, looped, stepped = seconds.T
     yield "trials side by side: share of their time that is physics", float(np.median(physics / whole)), 0.9, ""
@@ -39,49 +39,49 @@ def figures() -> Iterator[Figure]:
     yield "trials side by side / mj_step alone, nothing decided or seen", float(np.median(stepped / whole)), 2.5, "x"
 
 
-def lifting() -> Protocol:
+def lifting() -> TrialProtocol:
     """`table_pick` to the end of the lift."""
     protocol = load_protocol("table_pick")
     phases = [phase.model_copy(update={"check": phase.name == "lift"}) for phase in protocol.phases]
     return protocol.model_copy(update={"phases": tuple(phases[: 1 + [p.name for p in phases].index("lift")])})
 
 
-def _cases(bench: Bench) -> list[Case]:
+def _cases(bench: TrialRunner) -> list[TrialCase]:
     scenario, path = load_scenario(SCENARIO)
     grasp = load_grasp(scenario.grasp, bench.spec)
-    drawn = draws(Uncertainty(torque=0.0), COUNT)
-    return [Case(scenario, grasp, draw, lifting(), path.parent) for draw in drawn]
+    drawn = sample_perturbations(Uncertainty(torque=0.0), COUNT)
+    return [TrialCase(scenario, grasp, draw, lifting(), path.parent) for draw in drawn]
 
 
-def _seconds(work: Callable[[list[Trial], Bench], None], bench: Bench) -> float:
+def _seconds(work: Callable[[list[Trial], TrialRunner], None], bench: TrialRunner) -> float:
     trials = [bench.trial(case) for case in _cases(bench)]
     began = time.process_time()
     work(trials, bench)
     return time.process_time() - began
 
 
-def _together(bench: Bench) -> tuple[float, float]:
+def _together(bench: TrialRunner) -> tuple[float, float]:
     """All of it, and the physics in it, s."""
     _CALLS.clear()
-    advance, physics = Simulations.advance, 0.0
+    advance, physics = SimBatch.advance, 0.0
 
-    def kept(sims: Simulations, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
+    def kept(sims: SimBatch, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
         nonlocal physics
         _CALLS.append((rows, torque, drive, steps))
         began = time.process_time()
         advance(sims, rows, torque, drive, steps)
         physics += time.process_time() - began
 
-    def work(trials: list[Trial], bench: Bench) -> None:
-        together(trials, [bench.controller(trial) for trial in trials], bench.limits, threads=1)
+    def work(trials: list[Trial], bench: TrialRunner) -> None:
+        run_trials(trials, [bench.controller(trial) for trial in trials], bench.limits, threads=1)
 
-    Simulations.advance = kept  # type: ignore[assignment, method-assign]
+    SimBatch.advance = kept  # type: ignore[assignment, method-assign]
     whole = _seconds(work, bench)
-    Simulations.advance = advance  # type: ignore[method-assign]
+    SimBatch.advance = advance  # type: ignore[method-assign]
     return whole, physics
 
 
-def _looped(trials: list[Trial], bench: Bench) -> None:
+def _looped(trials: list[Trial], bench: TrialRunner) -> None:
     """Each with its controller, and judged, as `allegro-twin run` performs it but for the guard."""
     for trial in trials:
         for _ in trial.watched(until(trial.seconds, run(trial.backend, bench.controller(trial)))):
@@ -89,13 +89,13 @@ def _looped(trials: list[Trial], bench: Bench) -> None:
         trial.report()
 
 
-def _stepped(trials: list[Trial], bench: Bench) -> None:
+def _stepped(trials: list[Trial], bench: TrialRunner) -> None:
     """The least that such a loop could do: the steps that went before, from Python, with nothing decided or seen."""
     for row, trial in enumerate(trials):
         model, data = trial.backend.model, trial.backend.data
         trial.backend.reset()
         motors = [model.actuator(name).id for name in bench.spec.joints]
-        slides = [model.actuator(name).id for name in wrist.JOINTS]
+        slides = [model.actuator(name).id for name in WRIST_JOINTS]
         for rows, torque, drive, _ in _CALLS:
             if row in rows:
                 place = int(np.searchsorted(rows, row))
@@ -106,6 +106,6 @@ def _stepped(trials: list[Trial], bench: Bench) -> None:
 
 
 if __name__ == "__main__":
-    from benchmarks.__main__ import show
+    from benchmarks.figures import show
 
     show(figures())

@@ -1,4 +1,5 @@
-"""`python -m benchmarks.twins`: hidden hands identified, against the bars of docs/twin.md; goes on where it stopped.
+"""`python -m benchmarks.twins`: hidden hands identified, against the bars of docs/results/identification.md; goes on
+where it stopped.
 
 The campaign: 20 matched hands and 20 mismatched ones, of these every third with 5 mrad of backlash. Each hand is a file
 in `--out` when it is done, so that a kill loses only those at work; the same command goes on. `--show` computes nothing

@@ -29,7 +29,7 @@ from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.types import Array, TorqueCommand
 from benchmarks.fuzz import CountingHand, told

@@ -18,9 +18,10 @@ import yaml
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
-from allegro_twin.twin.branch import Wanted, branch
-from allegro_twin.twin.identify.pipeline import identify
-from allegro_twin.twin.identify.results.hand_file import store
+from allegro_twin.twin.branch.result import BranchOptions
+from allegro_twin.twin.branch.what_if import branch_recording
+from allegro_twin.twin.identify.pipeline import identify_hand
+from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.types import Array
 from benchmarks.hidden_hands import POSES, TIMESTEP, drawn, excited
 
@@ -57,8 +58,8 @@ def trials(seed: int, kind: str, seconds: float, folder: Path) -> Iterator[Trial
     file = folder / "hand.yaml"
     file.write_text(yaml.safe_dump({"drive": {"mass_scale": truth["drive"]["mass_scale"]}}))
     paths = [excited(truth, item, pose, seconds, folder, number) for number, pose in enumerate(POSES)]
-    found = identify(paths, (), masses_known=True, hand=str(file))
-    store(file, found.fit, found.values, found.motions, "")
+    found = identify_hand(paths, (), masses_known=True, hand=str(file))
+    write_hand_file(file, found.fit, found.values, found.motions, "")
     for posture in POSTURES:
         path = _run(truth, item["side"], posture, folder / f"{posture}.arrow")
         for at in INSTANTS:
@@ -78,7 +79,7 @@ def _run(truth: Mapping[str, Any], side: object, posture: str, path: Path) -> Pa
 
 
 def _trial(path: Path, at: float, change: Mapping[str, Any], file: str) -> Trial:
-    model, hand = branch(path, at, change, wanted=Wanted(file)), branch(path, at, change)
+    model, hand = branch_recording(path, at, change, options=BranchOptions(file)), branch_recording(path, at, change)
     assert model.unchanged is not None
     rows = min(len(model.branched), len(hand.branched), len(model.unchanged))
     rest = slice(int(np.searchsorted(model.t, at - 1e-9)), rows)

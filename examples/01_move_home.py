@@ -1,6 +1,6 @@
 """Open a simulated hand, move it, and read where it is."""
 
-from allegro_twin.surfaces.hand import Hand
+from allegro_twin import Hand
 
 with Hand.open("sim_right") as hand:
     hand.move_to("home", speed=1.0)  # rad/s of the joint that travels furthest; all fingers arrive together

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture, posture_names
-from allegro_twin.surfaces.hand import Hand
+from allegro_twin import Hand
+from allegro_twin.hands import load_posture, load_spec, posture_names
 
 print("postures:", ", ".join(posture_names()))
 right, left = load_spec(side="right"), load_spec(side="left")
@@ -16,5 +15,5 @@ for side in ("right", "left"):
         hand.move_to("scissors")
         tips[side] = hand.fingertips()["index"].position
         print(side, "index tip", tips[side].round(4))
-assert (right.mirrored(load_posture("scissors", right)) == load_posture("scissors", left)).all()
+assert (right.mirror_posture(load_posture("scissors", right)) == load_posture("scissors", left)).all()
 assert np.allclose(tips["right"], tips["left"] * (1, -1, 1), atol=1e-3)  # m

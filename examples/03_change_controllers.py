@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from allegro_twin.surfaces.hand import Hand
+from allegro_twin import Hand
 
 with Hand.open("sim_right") as hand:
     sent = []

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin import HandState, TorqueCommand, run, until
+from allegro_twin import HandState, TorqueCommand, load_config, run, until
 from allegro_twin.app import make_backend
-from allegro_twin.app.config import load_config
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
+from allegro_twin import load_config, run, until
 from allegro_twin.app import assemble
-from allegro_twin.app.config import load_config
-from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.recording.replay import ReplayBackend
+from allegro_twin.loop import to_the_end
+from allegro_twin.recording import ReplayBackend, load, record
 
 path = Path("home.arrow")
 rig = assemble(load_config("sim_right"))
-for _ in recorded(until(1.0, run(rig.backend, rig.controller)), path, rig.spec, rig.backend.period):
+for _ in record(until(1.0, run(rig.backend, rig.controller)), path, rig.spec, rig.backend.period):
     pass
 recording = load(path)
 again = [s.command.torque for s in to_the_end(run(ReplayBackend(recording), rig.controller))]

@@ -2,8 +2,8 @@
 
 from contextlib import closing
 
+from allegro_twin import run, until
 from allegro_twin.app import assemble, scenario_config
-from allegro_twin.loop import run, until
 
 rig = assemble(scenario_config("tennis_ball", side="left"))
 with closing(rig.backend):

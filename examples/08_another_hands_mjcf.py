@@ -4,9 +4,9 @@ from pathlib import Path
 
 import yaml
 
-from allegro_twin.app.config import RunConfig
-from allegro_twin.files.assets import data_root
-from allegro_twin.surfaces.hand import Hand
+from allegro_twin import Hand
+from allegro_twin.app import RunConfig
+from allegro_twin.files import data_root
 
 # Here the other file is our own; put the path of, say, MuJoCo Menagerie's wonik_allegro/right_hand.xml.
 theirs = data_root() / "models" / "mjcf" / "allegro_right.xml"

@@ -2,18 +2,17 @@
 
 import numpy as np
 
-from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.hands.library.entries import trajectory_entry
-from allegro_twin.hands.library.library import Library
-from allegro_twin.sim.engine.hand_guiding import Guide
-from allegro_twin.surfaces.hand import Hand
+from allegro_twin import Hand
+from allegro_twin.control import Moves, Waypoint
+from allegro_twin.hands import Library, trajectory_entry
+from allegro_twin.sim.engine.hand_guiding import HandGuide
 
 with Hand.open("sim_right") as hand:
     hand.move_to("open")
     start, began = hand.state.position, hand.state.t
     bend = np.clip(start + np.tile([0.0, 0.6, 0.5, 0.3], 4), *hand.limits)
     shown = Moves([Waypoint(bend, seconds=1.0), Waypoint(start, seconds=1.0)]).begin(start)
-    person = Guide(hand.sim, lambda t: shown(t - began).position)
+    person = HandGuide(hand.sim, lambda t: shown(t - began).position)
     with hand.listening(person), hand.teach() as demonstration:
         hand.wait(2.5)
     person.let_go()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands import load_spec
 from allegro_twin.kinematics import hand_kinematics
 
 thumb = hand_kinematics(load_spec(side="right")).finger("thumb")

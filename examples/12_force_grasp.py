@@ -1,10 +1,10 @@
 """A grasp that is not told the object's size: the same centroid grasp on a small, a nominal and a large ball."""
 
+from allegro_twin import run, until
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.loop import run, until
+from allegro_twin.hands import load_grasp
 
 rig = assemble(scenario_config("grasp_3"))  # The palm so high above the table as the object needs.
 held = []

@@ -8,9 +8,7 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from allegro_twin.learning.policy.loading import load_policy
-from allegro_twin.learning.training import load_recipe, train
-from allegro_twin.learning.training.report import SELECTION, compare, filmed, write
+from allegro_twin.learning import compare_policy, film_policy, load_policy, load_recipe, train, write_report
 
 task = sys.argv[1] if len(sys.argv) > 1 else "Reach"
 steps = int(sys.argv[2]) if len(sys.argv) > 2 else None  # None: as many as the recipe in conf/training says
@@ -25,9 +23,9 @@ with Progress() as bar:
     trained = train(recipe, folder, advance)  # Checkpoints, curve.csv, TensorBoard's log and policy.onnx are in folder.
 
 # Whoever trains again because of this looks elsewhere in the end: `allegro-twin evaluate` has episodes of its own.
-compared = compare(trained.policy, recipe, episodes=50, seed=SELECTION)
+compared = compare_policy(trained.policy, recipe, episodes=50, seed=2_000_000_000)
 for each in compared:
-    print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.still.rate:.1%}")
-write(compared, folder / "evaluation.json")
-filmed(load_policy(trained.policy).policy, recipe, folder / "policy.mp4")
+    print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.no_action.rate:.1%}")
+write_report(compared, folder / "evaluation.json")
+film_policy(load_policy(trained.policy).policy, recipe, folder / "policy.mp4")
 assert all((folder / name).stat().st_size > 0 for name in ("policy.onnx", "evaluation.json", "policy.mp4"))

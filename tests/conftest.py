@@ -20,12 +20,12 @@ from allegro_twin.control.trajectory import Hold
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
@@ -93,7 +93,7 @@ def make_sim() -> MakeSim:
 def recording_bytes(tmp_path_factory: pytest.TempPathFactory, make_sim: MakeSim) -> bytes:
     spec, path = load_spec(), tmp_path_factory.mktemp("recording") / "home.arrow"
     controller = PD(Hold(load_posture("home", spec)), load_gains("default", spec))
-    for _ in recorded(until(0.75, run(make_sim(spec), controller)), path, spec, 0.003, meta={"note": "test"}):
+    for _ in record(until(0.75, run(make_sim(spec), controller)), path, spec, 0.003, meta={"note": "test"}):
         pass
     return path.read_bytes()
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.control.controllers import PD, PID, Gravity
+from allegro_twin.control.controllers import PD, PID, GravityFeedforward
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.controller import Controller
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, TorqueCommand, Vector
@@ -45,12 +45,12 @@ def test_a_controller_over_a_recording_repeats_every_command_bit_for_bit(
     kind: str, tmp_path: Path, spec: HandSpec, home: Vector, make_sim: MakeSim
 ) -> None:
     gains, reference = load_gains("default", spec), Moves([Waypoint(home, speed=2.0)])
-    gravity = Gravity(hand_kinematics(spec).gravity_torque)
+    gravity = GravityFeedforward(hand_kinematics(spec).gravity_torque)
     controller: Controller[Any] = (
         PD(reference, gains, gravity) if kind == "pd" else PID(reference, gains, spec.actuation.torque_limit, gravity)
     )
     path = tmp_path / "run.arrow"
-    for _ in recorded(until(1.0, run(make_sim(spec), controller)), path, spec, 0.003):
+    for _ in record(until(1.0, run(make_sim(spec), controller)), path, spec, 0.003):
         pass
     recording = load(path)
     backend = ReplayBackend(recording)

@@ -68,7 +68,7 @@ def started(version: str) -> str:
 
 
 TOUR = """
-import gymnasium, pathlib, allegro_twin, allegro_twin.surfaces.panel.host, allegro_twin.surfaces.teleop.run
+import gymnasium, pathlib, allegro_twin, allegro_twin.surfaces.panel.host, allegro_twin.surfaces.teleop.session
 assert "site-packages" in allegro_twin.__file__, allegro_twin.__file__
 env = gymnasium.make("allegro_twin.gym:AllegroTwin/Reach-v0")
 env.reset(seed=0); env.step(env.action_space.sample())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from allegro_twin.errors import CommandError, HandFault, LinkError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run
 from allegro_twin.safety import HISTORY, Guard, Limits, clamp, violation
 from allegro_twin.spec import HandSpec

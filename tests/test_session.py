@@ -19,9 +19,9 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.evaluation.report_file import write_reports
-from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.grasping.evaluation.rejudge import write_reports
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.recording.reader import load
 from allegro_twin.types import Sample
 from allegro_twin.viewing import camera
@@ -160,9 +160,9 @@ class _With:
 
 
 def _late(path: Path) -> list[Sample]:
-    from allegro_twin.recording.replay import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, replay_samples
 
-    return list(samples_of(ReplayBackend(load(path))))
+    return list(replay_samples(ReplayBackend(load(path))))
 
 
 def test_a_picture_is_taken_in_the_end_and_the_camera_is_let_go_of(tmp_path: Path, fakes: list[Fake]) -> None:
@@ -233,7 +233,7 @@ def test_a_file_for_rerun_is_drawn_with_every_sample_and_as_fast_as_it_goes(
 
 
 def test_reports_say_which_program_and_engine_judged(tmp_path: Path) -> None:
-    report = Report(held=False, reason="fell", phases=(), peak_torque=0.5, lift=0.01, penetration=0.0, at_limit={})
+    report = TrialReport(held=False, reason="fell", phases=(), peak_torque=0.5, lift=0.01, penetration=0.0, at_limit={})
     write_reports(tmp_path / "report.json", {"lemon_left": report})
     content = json.loads((tmp_path / "report.json").read_text())
     assert content["allegro_twin"] == allegro_twin.__version__

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_actuation, load_spec
+from allegro_twin.hands.description.specs import load_actuation, load_spec
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
@@ -44,7 +44,7 @@ def test_limits_map_onto_themselves_under_the_mirror(side: Side) -> None:
 
 @given(arrays(float, (3, 16), elements=st.floats(-2, 2)))
 def test_mirroring_twice_is_nothing(positions: Array) -> None:
-    np.testing.assert_array_equal(SPEC.mirrored(SPEC.mirrored(positions)), positions)
+    np.testing.assert_array_equal(SPEC.mirror_posture(SPEC.mirror_posture(positions)), positions)
 
 
 @given(st.integers(0, 15), st.floats(1e-3, 3.0), st.booleans())
@@ -75,9 +75,9 @@ def test_what_follows_is_where_numpy_finds_it_in_its_table_to_the_bit(model: str
     posture = spec.lower + (spec.upper - spec.lower) * draws
     posture[0, 0], posture[1, 1], posture[2, 2] = spec.lower, spec.upper, np.nan
     part = (posture - spec.lower) / (spec.upper - spec.lower)
-    found = spec.followed(posture)
+    found = spec.coupled_positions(posture)
     assert found.shape == (40, 5, len(spec.followers))
     for k, each in enumerate(spec.followers):
         table = np.linspace(0.0, 1.0, len(each.positions)), each.positions
         np.testing.assert_array_equal(found[..., k], np.interp(part[..., each.driven], *table))
-        np.testing.assert_array_equal(spec.followed(posture[3, 3])[k], found[3, 3, k])
+        np.testing.assert_array_equal(spec.coupled_positions(posture[3, 3])[k], found[3, 3, k])

@@ -15,9 +15,10 @@ from allegro_twin.app.session import Outputs
 from allegro_twin.control.force_grasp import CentroidGrasp
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.grasping.verdict import Report
+from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of, outputs_in
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of, outputs_in
 from tests.drivers.can.test_two_processes import program
 from tests.patience import wait_for
 
@@ -32,7 +33,7 @@ def written(folder: Path, backend: str, task: str, controller: str = "{kind: pd}
     return path
 
 
-def performed(config: RunConfig) -> tuple[Rig, Report]:
+def performed(config: RunConfig) -> tuple[Rig, TrialReport]:
     rig = assemble(config)
     assert rig.trial is not None
     assert rig.seconds is not None

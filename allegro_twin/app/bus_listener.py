@@ -13,8 +13,8 @@ from allegro_twin.drivers.can.opening import codec_of
 from allegro_twin.drivers.can.tools.sniff import Sniffer
 from allegro_twin.drivers.can.virtual.slcan import TAP
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.calibration import load_wiring
 
 
 def ears_of(name: str | None, given: Mapping[str, Any], options: Sequence[str] = ()) -> tuple[Bus, Sniffer]:
@@ -43,10 +43,10 @@ def ears_of(name: str | None, given: Mapping[str, Any], options: Sequence[str] =
 
 def _settings(config: RunConfig | None, given: Mapping[str, Any]) -> CanSettings:
     if config is None:
-        return parse(CanSettings, {"kind": "can", **given}, "sniff")
+        return parse_settings(CanSettings, {"kind": "can", **given}, "sniff")
     if not isinstance(config.backend, CanSettings):
         raise ConfigError(f"only a bus can be listened to; this config has backend {config.backend.kind}")
-    return parse(CanSettings, {**config.backend.model_dump(exclude_unset=True), **given}, "sniff")
+    return parse_settings(CanSettings, {**config.backend.model_dump(exclude_unset=True), **given}, "sniff")
 
 
 def _option(text: str) -> tuple[str, str | int]:

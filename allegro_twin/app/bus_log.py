@@ -12,8 +12,8 @@ from allegro_twin.drivers.can.opening import codec_of, host_settings
 from allegro_twin.drivers.can.tools.log import samples_of_log
 from allegro_twin.drivers.can.tools.samples import Found
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.recording.recorder import record
 from allegro_twin.version import __version__
 
 
@@ -32,7 +32,7 @@ def make_recording(config: RunConfig, log: Path, target: Path, bus: str | None =
         "log": log.name,
     }
     samples = samples_of_log(log, codec, host_settings(settings, config.period), found, bus)
-    with whole_file(target) as temporary:
-        for _ in recorded(samples, temporary, spec, config.period, meta=meta):
+    with atomic_file(target) as temporary:
+        for _ in record(samples, temporary, spec, config.period, meta=meta):
             pass
     return found

@@ -22,26 +22,30 @@ def leading(settings: CartesianSettings, spec: HandSpec) -> tuple[Controller[Any
     """The controller that brings the flange to its pose, and how long that takes. Raises ConfigError."""
     from allegro_twin.cell.arm.compliance import Compliance, Pull
     from allegro_twin.cell.arm.impedance import Impedance
-    from allegro_twin.cell.arm.target import Smoothing, Target
-    from allegro_twin.cell.arm.tool import Bridge
-    from allegro_twin.kinematics.arm import ArmModel, turned
+    from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
+    from allegro_twin.cell.arm.tool import WrenchCompensation
+    from allegro_twin.kinematics.arm import ArmModel, rotate
     from allegro_twin.kinematics.pose import Pose
     from allegro_twin.spec.arm import Load
 
     assert isinstance(spec, ArmSpec)
     model = ArmModel(spec)
     home = model.pose(spec.rest)
-    goal = Pose(np.array(settings.position), turned(home.rotation, np.array(settings.turn)))
+    goal = Pose(np.array(settings.position), rotate(home.rotation, np.array(settings.turn)))
     model.reach(goal, spec.rest, tolerance=1e-3)
-    smoothing, target = Smoothing(settings.speed, settings.turning), Target(goal)
+    smoothing, target = Smoothing(settings.speed, settings.turning), CartesianTarget(goal)
     way = float(np.linalg.norm(goal.position - home.position)) / settings.speed
     seconds = max(way, float(np.linalg.norm(settings.turn)) / settings.turning) + STAY
-    bridge = Bridge(spec.load or Load(0.0, np.zeros(3)))
+    compensation = WrenchCompensation(spec.load or Load(0.0, np.zeros(3)))
     if settings.kind == "impedance":
-        hung = Impedance(model, target, _stiffness(settings, 200.0, 10.0), smoothing=smoothing, bridge=bridge)
+        hung = Impedance(
+            model, target, _stiffness(settings, 200.0, 10.0), smoothing=smoothing, compensation=compensation
+        )
         return hung, seconds
     pull = Pull(iterations=settings.iterations)
-    return Compliance(model, target, bridge, _stiffness(settings, 500.0, 50.0), pull, smoothing=smoothing), seconds
+    return Compliance(
+        model, target, compensation, _stiffness(settings, 500.0, 50.0), pull, smoothing=smoothing
+    ), seconds
 
 
 def _stiffness(settings: CartesianSettings, linear: float, angular: float) -> Stiffness:

@@ -14,8 +14,8 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.qb.config import QbSettings
 from allegro_twin.drivers.schunk.config import SchunkSettings
-from allegro_twin.files.assets import find
-from allegro_twin.files.schema import Positive, Settings, load, parse
+from allegro_twin.files.assets import find_file
+from allegro_twin.files.schema import Positive, Settings, load_settings, parse_settings
 from allegro_twin.hands.settings import HandSettings, LimitSettings, TaskSettings
 from allegro_twin.plugins import BACKENDS, CONTROLLERS
 from allegro_twin.recording.settings import ReplaySettings
@@ -55,10 +55,10 @@ class RunConfig(Settings):
         for name, block in blocks.items():
             merged = isinstance(block, Mapping) and isinstance(content.get(name, {}), dict) and "kind" not in block
             content[name] = {**content.get(name, {}), **block} if merged else block
-        return parse(RunConfig, content, "config")
+        return parse_settings(RunConfig, content, "config")
 
 
 def load_config(name: str | Path) -> RunConfig:
     """A config by path, or by its name in conf/. Raises ConfigError with file, path, value and nearest key."""
-    path = find(name, "config", "conf")
-    return load(RunConfig, path)
+    path = find_file(name, "config", "conf")
+    return load_settings(RunConfig, path)

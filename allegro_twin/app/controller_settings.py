@@ -65,7 +65,7 @@ class FollowSettings(ControllerSettings):
 
 
 class CartesianSettings(ControllerSettings):
-    """Bring an arm's flange to a pose, as on a spring: docs/arm.md."""
+    """Bring an arm's flange to a pose, as on a spring: docs/explanation/arm_control.md."""
 
     takes_posture = False
 

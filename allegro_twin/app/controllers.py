@@ -18,15 +18,15 @@ from allegro_twin.app.references import posture_of, wanted_of
 from allegro_twin.backend import limp_of
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
-    from allegro_twin.control.controllers import Gains, Gravity
-    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.control.controllers import Gains, GravityFeedforward
+    from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.hands.library.grasps import Grasp
 
@@ -60,15 +60,15 @@ def check_kind(kind: str, spec: HandSpec) -> None:
 
 
 def _limp(settings: LimpSettings, context: ControllerContext) -> MadeController:
-    from allegro_twin.control.controllers import Send
+    from allegro_twin.control.controllers import ConstantCommand
 
-    return MadeController(Send(limp_of(context.spec)))
+    return MadeController(ConstantCommand(limp_of(context.spec)))
 
 
 def _torque(settings: TorqueSettings, context: ControllerContext) -> MadeController:
-    from allegro_twin.control.controllers import Torque
+    from allegro_twin.control.controllers import ConstantTorque
 
-    return MadeController(Torque(context.spec.vector(settings.torque, "controller.torque")))
+    return MadeController(ConstantTorque(context.spec.vector(settings.torque, "controller.torque")))
 
 
 def _gravity_compensation(settings: GravitySettings, context: ControllerContext) -> MadeController:
@@ -79,13 +79,13 @@ def _gravity_compensation(settings: GravitySettings, context: ControllerContext)
 
 def _setpoints(settings: FollowSettings, context: ControllerContext) -> MadeController:
     """Positions for the hand's own loop."""
-    from allegro_twin.control.controllers import Follow
+    from allegro_twin.control.controllers import PositionControl
 
     spec, wanted = context.spec, wanted_of(settings, context)
     if wanted.grasp is not None and wanted.grasp.grip is not None:
         raise ConfigError(f"grasp {wanted.grasp.name} controls force by torques; {spec.name} takes none")
     effort = None if settings.effort is None else spec.vector(settings.effort, "controller.effort")
-    return MadeController(Follow(wanted.reference, effort), wanted.seconds)
+    return MadeController(PositionControl(wanted.reference, effort), wanted.seconds)
 
 
 def _policy(settings: PolicySettings, context: ControllerContext) -> MadeController:
@@ -94,7 +94,7 @@ def _policy(settings: PolicySettings, context: ControllerContext) -> MadeControl
     from allegro_twin.learning.policy.loading import load_policy
 
     spec, trial = context.spec, context.trial
-    path = find(settings.file, "policy", "conf/policies", ".onnx")
+    path = find_file(settings.file, "policy", "conf/policies", ".onnx")
     loaded = load_policy(path, trust=settings.trust)
     interface = loaded.card.interface(spec)
     if abs(interface.period - context.period) > 1e-9:
@@ -131,9 +131,11 @@ def _position(settings: PositionSettings, context: ControllerContext) -> MadeCon
     return MadeController(PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds)
 
 
-def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
+def _gripping(
+    settings: PositionSettings, grasp: Grasp, timed: TimedGrasp, spec: HandSpec, gains: Gains
+) -> Controller[Any]:
     """The controller of a grasp that controls force; it always carries the hand's weight."""
-    from allegro_twin.grasping.controller import performer
+    from allegro_twin.grasping.controller import make_grasp_controller
     from allegro_twin.kinematics.hand import hand_kinematics
 
     if settings.kind != "pd" or not settings.compensate:
@@ -141,14 +143,14 @@ def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: Hand
         raise ConfigError(
             f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
         )
-    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_kinematics(spec))
+    return make_grasp_controller(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_kinematics(spec))
 
 
-def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravity:
-    from allegro_twin.control.controllers import Gravity
+def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> GravityFeedforward:
+    from allegro_twin.control.controllers import GravityFeedforward
     from allegro_twin.kinematics.hand import hand_kinematics
 
-    return Gravity(hand_kinematics(spec).gravity_torque, None if vector is None else frozen(vector))
+    return GravityFeedforward(hand_kinematics(spec).gravity_torque, None if vector is None else frozen(vector))
 
 
 def _cartesian(settings: CartesianSettings, context: ControllerContext) -> MadeController:

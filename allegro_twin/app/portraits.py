@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.app.rig import Rig
-from allegro_twin.grasping.batch.trials import AXES, PERIOD, Bench
-from allegro_twin.grasping.evaluation.campaign import Target
-from allegro_twin.hands.library.gains import ruled
+from allegro_twin.grasping.batch.trials import AXES, PERIOD, TrialRunner
+from allegro_twin.grasping.evaluation.campaign import EvaluationTarget
+from allegro_twin.hands.library.gains import protocol_gains
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
@@ -38,18 +38,18 @@ def ends_of_objects(rows: Sequence[Row]) -> list[int]:
     return sorted({order[end] for order in ordered for end in (0, -1)})
 
 
-def staged(target: Target, row: Row | None = None) -> Rig:
+def staged(target: EvaluationTarget, row: Row | None = None) -> Rig:
     """The trial without a draw, ready to be performed: where it has six directions the one with the least margin in
     the target's row of results, without one the first. Raises ConfigError."""
     case = target.case.directions()[0 if row is None else _hardest(row)]
     spec, rules = target.spec, case.ruled
-    bench = Bench(spec, ruled(rules.gains, spec), rules.period or PERIOD)
+    bench = TrialRunner(spec, protocol_gains(rules.gains, spec), rules.period or PERIOD)
     trial = bench.trial(case)
     hand = Guard(trial.backend, hand_limits(LimitSettings(), spec))
     return Rig(spec, hand, bench.controller(trial), trial.seconds, trial, trial.backend)
 
 
-def portrait(target: Target, path: Path) -> None:
+def portrait(target: EvaluationTarget, path: Path) -> None:
     """Perform the trial without a draw up to the end of its first check, along the first direction, and keep a PNG.
     Raises ConfigError where pictures cannot be rendered, ImportError without the extra for them, HandFault where the
     guard stops the hand."""

@@ -14,7 +14,7 @@ from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.trajectory import Reference
-    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.hands.library.grasps import Grasp
 
 SQUEEZE, STAY = 0.5, 1.0
@@ -34,19 +34,19 @@ class Wanted:
     squeeze_at: float = 0.0
     """When they squeeze, s."""
 
-    def timed(self) -> Timed:
+    def timed(self) -> TimedGrasp:
         """The motion of its grasp."""
         from allegro_twin.control.trajectory import Moves
-        from allegro_twin.grasping.controller import Timed
+        from allegro_twin.grasping.controller import TimedGrasp
 
         assert isinstance(self.reference, Moves)
-        return Timed(self.reference, self.close_at, self.squeeze_at)
+        return TimedGrasp(self.reference, self.close_at, self.squeeze_at)
 
 
 def wanted_of(settings: PositionSettings | FollowSettings, context: ControllerContext) -> Wanted:
     """The scenario's grasp, a grasp in the open, or a posture. Raises ConfigError."""
     from allegro_twin.control.trajectory import Moves, Waypoint
-    from allegro_twin.hands.library.named import load_grasp
+    from allegro_twin.hands.library.library import load_grasp
 
     spec, task, trial = context.spec, context.task, context.trial
     if trial is not None:
@@ -70,14 +70,14 @@ def goal_of(config: RunConfig, spec: HandSpec) -> Vector | None:
 
 def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:
     """A posture by name or by value, (n,), rad. Raises ConfigError."""
-    from allegro_twin.hands.library.named import load_posture
+    from allegro_twin.hands.library.library import load_posture
 
     return load_posture(value, spec) if isinstance(value, str) else spec.posture(value)
 
 
 def _first(spec: HandSpec) -> Vector:
     """Home, for a hand that has one in the library; else the middle of every joint's range."""
-    from allegro_twin.hands.library.named import load_posture, posture_names
+    from allegro_twin.hands.library.library import load_posture, posture_names
 
     names = posture_names(spec.model)
     return load_posture("home", spec) if names else frozen((spec.lower + spec.upper) / 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.recording.settings import ReplaySettings
 
@@ -35,7 +35,7 @@ def _recording(settings: ReplaySettings, context: BackendContext) -> Recording:
 
     if is_bag(settings.file):
         return from_bag(settings.file, context.spec(), context.period)
-    path = find(settings.file, "recording", "out", ".arrow")
+    path = find_file(settings.file, "recording", "out", ".arrow")
     return load(path, partial=settings.partial, track=settings.track)
 
 

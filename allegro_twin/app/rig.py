@@ -9,12 +9,12 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
 from allegro_twin.app.simulated import simulated, trial_of
 from allegro_twin.backend import HandBackend
-from allegro_twin.cell.arm.limits import limits_of as arm_limits
+from allegro_twin.cell.arm.limits import arm_limits as arm_limits
 from allegro_twin.controller import Controller
 from allegro_twin.device import Device, device_of, innermost
 from allegro_twin.errors import HandError
 from allegro_twin.files.schema import Settings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.plugins import BACKENDS, BackendContext

@@ -20,7 +20,7 @@ from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 log = logging.getLogger(__name__)
 
@@ -100,7 +100,7 @@ def local(settings: CanSettings) -> bool:
     return settings.interface in LOCAL
 
 
-def judged(scene: Scene, hand: Firmware) -> Report | None:
+def judged(scene: Scene, hand: Firmware) -> TrialReport | None:
     """Watch the scenario of a served hand; its verdict at the moment when it is over."""
     trial, state = scene.trial, hand.state
     if trial is None or not hand.serving or state.t > trial.seconds + hand.period / 2:

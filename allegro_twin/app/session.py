@@ -16,14 +16,14 @@ from allegro_twin.app.references import goal_of
 from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 
 REACHED = 0.03
@@ -54,7 +54,7 @@ class Outcome:
     """How a run ended."""
 
     last: HandState
-    report: Report | None
+    report: TrialReport | None
     notes: tuple[str, ...]
     """What was asked for and could not be had, and warnings."""
     motion: float = 0.0
@@ -143,7 +143,7 @@ def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     if not far:
         return ""
     name = config.task.posture if isinstance(config.task.posture, str) else "the posture"
-    joints = ", ".join(f"{rig.spec.readable[joint]} {off[joint]:.2f}" for joint in far)
+    joints = ", ".join(f"{rig.spec.joint_labels[joint]} {off[joint]:.2f}" for joint in far)
     early = f"; the motion takes {motion:.1f} s" if last.t < motion else ""
     return f"{name} is not reached at {last.t:.1f} s: rad short: {joints} (more than {REACHED:g}){early}"
 
@@ -171,10 +171,10 @@ def _kept(
 ) -> Iterator[Sample]:
     if outputs.record is None:
         return samples
-    from allegro_twin.recording.recorder import recorded
+    from allegro_twin.recording.recorder import record
 
     meta = recording_meta(rig, config)
-    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
+    return record(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 
 def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:
@@ -207,7 +207,7 @@ def _drawn(
 
     scene = scenery(rig.spec, _look(rig))
     if outputs.rrd is not None:
-        temporary = stack.enter_context(whole_file(outputs.rrd))
+        temporary = stack.enter_context(atomic_file(outputs.rrd))
         viewer = viewer_of(rig.spec, scene, view=outputs.camera)
         viewers.append(viewer)
         stack.callback(viewer.close)
@@ -224,12 +224,12 @@ def _drawn(
     return samples
 
 
-def _concluded(viewers: list[Any], report: Report | None) -> None:
+def _concluded(viewers: list[Any], report: TrialReport | None) -> None:
     if viewers and report is not None:
-        from allegro_twin.grasping.evaluation.rejudge import checks, in_words
+        from allegro_twin.grasping.evaluation.rejudge import phase_results, report_markdown
 
         for viewer in viewers:
-            viewer.conclude(checks(report), in_words(report))
+            viewer.conclude(phase_results(report), report_markdown(report))
 
 
 def _look(rig: Rig) -> dict[str, Any]:
@@ -238,9 +238,9 @@ def _look(rig: Rig) -> dict[str, Any]:
         return rig.trial.meta()
     if rig.sim is None or (rig.spec.foreign is None and not isinstance(rig.spec, ArmSpec)):
         return {}
-    from allegro_twin.sim.model.appearance import scene_look
+    from allegro_twin.sim.model.appearance import scene_appearance
 
-    return {"look": scene_look(rig.sim.model, rig.spec, ())}
+    return {"look": scene_appearance(rig.sim.model, rig.spec, ())}
 
 
 def _photographed(

@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import posture_of
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import HandSettings, TaskSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.sim.settings import SimSettings

@@ -8,39 +8,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.backend import HandBackend
-from allegro_twin.cell.arm.arm_with_hand import Cell, make_cell
-from allegro_twin.cell.arm.faults import Disturbed
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.camera.self_filter import Itself
+from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
+from allegro_twin.cell.arm.faults import DisturbedBackend
+from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.camera.self_filter import SelfFilter
 from allegro_twin.cell.motion.empty_grasp import PERIOD
-from allegro_twin.cell.perception.pipeline import Pipeline
+from allegro_twin.cell.perception.pipeline import PerceptionPipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, ThingSettings
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import Apart
-from allegro_twin.sim.model.arm_with_hand import Mounted
-from allegro_twin.sim.objects.catalogue import Placement, named, orientation
+from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
+from allegro_twin.sim.model.arm_with_hand import MountedHand
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.types import Array, Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
-"""rad. Elbow up and the hand down, from where it turns to either side alike (docs/lab.md)."""
+"""rad. Elbow up and the hand down, from where it turns to either side alike (docs/explanation/cell.md)."""
 _AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class Cell:
     """What the lab works with; `replace` a part to inject a fault."""
 
     settings: LabSettings
-    cell: Cell
+    robot: ArmWithHand
     arm: HandBackend
     hand: HandBackend
-    camera: Camera
-    pipeline: Pipeline
+    camera: DepthCamera
+    pipeline: PerceptionPipeline
     model: HandKinematics
     """Of the hand."""
     library: Library
@@ -54,56 +54,57 @@ class Room:
     """Of its controller, (n,), N·m/rad."""
     forces: Array
     """What its motors give at the least and at the most, (2, n), N·m: a tendon only pulls."""
-    apart: Apart
+    clearance: ObstacleClearance
     """What is in the way of arm and hand."""
-    itself: Itself
+    self_filter: SelfFilter
     """What the camera sees of arm and hand."""
 
     def close(self) -> None:
         """Let go of everything."""
         self.camera.close()
-        self.itself.close()
-        self.cell.close()
+        self.self_filter.close()
+        self.robot.close()
 
 
-def make_room(settings: LabSettings) -> Room:
+def make_cell(settings: LabSettings) -> Cell:
     """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [_placed(thing) for thing in settings.objects], settings.arm
 
-    def made(posture: Vector | None, placed: Sequence[Placement]) -> Cell:
+    def made(posture: Vector | None, placed: Sequence[PlacedObject]) -> ArmWithHand:
         periods = (arm.period, PERIOD)
-        return make_cell(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
+        return make_arm_with_hand(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods)  # fmt: skip
 
-    security, posture = waiting(made(None, ()), settings.security)
-    cell = made(posture, things)
-    motors = [cell.world.model.actuator(name).id for name in spec.joints]
-    forces = cell.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
+    security, posture = waiting_pose(made(None, ()), settings.security)
+    robot = made(posture, things)
+    motors = [robot.world.model.actuator(name).id for name in spec.joints]
+    forces = robot.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
-    return Room(
-        settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
-        Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
+    return Cell(
+        settings, robot, DisturbedBackend(robot.arm, noise, seed=settings.seed), robot.hand,
+        DepthCamera(robot.world.model, settings.camera, settings.seed),
+        PerceptionPipeline(settings.perception, settings.seed),
         hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
-        Apart(cell.spec, Mounted(spec, cell.mount), cell.base.position),
-        Itself(cell, settings.camera),
+        ObstacleClearance(robot.spec, MountedHand(spec, robot.mount), robot.base.position),
+        SelfFilter(robot, settings.camera),
     )  # fmt: skip
 
 
-def waiting(cell: Cell, wait: SecuritySettings) -> tuple[Pose, Vector]:
+def waiting_pose(robot: ArmWithHand, wait: SecuritySettings) -> tuple[Pose, Vector]:
     """Where the palm waits, in the world, and the arm's posture there, (n,), rad. Raises ConfigError out of reach."""
-    security = Pose(np.array(wait.position), facing(wait.facing, wait.fingers))
-    return security, cell.model.reach(cell.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
+    security = Pose(np.array(wait.position), matrix_facing(wait.facing, wait.fingers))
+    return security, robot.model.reach(robot.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
 
 
-def with_things(settings: LabSettings, things: Sequence[ThingSettings], seed: int) -> LabSettings:
+def with_objects(settings: LabSettings, things: Sequence[ThingSettings], seed: int) -> LabSettings:
     """The same cell with other things on the table."""
     return settings.model_copy(update={"objects": tuple(things), "seed": seed})
 
 
-def _placed(settings: ThingSettings) -> Placement:
-    thing = named(settings.name)
+def _placed(settings: ThingSettings) -> PlacedObject:
+    thing = load_object(settings.name)
     position = (*settings.at, float(thing.half_extents()[2]) + _AIR)
-    w, x, y, z = orientation("z", float(np.radians(settings.yaw))).tolist()
-    return Placement(thing, position, (w, x, y, z))
+    w, x, y, z = standing_orientation("z", float(np.radians(settings.yaw))).tolist()
+    return PlacedObject(thing, position, (w, x, y, z))

@@ -7,17 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.cell.arm.arm_with_hand import Cell
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.motion.clutter import box_of
+from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.motion.clutter import bounding_box
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.grasp_selection import Body, Way, body_of, ways
-from allegro_twin.cell.perception.errors import place
+from allegro_twin.cell.motion.grasp_selection import GraspCandidate, TableObject, grasp_candidates, table_object
+from allegro_twin.cell.perception.errors import position_text
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import OTHERS, Met
+from allegro_twin.sim.contact.obstacle_clearance import OTHERS, ClearanceViolation
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -31,7 +31,7 @@ _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1,
 """rad. With the elbow out to either side, where those reach none: fingers that point at the arm, or away from it."""
 
 
-class Search(NamedTuple):
+class GraspSearch(NamedTuple):
     """Where a way is looked for."""
 
     near: Sequence[Sequence[float]]
@@ -40,8 +40,8 @@ class Search(NamedTuple):
     """Those a little off what symmetry leaves open."""
 
 
-_PLAIN = Search((_RIGHT, _LEFT))
-_EVERY = (_PLAIN, Search((_RIGHT, _LEFT), askew=True), Search(_OUT))
+_PLAIN = GraspSearch((_RIGHT, _LEFT))
+_EVERY = (_PLAIN, GraspSearch((_RIGHT, _LEFT), askew=True), GraspSearch(_OUT))
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
@@ -55,85 +55,87 @@ _CLOSING = 16
 """Postures of the approach, of the fingers on their way, and of the lift that are looked at beside other objects."""
 
 
-class Reached(NamedTuple):
+class GraspPlan(NamedTuple):
     """A way that the arm reaches."""
 
     far: float
     """The largest turn of a joint from where it waits, rad."""
-    way: Way
+    way: GraspCandidate
     through: tuple[Vector, ...]
     """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
     there: tuple[Vector, Vector]
     """Those of the grasp and of the end of the lift."""
 
 
-def best_way(solid: Solid, room: Room, others: Sequence[Array] = ()) -> Reached:
+def plan_grasp(solid: Solid, cell: Cell, others: Sequence[Array] = ()) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
     which it comes near to nothing: neither to the table nor to `others`, points of each other object, (k, 3), m.
 
     Raises ConfigError where no stored grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
-    body, first = body_of(solid), ""
+    body, first = table_object(solid), ""
     if len(others) > OTHERS:
         raise ConfigError(
             f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
         )
-    room.apart.see(body.kind, body.extents, body.position, body.yaw)
-    room.apart.beside([box_of(points) for points in others])
-    for one in within_reach(body, room.cell, room.posture, room.settings.lift):
-        for each in (one, *_higher(one, room.cell)):
-            met = in_the_way(each, room)
+    cell.clearance.see(body.kind, body.extents, body.position, body.yaw)
+    cell.clearance.beside([bounding_box(points) for points in others])
+    for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift):
+        for each in (one, *_higher(one, cell.robot)):
+            met = obstacle_on(each, cell)
             if met is None:
                 return each
             first = first or f"{met} on the way to its {one.way.card.name} grasp"
-    where = ", ".join(place(box_of(points)[0]) for points in others)
+    where = ", ".join(position_text(bounding_box(points)[0]) for points in others)
     beside = f", and so may be the other objects at {where}" if others else ""
     raise ConfigError(
-        f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is "
-        f"in every other{beside}; move the thing, or turn it"
+        f"{cell.robot.spec.name} does not get to the {body.kind} at {position_text(body.position)}: {first}, and "
+        f"something is in every other{beside}; move the thing, or turn it"
     )
 
 
-def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
+def nearest_grasp(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float) -> GraspPlan:
     """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way, never with the
     elbow out and never askew."""
-    return within_reach(body, cell, waiting, lift, (_PLAIN,))[0]
+    return reachable_grasps(body, robot, waiting, lift, (_PLAIN,))[0]
 
 
-def within_reach(
-    body: Body, cell: Cell, waiting: Vector, lift: float, searches: Sequence[Search] = _EVERY
-) -> list[Reached]:
+def reachable_grasps(
+    body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float, searches: Sequence[GraspSearch] = _EVERY
+) -> list[GraspPlan]:
     """The ways that the arm reaches, that with the least turn of a joint first; at least one. `searches`: each where
     those before lead to none. Raises ConfigError."""
-    model, top = cell.hand.spec.model, float(body.position[2]) + body.extents[2] / 2.0
+    model, top = robot.hand.spec.model, float(body.position[2]) + body.extents[2] / 2.0
     for search in searches:
-        found = sorted(ways(body, model, askew=search.askew), key=lambda way: -_across(way.palm, cell.base))[:_TRIED]
-        each = (_from(way, top, cell, waiting, lift, np.array(side)) for way in found for side in search.near)
+        found = sorted(
+            grasp_candidates(body, model, askew=search.askew), key=lambda way: -_across(way.palm, robot.base)
+        )[:_TRIED]
+        each = (_from(way, top, robot, waiting, lift, np.array(side)) for way in found for side in search.near)
         reached = sorted((one for one in each if one is not None), key=lambda one: one.far)
         if reached:
             return reached
     raise ConfigError(
-        f"{cell.spec.name} does not reach the {ways(body, model)[0].card.name} grasp of the {body.kind} at "
-        f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
+        f"{robot.spec.name} does not reach the {grasp_candidates(body, model)[0].card.name} grasp of the {body.kind} "
+        f"at {position_text(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
     )
 
 
-def in_the_way(one: Reached, room: Room) -> Met | None:
+def obstacle_on(one: GraspPlan, cell: Cell) -> ClearanceViolation | None:
     """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift; to other
     objects also while the hand goes there, closes, and lifts."""
-    grasp = room.library.grasp(one.way.card.grasp, room.hand.spec)
-    open_hand, shaped = room.open, grasp.preshape
-    shaping = Steering(open_hand)
+    grasp = cell.library.grasp(one.way.card.grasp, cell.hand.spec)
+    open_hand, shaped = cell.open, grasp.preshape
+    shaping = SmoothSetpoint(open_hand)
     shaping.head_for(0.0, shaped, OPENING)
-    begin, t = room.posture, 0.0
+    begin, t = cell.posture, 0.0
     for end in one.through:
-        arm, times = way_of(begin, end, room.settings.arm.joint_speed)
-        met = room.apart.on_way(arm, np.stack([shaping(t + each).position for each in times]))
+        arm, times = far_path(begin, end, cell.settings.arm.joint_speed)
+        met = cell.clearance.on_way(arm, np.stack([shaping(t + each).position for each in times]))
         if met is not None:
             return met
         begin, t = end, t + float(times[-1])
-    met = next(filter(None, (room.apart.of_arm(at, shaped) for at in one.there)), None)
-    if met is not None or not room.apart.crowded:
+    met = next(filter(None, (cell.clearance.of_arm(at, shaped) for at in one.there)), None)
+    if met is not None or not cell.clearance.crowded:
         return met
     part = np.linspace(0.0, 1.0, _CLOSING)[:, None]
     there, up = one.there
@@ -142,49 +144,51 @@ def in_the_way(one: Reached, room: Room) -> Met | None:
     )
     hand = np.concatenate([shaped + 0.0 * part, shaped + part * (grasp.close - shaped),
                            grasp.close + part * (grasp.squeeze - grasp.close), grasp.squeeze + 0.0 * part])  # fmt: skip
-    return room.apart.of_others(arm, hand)
+    return cell.clearance.of_others(arm, hand)
 
 
-def way_of(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
+def far_path(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
     """Postures of a far way from rest to rest, (k, n), rad, and when they are, (k,), s."""
-    path = Steering(begin)
+    path = SmoothSetpoint(begin)
     times = np.linspace(0.0, path.head_for(0.0, end, speed), int(np.abs(end - begin).max() / _STEP) + 2)
     return np.stack([path(t).position for t in times]), times
 
 
-def _from(way: Way, top: float, cell: Cell, waiting: Vector, lift: float, at: Vector) -> Reached | None:
-    model, spec, postures = cell.model, cell.spec, []
+def _from(
+    way: GraspCandidate, top: float, robot: ArmWithHand, waiting: Vector, lift: float, at: Vector
+) -> GraspPlan | None:
+    model, spec, postures = robot.model, robot.spec, []
     lifted = Pose(way.palm.position + np.array([0.0, 0.0, lift]), way.palm.rotation)
     for palm in (way.before, way.palm, lifted):
         try:
-            at = model.reach(cell.flange_for(palm), at, _NEAR)
+            at = model.reach(robot.flange_for(palm), at, _NEAR)
         except ConfigError:
             return None  # The answer, not an error.
         postures.append(at)
     if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
-    return Reached(far, way, (*_over(way, top, cell, postures[0]), postures[0]), (postures[1], postures[2]))
+    return GraspPlan(far, way, (*_over(way, top, robot, postures[0]), postures[0]), (postures[1], postures[2]))
 
 
-def _over(way: Way, top: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
+def _over(way: GraspCandidate, top: float, robot: ArmWithHand, at: Vector) -> tuple[Vector, ...]:
     """The posture above where the approach begins, from which the hand comes down beside a thing of such a height, m;
     none where it is above already, or the arm does not reach so high."""
     up = top + _CLEAR - float(way.before.position[2])
-    return _above(way, up, cell, at) if up >= _LITTLE else ()
+    return _above(way, up, robot, at) if up >= _LITTLE else ()
 
 
-def _higher(one: Reached, cell: Cell) -> list[Reached]:
+def _higher(one: GraspPlan, robot: ArmWithHand) -> list[GraspPlan]:
     """The same from above, where the way to it is straight: a hand that turns low over the table may sweep it."""
-    above = _above(one.way, _CLEAR, cell, one.through[-1]) if len(one.through) == 1 else ()
+    above = _above(one.way, _CLEAR, robot, one.through[-1]) if len(one.through) == 1 else ()
     return [one._replace(through=(*above, *one.through))] if above else []
 
 
-def _above(way: Way, up: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
+def _above(way: GraspCandidate, up: float, robot: ArmWithHand, at: Vector) -> tuple[Vector, ...]:
     for part in (1.0, 0.6):
         above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
         try:
-            return (cell.model.reach(cell.flange_for(above), at, _NEAR),)
+            return (robot.model.reach(robot.flange_for(above), at, _NEAR),)
         except ConfigError:
             continue  # Lower, or straight on.
     return ()

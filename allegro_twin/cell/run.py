@@ -8,38 +8,48 @@ from itertools import islice
 
 import numpy as np
 
-from allegro_twin.cell.actions import WATCHED, Work
+from allegro_twin.cell.actions import WATCHED, CellActions
 from allegro_twin.cell.arm.impedance import Stiffness, stuck
 from allegro_twin.cell.arm.target import Smoothing
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.checks.grasp_check import Checked
-from allegro_twin.cell.motion.arm_motion import Guide, Guided
-from allegro_twin.cell.motion.finger_paths import Wish, fingers
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.checks.grasp_check import GraspCheck
+from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance
+from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.settings import LabSettings
-from allegro_twin.cell.states import End, Now, Rules, Seen, State, begun, decided, endless, kept
+from allegro_twin.cell.states import (
+    MachineState,
+    Observation,
+    Outcome,
+    StateName,
+    StateRules,
+    endless_run,
+    initial_state,
+    next_state,
+    watch_outcome,
+)
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.loop import run, together
 from allegro_twin.types import Array, Sample
 
-Stage = Callable[[Iterable[Sample]], Iterator[Sample]]
+SampleStage = Callable[[Iterable[Sample]], Iterator[Sample]]
 _STIRRED = 0.005  # m. Another object that has moved less stands where it stood.
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class LabReport:
     """What happened."""
 
-    end: End
-    events: tuple[tuple[float, State], ...]
+    end: Outcome
+    events: tuple[tuple[float, StateName], ...]
     """When each state began, s."""
     tries: int
     solid: Solid | None
     """What was seen, at the last look that led to something."""
     grasp: str | None
     """By the name of the scenario that it comes from."""
-    checked: Checked | None
+    checked: GraspCheck | None
     error: float
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float
@@ -50,81 +60,83 @@ class Report:
     """Other objects that are not where they were, and how far, m. Only a simulation knows."""
 
     @property
-    def truly(self) -> bool:
+    def is_lifted(self) -> bool:
         """Whether the thing is in the air at the end."""
         return self.lifted > 0.05
 
 
 def perform(
-    room: Room,
+    cell: Cell,
     *,
-    arm: Stage = iter,
-    hand: Stage = iter,
-    entered: Callable[[Now], None] = lambda now: None,
-    prepared: Callable[[Work], None] = lambda work: None,
-) -> Report:
-    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states,
-    `prepared` of the run's memory before anything moves.
+    arm: SampleStage = iter,
+    hand: SampleStage = iter,
+    on_state: Callable[[MachineState], None] = lambda now: None,
+    on_prepare: Callable[[CellActions], None] = lambda work: None,
+) -> LabReport:
+    """From the security pose to an end. `arm` and `hand` are stages around their samples, `on_state` hears of states,
+    `on_prepare` of the run's memory before anything moves.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
     state has its longest time, and so has the run, by the periods of arm and hand.
     """
-    work, now = Work(room), begun(0.0)
-    seen = _Story(room, work)
-    prepared(work)
-    law = law_of(room, work.guide)
-    grip = fingers(Wish(work.fingers), room.settings.hand.gains, room.hand.spec, room.model)
-    arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
-    rules, clock = rules_of(room.settings), _Clock(room.settings)
+    work, now = CellActions(cell), initial_state(0.0)
+    seen = _Story(cell, work)
+    on_prepare(work)
+    law = arm_controller(cell, work.guide)
+    grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)
+    arms, hands = arm(run(cell.arm, law)), hand(run(cell.hand, grip))
+    rules, clock = state_rules(cell.settings), _Clock(cell.settings)
     last: Sample | None = None
     passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
     try:
-        for turn, sample in together((arms, room.arm.period), (hands, room.hand.period)):
-            passed[turn] += (room.arm, room.hand)[turn].period
+        for turn, sample in together((arms, cell.arm.period), (hands, cell.hand.period)):
+            passed[turn] += (cell.arm, cell.hand)[turn].period
             if passed[turn] > rules.longest:
-                now = endless(now, sample.state.t, rules, ("arm", "hand")[turn])
-                seen.enter(now, entered)
+                now = endless_run(now, sample.state.t, rules, ("arm", "hand")[turn])
+                seen.enter(now, on_state)
                 if last is not None:
                     work.stand_still(last.state)
                 break
             if turn == 1:
-                work.hand_is(sample.state)
+                work.update_hand(sample.state)
                 continue
             state, last = sample.state, sample
             if state.tick == 0:
-                seen.enter(now, entered)
+                seen.enter(now, on_state)
                 work.enter(now, state)
-            work.felt(now, state)
+            work.collect_force(now, state)
             if now.state == "Done":
                 held = now.end is not None and now.end.word == "held"
-                known = work.keeps(now, state) if held else Seen(state.t)
-                after = kept(now, known, rules)
+                known = work.recheck(now, state) if held else Observation(state.t)
+                after = watch_outcome(now, known, rules)
                 if after is not now:
                     now = after
-                    seen.enter(now, entered)
+                    seen.enter(now, on_state)
                     work.enter(now, state)
                 elif state.t >= now.since + WATCHED and (known.held or not held):
                     break
                 continue
             if not clock.due(state.t):
                 continue
-            after = decided(now, work.know(now, state), rules)
+            after = next_state(now, work.observe(now, state), rules)
             if after is not now:
                 now = after
-                seen.enter(now, entered)
+                seen.enter(now, on_state)
                 work.enter(now, state)
     except (HandFault, LinkError) as error:
-        now = Now("Done", 0.0 if last is None else last.state.t, now.tries, End("fault", _who(error, room), str(error)))
-        seen.enter(now, entered)
-        _hold(room, work, last, (arms, hands))
+        now = MachineState(
+            "Done", 0.0 if last is None else last.state.t, now.tries, Outcome("fault", _who(error, cell), str(error))
+        )
+        seen.enter(now, on_state)
+        _hold(cell, work, last, (arms, hands))
     assert now.end is not None
     return seen.report(now)
 
 
-def rules_of(settings: LabSettings) -> Rules:
+def state_rules(settings: LabSettings) -> StateRules:
     """What the state machine goes by."""
     most = settings.timeouts
-    return Rules(
+    return StateRules(
         {"ToSecurityPose": most.security, "Look": most.look, "ToTargetPose": most.target, "Approach": most.approach,
          "ClosingHand": most.close, "ToLiftedPose": most.lift, "Validate": most.check},
         settings.decide.retries,
@@ -150,24 +162,24 @@ class _Clock:
 class _Story:
     """What is remembered for the report."""
 
-    def __init__(self, room: Room, work: Work) -> None:
-        self._room, self._work = room, work
-        self._events: list[tuple[float, State]] = []
+    def __init__(self, cell: Cell, work: CellActions) -> None:
+        self._cell, self._work = cell, work
+        self._events: list[tuple[float, StateName]] = []
         self._first: dict[str, Array] = {}
         self._at: dict[str, Array] = {}
 
-    def enter(self, now: Now, entered: Callable[[Now], None]) -> None:
+    def enter(self, now: MachineState, on_state: Callable[[MachineState], None]) -> None:
         if not self._first:
             self._first = self._at = self._places()
         if now.state == "ToTargetPose":
             self._at = self._places()
         self._events.append((now.since, now.state))
-        entered(now)
+        on_state(now)
 
-    def report(self, now: Now) -> Report:
+    def report(self, now: MachineState) -> LabReport:
         assert now.end is not None
         work, first, last = self._work, self._first, self._places()
-        error, chosen = float("nan"), self._room.settings.objects[0].name
+        error, chosen = float("nan"), self._cell.settings.objects[0].name
         if work.solid is not None:
             off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in self._at.items()}
             chosen = min(off, key=off.__getitem__)
@@ -176,36 +188,36 @@ class _Story:
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
-        return Report(
+        return LabReport(
             now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted, chosen, moved
         )
 
     def _places(self) -> dict[str, Array]:
         """Where every object really is, (3,), m."""
-        return {thing.name: self._room.cell.thing(thing.name).position for thing in self._room.settings.objects}
+        return {thing.name: self._cell.robot.thing(thing.name).position for thing in self._cell.settings.objects}
 
 
-def law_of(room: Room, guide: Guide) -> Guided:
+def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:
     """The arm's controller. Raises ConfigError for a spring that friction holds."""
-    arm = room.settings.arm
+    arm = cell.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
-    stuck(room.cell.model, room.posture, stiffness, _SLACK, felt=True)
+    stuck(cell.robot.model, cell.posture, stiffness, _SLACK, felt=True)
     smoothing = Smoothing(arm.speed, arm.turning)
-    return Guided(room.cell.model, guide, stiffness.diagonal(), smoothing, room.cell.bridge)
+    return GuidedImpedance(cell.robot.model, guide, stiffness.diagonal(), smoothing, cell.robot.compensation)
 
 
-def _who(error: Exception, room: Room) -> str:
-    arm = room.cell.spec.name in str(error) or any(name in str(error) for name in room.cell.spec.joints)
+def _who(error: Exception, cell: Cell) -> str:
+    arm = cell.robot.spec.name in str(error) or any(name in str(error) for name in cell.robot.spec.joints)
     what = "silent" if isinstance(error, LinkError) else "stopped"
     return f"{'arm' if arm else 'hand'} {what}"
 
 
-def _hold(room: Room, work: Work, last: Sample | None, left: tuple[Iterator[Sample], Iterator[Sample]]) -> None:
+def _hold(cell: Cell, work: CellActions, last: Sample | None, left: tuple[Iterator[Sample], Iterator[Sample]]) -> None:
     """Let whoever is still there go on for a moment: the arm stands still, or the hand keeps what it has."""
     if last is None:
         return
     work.stand_still(last.state)
-    for samples, device in zip(left, (room.arm, room.hand), strict=True):
+    for samples, device in zip(left, (cell.arm, cell.hand), strict=True):
         for _ in islice(_left(samples), round(WATCHED / device.period)):  # Counted: a clock may stand still.
             pass
 

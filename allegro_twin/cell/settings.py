@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from allegro_twin.cell.camera.mount import Mount
-from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.camera.mount import CameraMount
+from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.schema import Positive, Settings, Vector3
 from allegro_twin.sim.model.arm_with_hand import CAMERA
@@ -35,10 +35,10 @@ class ArmSettings(Settings):
     joint_speed: Positive = 1.5
     """Of the fastest joint on far ways, at its peak, rad/s."""
     period: Positive = 0.003
-    """s; the impedance is as stable as at 1 ms (docs/arm.md)."""
+    """s; the impedance is as stable as at 1 ms (docs/explanation/arm_control.md)."""
 
 
-class HandSettings(Settings):
+class CellHandSettings(Settings):
     """The hand on its flange."""
 
     model: str = "allegro"
@@ -108,7 +108,7 @@ class ValidateSettings(Settings):
     long: Annotated[int, Field(ge=1)] = 1500
     """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
     least: Positive = 0.053
-    """kg: what weighs more is there. `samples` detect it (docs/lab.md)."""
+    """kg: what weighs more is there. `samples` detect it (docs/explanation/cell.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.1
@@ -122,18 +122,18 @@ class ValidateSettings(Settings):
 
 def _at_the_wrist(value: Any) -> Any:
     if value == "wrist":
-        return Mount(site=CAMERA, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
+        return CameraMount(site=CAMERA, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
     return value
 
 
-class CellCameraSettings(CameraSettings):
+class CellCameraSettings(DepthCameraSettings):
     """The camera of a cell."""
 
-    mount: Annotated[Mount, BeforeValidator(_at_the_wrist, json_schema_input_type=Mount | Literal["wrist"])]
+    mount: Annotated[CameraMount, BeforeValidator(_at_the_wrist, json_schema_input_type=CameraMount | Literal["wrist"])]
     """Where it stands; `wrist` is where the hand's mount has a place for one."""
 
 
-class FollowSettings(Settings):
+class RemoteControlSettings(Settings):
     """What a cell that is led from outside may be asked for."""
 
     lower: Vector3 = (-0.35, -0.4, 0.03)
@@ -147,7 +147,7 @@ class LabSettings(Settings):
     """The whole cell."""
 
     arm: ArmSettings
-    hand: HandSettings = HandSettings()
+    hand: CellHandSettings = CellHandSettings()
     camera: CellCameraSettings
     perception: PerceptionSettings
     objects: Annotated[tuple[ThingSettings, ...], Field(min_length=1)]
@@ -159,7 +159,7 @@ class LabSettings(Settings):
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()
     validation: ValidateSettings = ValidateSettings()
-    follow: FollowSettings = FollowSettings()
+    follow: RemoteControlSettings = RemoteControlSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-State = Literal[
+StateName = Literal[
     "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done"
 ]  # fmt: skip
-Word = Literal["held", "missed", "refused", "fault"]
-_NEXT: dict[State, State] = {
+OutcomeKind = Literal["held", "missed", "refused", "fault"]
+_NEXT: dict[StateName, StateName] = {
     "ToSecurityPose": "Look",
     "ToTargetPose": "Approach",
     "Approach": "ClosingHand",
@@ -27,10 +27,10 @@ _LATE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class Outcome:
     """How it ended."""
 
-    word: Word
+    word: OutcomeKind
     reason: str = ""
     """One word for a program: of a refusal perception's, of a fault what it was."""
     sentence: str = ""
@@ -41,19 +41,19 @@ class End:
 
 
 @dataclass(frozen=True, slots=True)
-class Now:
+class MachineState:
     """Where it is."""
 
-    state: State
+    state: StateName
     since: float
     """s."""
     tries: int = 1
     """Counting this one."""
-    end: End | None = None
+    end: Outcome | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class Observation:
     """What is known at a moment."""
 
     t: float
@@ -64,16 +64,16 @@ class Seen:
     """What the check says, once it has enough samples."""
     doubt: str = ""
     """What is told with it: of a sensor that does not decide."""
-    refused: End | None = None
+    refused: Outcome | None = None
     """Why there is nothing to grasp, by the newest picture."""
-    fault: End | None = None
+    fault: Outcome | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class StateRules:
     """How long a state may last, s, and how often it begins anew."""
 
-    timeouts: dict[State, float]
+    timeouts: dict[StateName, float]
     retries: int
 
     @property
@@ -84,21 +84,21 @@ class Rules:
         return (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
 
 
-def begun(t: float) -> Now:
+def initial_state(t: float) -> MachineState:
     """At the start."""
-    return Now("ToSecurityPose", t)
+    return MachineState("ToSecurityPose", t)
 
 
-def endless(now: Now, t: float, rules: Rules, whose: str) -> Now:
+def endless_run(now: MachineState, t: float, rules: StateRules, whose: str) -> MachineState:
     """The end of a run that is longer than it can be, by the clock of `whose` periods."""
     said = (
         f"the run was in {now.state} after {rules.longest:.0f} s of the {whose}'s periods, and all states last less: "
         f"the {whose}'s clock or the state machine stands still"
     )
-    return _over(now, t, End("fault", "endless", said))
+    return _over(now, t, Outcome("fault", "endless", said))
 
 
-def decided(now: Now, seen: Seen, rules: Rules) -> Now:
+def next_state(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
     """Where it is after what is known; the same `now` while nothing changes."""
     if now.state == "Done":
         return now
@@ -111,22 +111,22 @@ def decided(now: Now, seen: Seen, rules: Rules) -> Now:
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
                 return _over(
-                    now, seen.t, seen.refused or End("fault", "camera", "no picture has come: see to its cable")
+                    now, seen.t, seen.refused or Outcome("fault", "camera", "no picture has come: see to its cable")
                 )
             return now
         case "Validate":
             if seen.held is None and not late:
                 return now
             if seen.held:
-                return _over(now, seen.t, End("held", "", seen.doubt))
+                return _over(now, seen.t, Outcome("held", "", seen.doubt))
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
-            return _again(now, seen.t, rules, End("missed", "", said))
+            return _again(now, seen.t, rules, Outcome("missed", "", said))
     if seen.done:
         return replace(now, state=_NEXT[now.state], since=seen.t)
     return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
 
 
-def kept(now: Now, seen: Seen, rules: Rules) -> Now:
+def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
     """What an end comes to while arm and hand are watched after it: held for as long as nothing says otherwise."""
     if now.end is None or now.end.word != "held":
         return now
@@ -134,22 +134,22 @@ def kept(now: Now, seen: Seen, rules: Rules) -> Now:
         return _over(now, seen.t, seen.fault)
     if seen.held is False:
         said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.doubt)))
-        return _over(now, seen.t, End("fault", "dropped", said))
+        return _over(now, seen.t, Outcome("fault", "dropped", said))
     if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
-        return _over(now, seen.t, End("fault", "not confirmed", "the second check was not over; see to the camera"))
+        return _over(now, seen.t, Outcome("fault", "not confirmed", "the second check was not over; see to the camera"))
     return now
 
 
-def _again(now: Now, t: float, rules: Rules, end: End) -> Now:
+def _again(now: MachineState, t: float, rules: StateRules, end: Outcome) -> MachineState:
     if now.tries <= rules.retries:
-        return Now("ToSecurityPose", t, now.tries + 1)
+        return MachineState("ToSecurityPose", t, now.tries + 1)
     return _over(now, t, end)
 
 
-def _over(now: Now, t: float, end: End) -> Now:
+def _over(now: MachineState, t: float, end: Outcome) -> MachineState:
     return replace(now, state="Done", since=t, end=end)
 
 
-def _stuck(now: Now, rules: Rules) -> End:
+def _stuck(now: MachineState, rules: StateRules) -> Outcome:
     said = f"{now.state} was not over after {rules.timeouts[now.state]:g} s; see what is in the way"
-    return End("fault", f"timeout in {now.state}", said)
+    return Outcome("fault", f"timeout in {now.state}", said)

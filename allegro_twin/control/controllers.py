@@ -1,4 +1,4 @@
-"""Controllers: frozen gains and goals, pure functions from state to torque."""
+"""Controllers of joints: constant torque, gravity compensation, PD, PID, and set-points for a hand's own loop."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ GravityTorque: TypeAlias = Callable[[Vector, Vector], Vector]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gravity:
-    """Feed-forward that carries the hand's weight, following the palm as it turns."""
+class GravityFeedforward:
+    """Torques that carry the hand's own weight, at every orientation of the palm."""
 
     torque_of: GravityTorque
     vector: Vector | None = None
     """Gravity in the palm frame where the hand does not report it or is wrong about it, shape (3,), m/s²."""
 
     def check(self, state: HandState) -> None:
-        """Raise ConfigError when nobody says where down is."""
+        """Raise ConfigError where the direction of gravity is unknown."""
         if self.vector is None and not np.isfinite(state.gravity).all():
             raise ConfigError("this hand reports no gravity; give the controller a `gravity` vector in the palm frame")
 
@@ -36,7 +36,7 @@ class Gravity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
-    """Per joint, shape (n,)."""
+    """Gains of a PD or PID controller, one value a joint, shape (n,)."""
 
     kp: Vector
     """N·m/rad."""
@@ -49,8 +49,8 @@ class Gains:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Torque:
-    """Set and keep the same torques."""
+class ConstantTorque:
+    """Constant torques."""
 
     torque: Vector
     """Shape (n,), N·m."""
@@ -64,9 +64,9 @@ class Torque:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GravityCompensation:
-    """Carry the hand's own weight, so that a person can move the fingers."""
+    """Torques that carry the hand's own weight alone, so that a person can move the fingers."""
 
-    gravity: Gravity
+    gravity: GravityFeedforward
 
     def start(self, state: HandState) -> None:
         self.gravity.check(state)
@@ -75,8 +75,8 @@ class GravityCompensation:
         return TorqueCommand(self.gravity(state)), None
 
 
-class Following(NamedTuple):
-    """What a PD controller remembers: where it is going, and since when."""
+class ReferenceMemory(NamedTuple):
+    """The path that a controller follows, and since when, s."""
 
     path: Path
     began: float
@@ -84,22 +84,22 @@ class Following(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PD:
-    """Follow a reference with stiffness and damping."""
+    """Torques that follow a reference with stiffness and damping."""
 
     reference: Reference
     gains: Gains
-    gravity: Gravity | None = None
+    gravity: GravityFeedforward | None = None
 
-    def start(self, state: HandState) -> Following:
+    def start(self, state: HandState) -> ReferenceMemory:
         if self.gravity is not None:
             self.gravity.check(state)
-        return Following(self.reference.begin(state.position), state.t)
+        return ReferenceMemory(self.reference.begin(state.position), state.t)
 
-    def __call__(self, state: HandState, memory: Following) -> tuple[TorqueCommand, Following]:
+    def __call__(self, state: HandState, memory: ReferenceMemory) -> tuple[TorqueCommand, ReferenceMemory]:
         target = memory.path(state.t - memory.began)
         torque = laws.pd(
             target.position - state.position,
-            laws.known(target.velocity - state.velocity),
+            laws.known_rate(target.velocity - state.velocity),
             self.gains.kp,
             self.gains.kd,
             0.0 if self.gravity is None else self.gravity(state),
@@ -108,23 +108,23 @@ class PD:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Follow:
-    """Follow a reference with a hand whose firmware closes the loop."""
+class PositionControl:
+    """Set-points of a reference for a hand whose firmware closes the loop."""
 
     reference: Reference
     effort: Vector | None = None
     """The most that each motor may give, (n,), N·m; None: what the hand allows."""
 
-    def start(self, state: HandState) -> Following:
-        return Following(self.reference.begin(state.position), state.t)
+    def start(self, state: HandState) -> ReferenceMemory:
+        return ReferenceMemory(self.reference.begin(state.position), state.t)
 
-    def __call__(self, state: HandState, memory: Following) -> tuple[PositionCommand, Following]:
+    def __call__(self, state: HandState, memory: ReferenceMemory) -> tuple[PositionCommand, ReferenceMemory]:
         return PositionCommand(memory.path(state.t - memory.began).position, self.effort), memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Send:
-    """Send the same command on and on: the limp one, for instance."""
+class ConstantCommand:
+    """The same command every time, such as the one that lets the hand go limp."""
 
     command: Command
 
@@ -135,8 +135,8 @@ class Send:
         return self.command, None
 
 
-class Integrating(NamedTuple):
-    """What a PID controller remembers."""
+class PidMemory(NamedTuple):
+    """Memory of a PID controller."""
 
     path: Path
     began: float
@@ -152,18 +152,18 @@ class PID:
     gains: Gains
     torque_limit: Vector
     """Beyond it the integral does not grow, shape (n,), N·m."""
-    gravity: Gravity | None = None
+    gravity: GravityFeedforward | None = None
 
-    def start(self, state: HandState) -> Integrating:
+    def start(self, state: HandState) -> PidMemory:
         if self.gravity is not None:
             self.gravity.check(state)
-        return Integrating(self.reference.begin(state.position), state.t, state.t, np.zeros_like(state.position))
+        return PidMemory(self.reference.begin(state.position), state.t, state.t, np.zeros_like(state.position))
 
-    def __call__(self, state: HandState, memory: Integrating) -> tuple[TorqueCommand, Integrating]:
+    def __call__(self, state: HandState, memory: PidMemory) -> tuple[TorqueCommand, PidMemory]:
         target = memory.path(state.t - memory.began)
         torque, integral = laws.pid(
             target.position - state.position,
-            laws.known(target.velocity - state.velocity),
+            laws.known_rate(target.velocity - state.velocity),
             memory.integral,
             state.t - memory.t,
             self.gains.kp,
@@ -173,4 +173,4 @@ class PID:
             self.torque_limit,
             0.0 if self.gravity is None else self.gravity(state),
         )
-        return TorqueCommand(torque), Integrating(memory.path, memory.began, state.t, integral)
+        return TorqueCommand(torque), PidMemory(memory.path, memory.began, state.t, integral)

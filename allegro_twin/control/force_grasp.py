@@ -1,4 +1,10 @@
-"""Grasps that control force: the centroid grasp with two to four fingertips, and the envelop grasp with all links."""
+"""Grasps that control force: the centroid grasp with two to four fingertips, and the envelop grasp with all links.
+
+The centroid grasp follows Bae et al., "A Grasp Strategy with the Geometric Centroid of a Groped Object Shape Derived
+from Contact Spots", ICRA 2012: fingertips press through the centroid of their contacts and hold it where it was found,
+so the size of the object need not be known. Arrays broadcast over leading batch dimensions; of k fingertips the last,
+the thumb, opposes the others.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +15,104 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.control.centroid import holding, joint_torques, pressing, resting
-from allegro_twin.control.contact import Stall, stalling, touching
-from allegro_twin.control.controllers import PD, Following, Gravity
-from allegro_twin.control.laws import known
+from allegro_twin.control.controllers import PD, GravityFeedforward, ReferenceMemory
+from allegro_twin.control.laws import known_rate
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector
+
+
+class StallTimes(NamedTuple):
+    """Contact from torque and position alone: a finger that is pushed and does not move has met something."""
+
+    seconds: Array
+    """How long each finger has been pushed without moving, shape (k,), s."""
+
+    @property
+    def begun(self) -> bool:
+        return bool((self.seconds > 0).any())
+
+
+def update_stall(
+    stall: StallTimes, velocity: Array, torque: Array, dt: float, *, still: float = 0.05, push: float = 0.05
+) -> StallTimes:
+    """The stall times `dt` s later. `velocity`, `torque`: the joints of each finger, (k, j), rad/s and N·m.
+
+    A finger counts as pushed when some joint is given more than `push` beyond what moves it freely, and as still when
+    no joint is faster than `still`; otherwise its time begins anew.
+    """
+    blocked = (np.abs(velocity).max(axis=-1) < still) & (np.abs(torque).max(axis=-1) > push)
+    return StallTimes(np.where(blocked, stall.seconds + dt, 0.0))
+
+
+def fingers_in_contact(stall: StallTimes, after: float = 0.06) -> NDArray[np.bool_]:
+    """Which fingers are in contact, shape (k,), bool: stalled for at least `after` seconds."""
+    return stall.seconds >= after
+
+
+def pressing_forces(tips: Array, force: Array | float, spread: float = 0.25) -> Array:
+    """Forces by which the fingertips press the object and that cancel, shape (..., k, 3), N.
+
+    With c the centroid of the m = k - 1 fingers and u the direction from it to the thumb: f_thumb = -F u and
+    f_i = F/m u + β (c - p_i). Their sum is zero, and so is their moment about any point, whatever F and β are: they
+    load the object and do not move it. β makes the part toward the centroid at most `spread` of F/m, since a finger
+    that pulls sideways more than friction allows slides off. For two fingertips it is the line between them.
+    `tips`: positions (..., k, 3), m; `force` F on the thumb, N.
+    """
+    fingers, thumb = tips[..., :-1, :], tips[..., -1:, :]
+    centroid = fingers.mean(axis=-2, keepdims=True)
+    axis = thumb - centroid
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-6)
+    share = np.asarray(force)[..., None, None] / fingers.shape[-2]
+    inward = centroid - fingers
+    widest = np.linalg.norm(inward, axis=-1, keepdims=True).max(axis=-2, keepdims=True)
+    inward = inward * (spread / np.maximum(widest, 1e-6)) * (widest > 1e-6)
+    return np.concatenate([share * (axis + inward), -share * fingers.shape[-2] * axis], axis=-2)
+
+
+def holding_forces(tips: Array, spots: Array, stiffness: float) -> Array:
+    """Forces that bring the object back to where it was gripped, shape (..., k, 3), N, without adding to the pressing.
+
+    With e_i = spot_i - p_i, mean ē and u_i the direction to the centroid: f_i = K (ē + (1 - u_i u_iᵀ)(e_i - ē)). The
+    first term resists a shift of the whole grasp, the second its rotation; what would only open or close it is left
+    to `pressing_forces`. `stiffness` K in N/m.
+    """
+    away = spots - tips
+    shift = away.mean(axis=-2, keepdims=True)
+    towards = tips.mean(axis=-2, keepdims=True) - tips
+    unit = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-6)
+    turned = away - shift
+    turned = turned - unit * (unit * turned).sum(axis=-1, keepdims=True)
+    forces: Array = stiffness * (shift + turned)
+    return forces
+
+
+def joint_torques(jacobians: Array, forces: Array) -> Array:
+    """τ = Σ J_iᵀ f_i, shape (..., n), N·m. `jacobians`: translational, (..., k, 3, n), m/rad."""
+    torque: Array = np.einsum("...kcn,...kc->...n", jacobians, forces)
+    return torque
+
+
+def null_space_torque(jacobians: Array, torque: Array, damping: float = 1e-6) -> Array:
+    """The part of a joint torque that exerts no fingertip force, (..., n): τ less Jᵀ (J Jᵀ + λ 1)⁻¹ J τ of each finger.
+
+    A finger of four joints that holds a point has one motion left; posture torques act on that alone. `damping` λ in
+    m²/rad² keeps a straight finger's inverse finite.
+    """
+    tip = np.einsum("...kcn,...n->...kc", jacobians, torque)
+    square = np.einsum("...kcn,...kdn->...kcd", jacobians, jacobians)
+    felt = np.linalg.solve(square + damping * np.eye(3), tip[..., None])[..., 0]
+    return torque - joint_torques(jacobians, felt)
+
 
 FingertipsOf: TypeAlias = Callable[[Vector], tuple[Array, Array]]
 """Joint positions (n,) -> positions (k, 3), m, and translational Jacobians (k, 3, n) of the grasping fingertips."""
 
 
-class Gripping(NamedTuple):
-    """What a force grasp remembers."""
+class CentroidMemory(NamedTuple):
+    """Memory of a centroid grasp."""
 
-    reach: Following
+    reach: ReferenceMemory
     t: float
-    stall: Stall
+    stall: StallTimes
     contact: float
     """When every finger had met the object, s; NaN before."""
     spots: Array
@@ -51,7 +139,7 @@ class CentroidGrasp:
     fingertips: FingertipsOf
     joints: Array
     """Joint indices of the grasping fingers, the thumb's last, (k, j)."""
-    gravity: Gravity
+    gravity: GravityFeedforward
     closing_torque: Vector
     """The most that a joint may push before contact, (n,), N·m."""
     friction: Vector
@@ -67,18 +155,20 @@ class CentroidGrasp:
     damping: float = 0.12
     """Of every joint, N·m·s/rad."""
     posture_stiffness: float = 1.0
-    """Of what the fingertips do not feel, N·m/rad."""
+    """Of the null space of the fingertip forces, N·m/rad."""
     felt: Callable[[], NDArray[np.bool_]] | None = None
-    """Which of its fingers something touches now, (k,), as somebody else knows, a mirror; None: those that are pushed
-    and stand still."""
+    """Another source, such as a mirror, for which of its fingers are in contact, (k,); None: those that are pushed and
+    do not move."""
 
-    def start(self, state: HandState) -> Gripping:
+    def start(self, state: HandState) -> CentroidMemory:
         following = self.reach.start(state)
         spots = np.full((len(self.joints), 3), np.nan)
         everyone = np.ones(len(self.joints), dtype=bool)
-        return Gripping(following, state.t, Stall(np.zeros(len(everyone))), np.nan, spots, everyone, state.position)
+        return CentroidMemory(
+            following, state.t, StallTimes(np.zeros(len(everyone))), np.nan, spots, everyone, state.position
+        )
 
-    def __call__(self, state: HandState, memory: Gripping) -> tuple[TorqueCommand, Gripping]:
+    def __call__(self, state: HandState, memory: CentroidMemory) -> tuple[TorqueCommand, CentroidMemory]:
         command, _ = self.reach(state, memory.reach)
         since = state.t - memory.reach.began
         if since < self.close_at:
@@ -86,7 +176,7 @@ class CentroidGrasp:
         weight = self.gravity(state)
         soft = np.minimum(np.maximum(command.torque, weight - self.closing_torque), weight + self.closing_torque)
         tips, jacobians = self.fingertips(state.position)
-        memory = self._felt(state, memory, tips, soft - weight, since)
+        memory = self._detect_contact(state, memory, tips, soft - weight, since)
         torque = command.torque.copy()
         torque[self.joints.reshape(-1)] = soft[self.joints.reshape(-1)]
         if not np.isnan(memory.contact):
@@ -97,31 +187,35 @@ class CentroidGrasp:
             torque[mine] += part * (grip - soft)[mine]
         return TorqueCommand(torque), memory
 
-    def _felt(self, state: HandState, memory: Gripping, tips: Array, push: Vector, since: float) -> Gripping:
+    def _detect_contact(
+        self, state: HandState, memory: CentroidMemory, tips: Array, push: Vector, since: float
+    ) -> CentroidMemory:
         """Notice contact: from then on the object is held where the fingertips found it."""
-        stall = stalling(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
+        stall = update_stall(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
         memory = memory._replace(t=state.t, stall=stall)
-        met = touching(stall) if self.felt is None else self.felt()
+        met = fingers_in_contact(stall) if self.felt is None else self.felt()
         if np.isnan(memory.contact) and (met.all() or since >= self.squeeze_at):
             # Without the thumb, or with nothing but it, there is no opposition to build on: all press.
             who = met if met[-1] and met.sum() > 1 else np.ones_like(met)
             return memory._replace(contact=state.t, spots=tips, gripping=who, rest=state.position)
         return memory
 
-    def _grip(self, state: HandState, memory: Gripping, tips: Array, jacobians: Array) -> Vector:
-        forces = pressing(tips, self.force, self.spread) + holding(tips, memory.spots[memory.gripping], self.stiffness)
-        posture = resting(jacobians, self.posture_stiffness * (memory.rest - state.position))
+    def _grip(self, state: HandState, memory: CentroidMemory, tips: Array, jacobians: Array) -> Vector:
+        forces = pressing_forces(tips, self.force, self.spread) + holding_forces(
+            tips, memory.spots[memory.gripping], self.stiffness
+        )
+        posture = null_space_torque(jacobians, self.posture_stiffness * (memory.rest - state.position))
         press = joint_torques(jacobians, forces)
         lost = self.friction * np.clip(press / self.friction, -1.0, 1.0)
-        return press + lost + posture - self.damping * known(state.velocity)
+        return press + lost + posture - self.damping * known_rate(state.velocity)
 
 
-class Wrapped(NamedTuple):
-    """What an envelop grasp remembers."""
+class EnvelopMemory(NamedTuple):
+    """Memory of an envelop grasp."""
 
-    reach: Following
+    reach: ReferenceMemory
     t: float
-    stall: Stall
+    stall: StallTimes
     rest: Vector
     """Joint positions at which the object stopped each finger, (n,), rad; NaN before."""
 
@@ -136,7 +230,7 @@ class EnvelopGrasp:
     reach: PD
     close_at: float
     squeeze_at: float
-    gravity: Gravity
+    gravity: GravityFeedforward
     joints: Array
     """Joint indices of the fingers that wrap, (k, j)."""
     torque: Vector
@@ -151,27 +245,27 @@ class EnvelopGrasp:
     damping: float = 0.12
     """Of the closing joints, N·m·s/rad."""
 
-    def start(self, state: HandState) -> Wrapped:
-        still = Stall(np.zeros(len(self.joints)))
-        return Wrapped(self.reach.start(state), state.t, still, np.full(len(state.position), np.nan))
+    def start(self, state: HandState) -> EnvelopMemory:
+        still = StallTimes(np.zeros(len(self.joints)))
+        return EnvelopMemory(self.reach.start(state), state.t, still, np.full(len(state.position), np.nan))
 
-    def __call__(self, state: HandState, memory: Wrapped) -> tuple[TorqueCommand, Wrapped]:
+    def __call__(self, state: HandState, memory: EnvelopMemory) -> tuple[TorqueCommand, EnvelopMemory]:
         command, _ = self.reach(state, memory.reach)
         since = state.t - memory.reach.began
         if since < self.close_at:
             return command, memory._replace(t=state.t)
         part = min(max((since - self.squeeze_at) / self.ramp, 0.0), 1.0)
         wrap = (self.closing_scale + part * (self.scale - self.closing_scale)) * self.torque
-        memory = self._felt(state, memory, wrap, since)
+        memory = self._detect_contact(state, memory, wrap, since)
         spring = self.stiffness * np.nan_to_num(memory.rest - state.position)
-        wrap = wrap + spring + self.gravity(state) - self.damping * known(state.velocity)
+        wrap = wrap + spring + self.gravity(state) - self.damping * known_rate(state.velocity)
         return TorqueCommand(np.where(self.torque != 0.0, wrap, command.torque)), memory
 
-    def _felt(self, state: HandState, memory: Wrapped, push: Vector, since: float) -> Wrapped:
+    def _detect_contact(self, state: HandState, memory: EnvelopMemory, push: Vector, since: float) -> EnvelopMemory:
         """Notice, from the squeeze on, which fingers the object has stopped: there they stay."""
-        stall = stalling(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
+        stall = update_stall(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
         rest = memory.rest
-        new = touching(stall) & np.isnan(rest[self.joints[:, 0]])
+        new = fingers_in_contact(stall) & np.isnan(rest[self.joints[:, 0]])
         if since >= self.squeeze_at and new.any():
             rest, mine = rest.copy(), self.joints[new]
             rest[mine] = state.position[mine]

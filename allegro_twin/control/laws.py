@@ -12,14 +12,14 @@ import numpy as np
 from allegro_twin.types import Array
 
 
-class Integrated(NamedTuple):
+class PidResult(NamedTuple):
     torque: Array
     integral: Array
     """The integral term after this step, N·m."""
 
 
-def known(rate: Array) -> Array:
-    """Joint speeds as damping wants them: a speed that is unknown, NaN, damps nothing."""
+def known_rate(rate: Array) -> Array:
+    """Joint speeds for damping: an unknown speed, NaN, damps nothing."""
     return np.where(np.isnan(rate), 0.0, rate)
 
 
@@ -39,7 +39,7 @@ def pid(
     clamp: Array,
     torque_limit: Array,
     feedforward: Array | float = 0.0,
-) -> Integrated:
+) -> PidResult:
     """τ = Kp e + Kd ė + I + τ_ff, with I += Ki e dt.
 
     The integral is held within ±clamp, and does not grow while the torque it asks for is beyond ±torque_limit
@@ -50,4 +50,4 @@ def pid(
     grown = np.minimum(np.maximum(integral + step, -clamp), clamp)
     windup = (np.abs(without + grown) > torque_limit) & (step * (without + grown) > 0.0)
     integral = np.where(windup, integral, grown)
-    return Integrated(without + integral, integral)
+    return PidResult(without + integral, integral)

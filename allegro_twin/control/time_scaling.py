@@ -1,4 +1,4 @@
-"""How a straight line in joint space is travelled in time: which part of the way is done when."""
+"""Time scaling of a straight line in joint space: which part of it is travelled when."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Profile: TypeAlias = Literal["linear", "minimum_jerk", "time_optimal"]
 _PEAK: dict[str, float] = {"linear": 1.0, "minimum_jerk": 15.0 / 8.0}
 
 
-class Shape(Protocol):
+class TimeScaling(Protocol):
     """A profile on the unit interval."""
 
     def __call__(self, s: float) -> tuple[float, float]:
-        """The part of the way that is done at the part `s` of the time, and its derivative by `s`."""
+        """The part of the line that is travelled at the part `s` of the time, and its derivative by `s`."""
         ...
 
 
@@ -29,15 +29,15 @@ def minimum_jerk(s: float) -> tuple[float, float]:
     return s**3 * (10.0 + s * (6.0 * s - 15.0)), 30.0 * s**2 * (1.0 - s) ** 2
 
 
-def timed(profile: Profile, distance: float, speed: float, acceleration: float) -> tuple[float, Shape]:
-    """Seconds that a joint takes for a distance (rad), and how: with `speed` (rad/s) as its peak and, where the profile
-    is `time_optimal`, at most `acceleration` (rad/s²). Raises ConfigError where its library is missing."""
+def leg_timing(profile: Profile, distance: float, speed: float, acceleration: float) -> tuple[float, TimeScaling]:
+    """Seconds that a joint takes for a distance (rad), and its time scaling: with `speed` (rad/s) as its peak and,
+    where the profile is `time_optimal`, at most `acceleration` (rad/s²). Raises ConfigError without its library."""
     if profile == "time_optimal":
         return _time_optimal(distance, speed, acceleration)
     return distance * _PEAK[profile] / speed, linear if profile == "linear" else minimum_jerk
 
 
-def _time_optimal(distance: float, speed: float, acceleration: float) -> tuple[float, Shape]:
+def _time_optimal(distance: float, speed: float, acceleration: float) -> tuple[float, TimeScaling]:
     """The shortest time from rest to rest. All joints have the same limits, so the one that travels furthest needs
     longest; the others do the same part of their way at any time, and stay within the limits with room to spare."""
     try:

@@ -1,4 +1,4 @@
-"""Where the joints should be, and when: what a position controller follows."""
+"""References and trajectories of joint positions, for position controllers to follow."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from allegro_twin.control.time_scaling import Profile, Shape, timed
+from allegro_twin.control.time_scaling import Profile, TimeScaling, leg_timing
 from allegro_twin.errors import ConfigError
-from allegro_twin.types import Vector, frozen
+from allegro_twin.types import Array, Vector, frozen
 
 FASTEST = 12.0
-"""rad/s. The guard stops a hand that is faster (docs/safety.md), so nobody asks for more."""
+"""rad/s. The guard stops a hand that is faster (docs/explanation/safety.md), so nobody asks for more."""
 SLOWEST = 1e-3
 """rad/s. Half an hour for a joint's whole range: who asks for less has mistaken the unit."""
 
@@ -35,6 +36,8 @@ __all__ = [
 
 
 class SetPoint(NamedTuple):
+    """Where the joints should be at one time, and how fast."""
+
     position: Vector
     """Shape (n,), rad."""
     velocity: Vector
@@ -48,7 +51,7 @@ class Path(Protocol):
 
 
 class Reference(Protocol):
-    """A wish that becomes a path once it is known where the hand is."""
+    """A goal that becomes a path once the joint position is known."""
 
     def begin(self, position: Vector) -> Path:
         """The path from a joint position, shape (n,), rad."""
@@ -57,7 +60,7 @@ class Reference(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """Be at a posture, at once."""
+    """A posture, from the first moment on."""
 
     posture: Vector
 
@@ -67,8 +70,8 @@ class Hold:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Following:
-    """Follow a path that is already known, from its beginning, wherever the hand is."""
+class KnownPath:
+    """A path that does not depend on where the hand is when it begins."""
 
     path: Path
 
@@ -94,7 +97,7 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moves:
-    """Go through waypoints one after the other, beginning wherever the hand is, and stay at the last."""
+    """Waypoints one after the other, from where the hand is; it stays at the last."""
 
     waypoints: Sequence[Waypoint]
 
@@ -110,9 +113,9 @@ class Moves:
 
 
 class Trajectory:
-    """Joint positions through waypoints at given times (s, ascending), each leg in its shape."""
+    """Joint positions through postures at given times (s, ascending), with a time scaling for each leg."""
 
-    def __init__(self, times: tuple[float, ...], postures: tuple[Vector, ...], shapes: tuple[Shape, ...]) -> None:
+    def __init__(self, times: tuple[float, ...], postures: tuple[Vector, ...], shapes: tuple[TimeScaling, ...]) -> None:
         self.times, self.postures, self.shapes = times, postures, shapes
         self._travel = [after - before for before, after in pairwise(postures)]
         self._rest = SetPoint(postures[-1], frozen(np.zeros_like(postures[-1])))
@@ -138,7 +141,7 @@ def travel_time(start: Vector, waypoint: Waypoint) -> float:
     return _leg(start, waypoint)[0]
 
 
-def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, Shape]:
+def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, TimeScaling]:
     if not SLOWEST <= waypoint.speed <= FASTEST:
         raise ConfigError(
             f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is "
@@ -149,5 +152,64 @@ def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, Shape]:
     if waypoint.seconds is not None and not waypoint.seconds > 0.0:
         raise ConfigError(f"a move must take a positive time, not {waypoint.seconds} s")
     furthest = float(np.abs(waypoint.posture - start).max())
-    seconds, shape = timed(waypoint.profile, furthest, waypoint.speed, waypoint.acceleration)
+    seconds, shape = leg_timing(waypoint.profile, furthest, waypoint.speed, waypoint.acceleration)
     return (max(seconds, 1e-3) if waypoint.seconds is None else waypoint.seconds), shape
+
+
+class TimedPath:
+    """Joint positions through postures at given times: on straight lines, or with velocities on cubics,
+
+    q(s) = h₀₀ a + h₁₀ T ȧ + h₀₁ b + h₁₁ T ḃ        s = (t - t_a) / T, Hermite's h
+    """
+
+    def __init__(self, times: Vector, postures: Array, velocities: Array | None = None) -> None:
+        """`times`: ascending from 0, (k,), s; `postures` and `velocities`: (k, n), rad and rad/s."""
+        self.times, self.postures, self.velocities = times, postures, velocities
+        self._rest = SetPoint(frozen(postures[-1]), frozen(np.zeros_like(postures[-1])))
+
+    @property
+    def seconds(self) -> float:
+        """When the last posture is reached."""
+        return float(self.times[-1])
+
+    def __call__(self, t: float) -> SetPoint:
+        if t >= self.times[-1]:
+            return self._rest
+        leg = max(int(np.searchsorted(self.times, t, side="right")) - 1, 0)
+        begin, span = self.times[leg], self.times[leg + 1] - self.times[leg]
+        a, b, s = self.postures[leg], self.postures[leg + 1], (t - begin) / span
+        if self.velocities is None:
+            return SetPoint(frozen(a + s * (b - a)), frozen((b - a) / span))
+        va, vb = span * self.velocities[leg], span * self.velocities[leg + 1]
+        at = (1 + 2 * s) * (1 - s) ** 2 * a + s * (1 - s) ** 2 * va + s**2 * (3 - 2 * s) * b + s**2 * (s - 1) * vb
+        rate = 6 * s * (1 - s) * (b - a) + (1 - s) * (1 - 3 * s) * va + s * (3 * s - 2) * vb
+        return SetPoint(frozen(at), frozen(rate / span))
+
+
+class BatchedTrajectories:
+    """Many trajectories of the same number of joints, evaluated together; to the bit as one by one."""
+
+    def __init__(self, paths: Sequence[Trajectory]) -> None:
+        self._paths = paths
+        legs = max(len(path.postures) for path in paths)
+        n = len(paths[0].postures[0])
+        # The last leg of each, from its last posture, does not move; neither do those that pad it.
+        self._from, self._travel = np.zeros((2, len(paths), legs, n))
+        for row, path in enumerate(paths):
+            self._from[row, : len(path.postures)] = path.postures
+            self._travel[row, : len(path.postures) - 1] = np.diff(path.postures, axis=0)
+        self._moves = np.any(self._travel, axis=2)
+
+    def __call__(self, rows: NDArray[np.int64], t: float) -> SetPoint:
+        """The set-points of some rows at a time, s: (rows, n) each, rad and rad/s."""
+        legs = np.empty(len(rows), dtype=np.int64)
+        part, rate = np.zeros((2, len(rows), 1))
+        for place, row in enumerate(rows.tolist()):
+            path = self._paths[row]
+            legs[place] = leg = max(bisect_right(path.times, t) - 1, 0)
+            if self._moves[row, leg]:
+                start, seconds = path.times[leg], path.times[leg + 1] - path.times[leg]
+                done, speed = path.shapes[leg]((t - start) / seconds)
+                part[place], rate[place] = done, speed / seconds
+        travel = self._travel[rows, legs]
+        return SetPoint(self._from[rows, legs] + part * travel, rate * travel)

@@ -1,4 +1,4 @@
-"""Where the files that ship with the package are, and how its YAML is read."""
+"""Files that ship with the package, YAML files, and the user's cache."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def refuse_shipped(path: str | Path) -> None:
         raise ConfigError(f"{path}: what ships with the package is not changed; choose a file of your own{copy}")
 
 
-def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
+def find_file(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
     """A file given by its path, or by its bare name in a shipped folder, or `below` it too. Raises ConfigError with the
     nearest names, and with what else has that name."""
     given = Path(path)
@@ -57,7 +57,7 @@ def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, bel
 
 
 def _other(name: str) -> str:
-    """What ships under a name: `a posture`; empty for nothing."""
+    """The kind of what ships under a name, such as `a posture`; empty for nothing."""
     for folder, kind in _KINDS.items():
         if any(file.stem == name for file in (data_root() / folder).rglob("*.yaml")):
             return f"a {kind}"
@@ -89,7 +89,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=256)
 def _parsed(text: str) -> bytes:
-    """What a YAML text holds, kept so that every reader has an object of its own in a fortieth of the time."""
+    """The pickled content of a YAML text: every reader unpickles an object of its own, in a fortieth of the time."""
     return pickle.dumps(yaml.load(text, Loader=_LOADER))
 
 
@@ -110,3 +110,13 @@ class _LOADER(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
             seen.add(key)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
+
+
+def cache_folder(kind: str, what: str) -> Path:
+    """The folder of one kind of result in the user's cache. Raises ConfigError, saying that `what` needs the extra,
+    where the platform's folders are not known."""
+    try:
+        from platformdirs import user_cache_path
+    except ImportError as error:
+        raise ConfigError(f"{what} is kept in a cache: pip install 'allegro-twin[objects]'") from error
+    return user_cache_path("allegro_twin", appauthor=False) / kind

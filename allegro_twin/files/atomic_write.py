@@ -1,4 +1,4 @@
-"""Files and folders that are whole or not there: written beside their place and moved into it."""
+"""Files and folders that are complete or absent: written under a temporary name and moved into place."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def check_place(path: Path) -> None:
     except OSError as error:
         if isinstance(error, RecordingError):
             raise
-        raise refused(path, error) from error
+        raise write_error(path, error) from error
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise RecordingError(f"cannot write {path}: no permission")
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """A temporary path next to `path` (same suffix) that replaces it when the block ends well, and vanishes otherwise.
 
     Raises RecordingError when the disk does not let it.
@@ -40,14 +40,14 @@ def whole_file(path: Path) -> Iterator[Path]:
     except RecordingError:
         raise
     except OSError as error:
-        raise refused(path, error) from error
+        raise write_error(path, error) from error
     finally:
         with suppress(OSError):  # What went wrong with it was said above.
             temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def atomic_folder(path: Path) -> Iterator[Path]:
     """A temporary folder next to `path`, which may be an empty one, that takes its place when the block ends well, and
     vanishes otherwise. Raises RecordingError when the disk does not let it."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -58,11 +58,11 @@ def whole_folder(path: Path) -> Iterator[Path]:
     except RecordingError:
         raise
     except OSError as error:
-        raise refused(path, error) from error
+        raise write_error(path, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def refused(path: Path, error: OSError) -> RecordingError:
-    """What the disk has against a file or folder."""
+def write_error(path: Path, error: OSError) -> RecordingError:
+    """The error of a file or folder that the disk refuses."""
     return RecordingError(f"cannot write {path}: {error.strerror or error}")

@@ -1,4 +1,4 @@
-"""Output folders: one writer at a time, and the files of one run or of none."""
+"""Output folders with one writer at a time, whose files are all of one run."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from pathlib import Path, PurePosixPath
 from types import FrameType
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.atomic_write import refused, whole_file
+from allegro_twin.files.atomic_write import atomic_file, write_error
 
 UNFINISHED = "unfinished"
 """The folder in an output folder where a run writes until it ends; what an interrupted run has written stays there."""
 FILES = "run.json"
-"""Which files of an output folder its run wrote: the next run replaces these and no others."""
+"""List of the files that a run wrote into an output folder: the next run replaces these and no others."""
 _TRIES = 100
-"""To lock a folder that its last writer removes, empty, at the same moment."""
+"""Attempts to lock a folder that its last writer removes, empty, at the same moment."""
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)]
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """A folder, which is made, for this program alone. The system frees it when its holder dies; one that was made and
     stayed empty is removed. Raises RecordingError when another program writes into it, or the disk does not let it.
 
@@ -44,12 +44,12 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def one_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[Path]:
+def write_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[Path]:
     """A folder in `folder` to write a run into. When the block ends well, its files take the place of those of the run
     before; the file named `last`, which says what the others are worth, is the first to go and the last to come. When
     it does not end well, `folder` is as it was; `keep`: what was written stays in `folder`/unfinished.
 
-    Files that no run has written stay. `folder` is one that this program has `locked`. Raises RecordingError.
+    Files that no run has written stay. `folder` is one that this program has `lock_folder`. Raises RecordingError.
     """
     staging = folder / UNFINISHED
     before = _written(folder)
@@ -62,7 +62,7 @@ def one_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[Pat
     except OSError as error:
         if isinstance(error, RecordingError):
             raise
-        raise refused(staging, error) from error
+        raise write_error(staging, error) from error
     ended = False
     try:
         yield staging
@@ -74,7 +74,7 @@ def one_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[Pat
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """Signals that end the program end it after the block, which is short: several files that are only true together
     are all written."""
     if threading.current_thread() is not threading.main_thread():
@@ -120,7 +120,7 @@ def _lock(folder: Path) -> int:
             pass  # As above.
         except OSError as error:
             os.close(handle)
-            raise refused(folder, error) from error
+            raise write_error(folder, error) from error
         os.close(handle)
     raise RecordingError(f"{folder}: cannot be a folder to write into: it vanishes as soon as it is made")
 
@@ -148,7 +148,7 @@ def _replace(folder: Path, before: list[Path], staging: Path, last: str) -> None
     names.sort(key=lambda name: name == last)
     listed = {str(each.relative_to(folder).as_posix()) for each in before} | set(names)
     try:
-        with undisturbed():
+        with defer_signals():
             if last:
                 (folder / last).unlink(missing_ok=True)
             _list(folder, sorted(listed))  # Before anything moves: what a killed program leaves is cleared away.
@@ -164,7 +164,7 @@ def _replace(folder: Path, before: list[Path], staging: Path, last: str) -> None
     except RecordingError:
         raise
     except OSError as error:
-        raise refused(folder, error) from error
+        raise write_error(folder, error) from error
 
 
 def add_to_run(folder: Path, paths: list[Path]) -> None:
@@ -173,11 +173,11 @@ def add_to_run(folder: Path, paths: list[Path]) -> None:
 
 
 def _list(folder: Path, names: list[str]) -> None:
-    with whole_file(folder / FILES) as temporary:
+    with atomic_file(folder / FILES) as temporary:
         temporary.write_text(json.dumps({"files": names}, indent=1), encoding="utf-8")
 
 
 def _files(staging: Path) -> list[str]:
-    """What a run has written, by its path from there."""
+    """Paths of the files that a run has written, relative to the folder."""
     found = (each.relative_to(staging).as_posix() for each in staging.rglob("*") if each.is_file())
     return sorted(name for name in found if name != FILES)

@@ -1,9 +1,13 @@
-"""How YAML becomes typed settings: strict models, and one-line errors with file, path, value and nearest key."""
+"""YAML as typed settings: strict models, errors in one line with file, key and nearest name, and JSON Schema."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar, Union, get_args, get_origin
 
@@ -17,7 +21,7 @@ Where: TypeAlias = str | Callable[[tuple[int | str, ...]], str]
 """The source that an error names: fixed, or made from the keys that lead to what is wrong, with its line say."""
 
 PerJoint = float | list[float]
-"""One value for every joint, or one each."""
+"""One value for all joints, or one for each."""
 Positive = Annotated[float, Field(gt=0)]
 Vector3 = tuple[float, float, float]
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -32,12 +36,12 @@ class Settings(BaseModel):
     """A key of files that stand in the same folder and are of another kind; a schema leaves them alone."""
 
 
-def load(model: type[S], path: Path) -> S:
+def load_settings(model: type[S], path: Path) -> S:
     """The settings in a YAML file. Raises ConfigError, one line for the first thing that is wrong."""
-    return parse(model, read_yaml(path), str(path))
+    return parse_settings(model, read_yaml(path), str(path))
 
 
-def parse(model: type[S], content: dict[str, Any], where: Where) -> S:
+def parse_settings(model: type[S], content: dict[str, Any], where: Where) -> S:
     """Settings from a mapping; `where` names its source in the error."""
     try:
         return model.model_validate(content)
@@ -46,7 +50,7 @@ def parse(model: type[S], content: dict[str, Any], where: Where) -> S:
 
 
 _SHOWN = 5
-"""So many mistakes are named; the rest are counted."""
+"""Mistakes that are named in an error; the rest are counted."""
 
 
 def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
@@ -101,3 +105,65 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
     if get_origin(annotation) in (list, tuple, Union, dict) or get_args(annotation):
         return [found for argument in get_args(annotation) for found in models_in(argument)]
     return []
+
+
+def json_schema(model: type[Settings], title: str) -> dict[str, Any]:
+    """The JSON Schema of a file that is read into a model: keys, types and ranges. What the model checks beyond them is
+    reported when the file is read."""
+    schema = model.model_json_schema()
+    known = {each.__name__: each for each in _family(Settings)}
+    for name, part in [(model.__name__, schema), *schema.get("$defs", {}).items(), *_inlined(schema)]:
+        if name in known:
+            _describe(part, known[name])
+    if model.another_kind:
+        schema = _unless(model.another_kind, schema)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema | {"title": title}
+
+
+def _inlined(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Models that stand in a union itself: those of installed packages."""
+    for content in schema.get("properties", {}).values():
+        for each in content.get("oneOf", ()):
+            if "title" in each:
+                yield each["title"], each
+
+
+def _unless(key: str, schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema that holds for files without a key, which says that a file is of another kind; with all keys where
+    editors look for their texts."""
+    whole = {name: content for name, content in schema.items() if name != "$defs"}
+    texts = {name: {"description": each["description"]} for name, each in schema["properties"].items()
+             if "description" in each}  # fmt: skip
+    return {"type": "object", "properties": texts, "$defs": schema.get("$defs", {}),
+            "if": {"required": [key]}, "else": whole}  # fmt: skip
+
+
+def _describe(part: dict[str, Any], model: type[Settings]) -> None:
+    """Put the text that stands below each field into its property."""
+    texts: dict[str, str] = {}
+    for each in reversed(model.__mro__):
+        if issubclass(each, Settings):
+            texts |= dict(_docstrings(each))
+    for key, content in part.get("properties", {}).items():
+        if key in texts:
+            content["description"] = texts[key]
+
+
+def _docstrings(model: type[Settings]) -> Iterator[tuple[str, str]]:
+    tree = ast.parse(textwrap.dedent(inspect.getsource(model)))
+    assert isinstance(tree.body[0], ast.ClassDef)
+    for field, text in pairwise(tree.body[0].body):
+        if (
+            isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        ):
+            yield field.target.id, " ".join(text.value.value.split())
+
+
+def _family(model: type[Settings]) -> Iterator[type[Settings]]:
+    for each in model.__subclasses__():
+        yield each
+        yield from _family(each)

@@ -8,27 +8,138 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, MutableSequence
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.constructor import RoundTripConstructor
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.representer import RoundTripRepresenter
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.assets import compose_yaml, parse_yaml
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.yaml_block import INDENT, edited
+from allegro_twin.files.assets import compose_yaml, parse_yaml, refuse_shipped
+from allegro_twin.files.atomic_write import atomic_file
+
+INDENT = 2
+
+
+def edit_mapping(text: str, content: Mapping[str, Any], where: str) -> str:
+    """A mapping's text with new content: comments, order and the look of what stays are kept."""
+    ruamel = YAML()
+    ruamel.Constructor, ruamel.Representer = _Constructor, _Representer
+    ruamel.width = 1 << 20
+    ruamel.preserve_quotes = True
+    ruamel.indent(mapping=INDENT, sequence=2 * INDENT, offset=INDENT)
+    try:
+        node = ruamel.load(text) if text.strip() else CommentedMap()
+        node = CommentedMap() if node is None else node
+        _merge(node, content)
+        stream = StringIO()
+        ruamel.dump(node, stream)
+    except YAMLError as error:
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise ConfigError(f"{where}: cannot be changed by a program: {problem}; edit it by hand") from error
+    return stream.getvalue()
+
+
+def _merge(node: MutableMapping[str, Any], content: Mapping[str, Any]) -> None:
+    for key in [key for key in node if key not in content]:
+        del node[key]
+    for key, value in content.items():
+        old = node.get(key)
+        if isinstance(old, MutableMapping) and isinstance(value, Mapping):
+            _merge(old, value)
+        elif isinstance(old, CommentedSeq) and isinstance(value, list | tuple):
+            _merge_list(old, value)
+        elif key not in node or not _same(old, value):
+            node[_key(key) if key not in node else key] = _styled(value)
+
+
+def _merge_list(node: MutableSequence[Any], values: list[Any] | tuple[Any, ...]) -> None:
+    for place, value in enumerate(values[: len(node)]):
+        if not _same(node[place], value):
+            node[place] = _styled(value)
+    del node[len(values) :]
+    for value in values[len(node) :]:
+        node.append(_styled(value))
+
+
+def _same(old: Any, new: Any) -> bool:
+    """Equal to the last bit: the sign of a zero counts, for the mirror image has it."""
+    if isinstance(old, float) and isinstance(new, float):
+        return old == new and math.copysign(1.0, old) == math.copysign(1.0, new)
+    return type(old) is type(new) and bool(old == new)
+
+
+def _styled(value: Any) -> Any:
+    """Plain data as YAML that a person would write: numbers in a row, the rest in blocks."""
+    if isinstance(value, Mapping):
+        return CommentedMap({_key(key): _styled(inner) for key, inner in value.items()})
+    if isinstance(value, list | tuple):
+        sequence = CommentedSeq([_styled(inner) for inner in value])
+        if not any(isinstance(inner, Mapping | list | tuple) for inner in value):
+            sequence.fa.set_flow_style()
+        return sequence
+    return _key(value) if isinstance(value, str) else value
+
+
+def _key(word: str) -> str:
+    """A word in quotes where YAML 1.1 would read something else: `off` is a posture, not False."""
+    try:
+        plain = yaml.safe_load(word) == word
+    except yaml.YAMLError:
+        plain = False
+    return word if plain else DoubleQuotedScalarString(word)
+
+
+class _Written(float):
+    """A number as it stands in the file, digit by digit."""
+
+    text: str
+
+
+class _Constructor(RoundTripConstructor):
+    """Keeps the text of every number that stays."""
+
+    def written(self, node: Any) -> _Written:
+        number = _Written(self.construct_yaml_float(node))
+        number.text = node.value
+        return number
+
+
+class _Representer(RoundTripRepresenter):
+    """Writes numbers so that YAML 1.1 and 1.2 read them back to the last bit."""
+
+    def written(self, number: _Written) -> Any:
+        return self.represent_scalar(_FLOAT, number.text)
+
+    def plain(self, number: float) -> Any:
+        text = repr(number)
+        return self.represent_scalar(_FLOAT, text if "." in text else text.replace("e", ".0e"))
+
+
+_FLOAT = "tag:yaml.org,2002:float"
+_Constructor.add_constructor(_FLOAT, _Constructor.written)
+_Representer.add_representer(_Written, _Representer.written)
+_Representer.add_representer(float, _Representer.plain)
+
 
 ENTRIES = "entries"
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Nobody else who asks for this file's lock has it during the block. The lock is `.<name>.lock` beside the file,
+def lock_file(path: Path) -> Iterator[None]:
+    """Hold a file's lock during the block. The lock is `.<name>.lock` next to the file,
     and the system frees it when its holder dies. Raises RecordingError when the folder cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +164,7 @@ def write_text(path: Path, text: str) -> None:
     for left in path.parent.glob(f".{path.stem}.*{path.suffix}"):
         if re.fullmatch(r"\d+", left.name[len(path.stem) + 2 : -len(path.suffix)]):
             left.unlink(missing_ok=True)  # Of a writer that was killed: whoever lives waits for the lock.
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         with temporary.open("wb") as file:
             file.write(text.encode("utf-8"))
             file.flush()
@@ -67,7 +178,7 @@ def write_text(path: Path, text: str) -> None:
         os.close(folder)
 
 
-def holds_anything(text: str) -> bool:
+def has_content(text: str) -> bool:
     """Whether there is more than comments. A text that is no YAML holds something: the error is the reader's."""
     try:
         root = compose_yaml(text)
@@ -96,16 +207,16 @@ def line_of(text: str, keys: Iterable[int | str]) -> int:
     return line
 
 
-def with_document(text: str, content: Mapping[str, Any], where: str) -> str:
+def replace_document(text: str, content: Mapping[str, Any], where: str) -> str:
     """The text of a file that holds one entry, or nothing yet, with new content. Raises ConfigError when that cannot be
     done."""
     end = "\r\n" if "\r\n" in text else "\n"
-    kept = "" if holds_anything(text) or not text.strip() else text.rstrip() + end
-    made = edited("" if kept else text, content, where)
+    kept = "" if has_content(text) or not text.strip() else text.rstrip() + end
+    made = edit_mapping("" if kept else text, content, where)
     return _checked(kept + made.replace("\r\n", "\n").replace("\n", end), dict(content), where)
 
 
-def with_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> str:
+def set_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> str:
     """The text with a comment above what the keys lead to, in place of one there that begins alike."""
     lines, at = text.splitlines(keepends=True), line_of(text, keys) - 1
     line = lines[at]
@@ -116,9 +227,9 @@ def with_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> s
     return "".join(lines)
 
 
-def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: str) -> str:
+def replace_entry(text: str, name: str, content: Mapping[str, Any] | None, where: str) -> str:
     """The text with one entry replaced or added; None takes it out. Raises ConfigError when that cannot be done."""
-    old = parse_yaml(text, where) if holds_anything(text) else {}
+    old = parse_yaml(text, where) if has_content(text) else {}
     expected = {**old, ENTRIES: dict(old.get(ENTRIES) or {})}
     expected[ENTRIES].pop(name, None)
     if content is not None:
@@ -131,7 +242,7 @@ def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: s
     text = re.sub(rf"(?m)^{ENTRIES}:[ \t]*\{{[ \t]*\}}", f"{ENTRIES}:", text)
     lines, span = text.splitlines(keepends=True), _span(text, name)
     block = [line.removeprefix(" " * span.indent) for line in lines[span.first : span.last]]
-    new = "" if content is None else edited("".join(block), {name: content}, where)
+    new = "" if content is None else edit_mapping("".join(block), {name: content}, where)
     indented = [(" " * span.indent + line if line.strip() else line) for line in new.splitlines(keepends=True)]
     made = "".join(indented).replace("\r\n", "\n").replace("\n", end)
     return _checked("".join(lines[: span.first]) + made + "".join(lines[span.last :]), expected, where)
@@ -182,7 +293,33 @@ def _checked(text: str, expected: Mapping[str, Any], where: str) -> str:
 
 
 def _canonical(content: Any) -> str:
-    """One text for equal content, exact to the bit; an `entries` without any is the same as an empty one."""
+    """The same text for equal content, exact to the bit; `entries` without a value counts as empty."""
     if isinstance(content, dict) and ENTRIES in content:
         content = {**content, ENTRIES: content[ENTRIES] or {}}
     return json.dumps(content, sort_keys=True, default=str)
+
+
+def write_settings(path: Path, content: dict[str, Any], headline: str) -> None:
+    """A YAML file, whole or not at all. Raises ConfigError where it cannot be, or is a file that ships."""
+    refuse_shipped(path)
+    lines = [f"# {headline}", *(_block(key, value) for key, value in content.items())]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(path) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _block(key: str, value: Any) -> str:
+    """A row for each part of what is long."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return f"{key}:\n" + "\n".join(f"  - {_line(row)}" for row in value)
+    if isinstance(value, dict) and any(isinstance(row, dict) for row in value.values()):
+        return f"{key}:\n" + "\n".join(f"  {_line(name)}: {_line(row)}" for name, row in value.items())
+    return f"{key}: {_line(value)}"
+
+
+def _line(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False)
+    return text.removesuffix("\n").removesuffix("\n...")

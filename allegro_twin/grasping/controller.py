@@ -9,19 +9,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.control.controllers import PD, Gains, Gravity
+from allegro_twin.control.controllers import PD, Gains, GravityFeedforward
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.library.entries import CentroidGrip, EnvelopGrip
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 
-class Touched(Protocol):
+class ContactSource(Protocol):
     """Who knows what is touched: a mirror."""
 
     @property
@@ -31,7 +31,7 @@ class Touched(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Timed:
+class TimedGrasp:
     """The motion of a grasp on the controller's clock."""
 
     moves: Moves
@@ -42,16 +42,16 @@ class Timed:
     """When they squeeze, s."""
 
 
-def performer(
+def make_grasp_controller(
     grasp: Grasp,
-    timed: Timed,
+    timed: TimedGrasp,
     spec: HandSpec,
     gains: Gains,
-    gravity: Gravity,
+    gravity: GravityFeedforward,
     model: HandKinematics,
     *,
     force: float | None = None,
-    touched: Touched | None = None,
+    touched: ContactSource | None = None,
 ) -> Controller[Any]:
     """The controller of a grasp. `force`: on the thumb of a centroid grasp, N, or the scale of an envelop grasp, in
     place of what is stored; `touched`: whom a centroid grasp asks, instead of torque and stillness, which of its
@@ -62,7 +62,7 @@ def performer(
         raise ConfigError(f"grasp {grasp.name} asks nobody what its fingers touch; a centroid grasp does")
     if force is not None and not force > 0.0:
         raise ConfigError(f"grasp {grasp.name}: force must be positive, not {force}")
-    if force is not None and grasp.grip is not None and force > (most := strongest(grasp, spec, model)):
+    if force is not None and grasp.grip is not None and force > (most := max_grasp_force(grasp, spec, model)):
         unit = " N" if isinstance(grasp.grip, CentroidGrip) else " times its torques"
         raise ConfigError(f"grasp {grasp.name}: force is at most {most:.1f}{unit}, what the motors have; not {force:g}")
     reach = PD(timed.moves, gains, gravity)
@@ -77,7 +77,7 @@ def performer(
     return reach
 
 
-def strongest(grasp: Grasp, spec: HandSpec, model: HandKinematics) -> float:
+def max_grasp_force(grasp: Grasp, spec: HandSpec, model: HandKinematics) -> float:
     """The most that the motors can give of a grasp's force: on the thumb, toward the other fingertips, in that posture
     of the grasp in which it is largest, N; or the scale at which the last joint of an envelop grasp is at its limit."""
     limit = spec.actuation.torque_limit
@@ -105,9 +105,9 @@ def _wrapping(grip: EnvelopGrip, spec: HandSpec) -> Vector:
 def _centroid(
     grip: CentroidGrip,
     reach: PD,
-    timed: Timed,
+    timed: TimedGrasp,
     spec: HandSpec,
-    gravity: Gravity,
+    gravity: GravityFeedforward,
     model: HandKinematics,
     force: float | None,
     felt: Callable[[], NDArray[np.bool_]] | None,
@@ -129,7 +129,7 @@ def _centroid(
     )
 
 
-def _asking(touched: Touched, fingers: tuple[str, ...]) -> Callable[[], NDArray[np.bool_]]:
+def _asking(touched: ContactSource, fingers: tuple[str, ...]) -> Callable[[], NDArray[np.bool_]]:
     def felt() -> NDArray[np.bool_]:
         now = touched.contacts
         return np.array([name in now for name in fingers])
@@ -138,7 +138,7 @@ def _asking(touched: Touched, fingers: tuple[str, ...]) -> Callable[[], NDArray[
 
 
 def _envelop(
-    grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: Gravity, force: float | None
+    grip: EnvelopGrip, reach: PD, timed: TimedGrasp, spec: HandSpec, gravity: GravityFeedforward, force: float | None
 ) -> EnvelopGrasp:
     scale = grip.scale if force is None else force
     return EnvelopGrasp(

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.hands.library.taxonomy import KINDS, NONE, Control, Observed, Opposition
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, NONE, Control, ObservedType, Opposition
 from allegro_twin.types import Array
 
 CARRIES = 0.05
@@ -49,7 +49,7 @@ FLAT, LONG, EQUAL, ROUND = 0.5, 2.0, 1.3, 0.65
 it is as wide as thick, and how much of its box it fills as a ball (π/6 = 0.52; a cylinder π/4 = 0.79)."""
 
 
-class Shape(NamedTuple):
+class ObjectShape(NamedTuple):
     """An object: the edges of its bounding box, m, sorted, and how much of the box it fills."""
 
     short: float
@@ -74,7 +74,7 @@ class Shape(NamedTuple):
         return self.long >= LONG * self.middle and not self.flat
 
 
-class Bearing(NamedTuple):
+class SurfaceLoad(NamedTuple):
     """What one surface of one part of the hand bears."""
 
     part: str
@@ -88,13 +88,13 @@ class Bearing(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class GraspObservation:
     """What is known of a grasp while it holds."""
 
-    bearings: Sequence[Bearing]
+    bearings: Sequence[SurfaceLoad]
     fingers: tuple[str, ...]
     """All of the hand's but the thumb, from its side outward: index first."""
-    shape: Shape
+    shape: ObjectShape
     thumb: str | None = "thumb"
     """None: a hand whose digits are alike; then the one that all others press against is."""
     elevation: float = 90.0
@@ -105,15 +105,15 @@ class Seen:
     """Length of the longest finger, m."""
 
 
-def observed(seen: Seen) -> Observed:
-    """The type; `Observed.number` is None for none of the 33."""
-    return _Grasp(seen).type()
+def classify_grasp(seen: GraspObservation) -> ObservedType:
+    """The type; `ObservedType.number` is None for none of the 33."""
+    return _Classifier(seen).type()
 
 
-class _Grasp:
+class _Classifier:
     """The contacts that carry, sorted by what they do."""
 
-    def __init__(self, seen: Seen) -> None:
+    def __init__(self, seen: GraspObservation) -> None:
         self.seen, self.shape = seen, seen.shape
         total = sum(b.force for b in seen.bearings)
         parts = {b.part: sum(c.force for c in seen.bearings if c.part == b.part) for b in seen.bearings}
@@ -130,10 +130,10 @@ class _Grasp:
         self.faces = [f for f in self.fingers if f not in self.sides]
         self.abducted = seen.elevation >= ABDUCTED
 
-    def type(self) -> Observed:
+    def type(self) -> ObservedType:
         """What it is, or why it is none."""
         if not self.share:
-            return Observed(number=None, name=NONE, why="nothing of the hand carries the object")
+            return ObservedType(number=None, name=NONE, why="nothing of the hand carries the object")
         back = [part for part in self.share if self._part_of(part, "back") >= MOSTLY]
         if back:
             return self._none("on its back: " + _list(back))
@@ -145,7 +145,7 @@ class _Grasp:
             return self._none("the thumb alone carries")
         return self._side() if self.sides else self._pad()
 
-    def _palm(self) -> Observed:
+    def _palm(self) -> ObservedType:
         if not self.hand:
             return self._none("a hand without fingers", "palm")
         missing = [f for f in self.hand if f not in self.fingers]
@@ -168,7 +168,7 @@ class _Grasp:
         thick = self.shape.middle / self.seen.reach
         return 2 if thick < SMALL else 1 if thick > LARGE else 3
 
-    def _without_thumb(self) -> Observed:
+    def _without_thumb(self) -> ObservedType:
         one, *others = self.fingers
         if self.sides == self.fingers and len(self.fingers) == 2 and self._neighbours():
             return self._is(23)
@@ -178,7 +178,7 @@ class _Grasp:
             return self._is(15)
         return self._none("neither thumb nor palm carries")
 
-    def _side(self) -> Observed:
+    def _side(self) -> ObservedType:
         sides, faces, hand = self.sides, self.faces, self.hand
         if sides == hand[:1]:
             if self.abducted:
@@ -192,7 +192,7 @@ class _Grasp:
             return self._is(21) if self.abducted else self._none("the thumb is adducted", "side")
         return self._none(f"the side of {_list(sides)} with {_list(faces) or 'no other finger'}", "side")
 
-    def _pad(self) -> Observed:
+    def _pad(self) -> ObservedType:
         count, power = len(self.fingers), self._inner() >= INNER
         stretched = all(self._extended(f) for f in self.fingers)
         if not self.abducted and not power and stretched and count == len(self.hand) > 2:
@@ -209,7 +209,7 @@ class _Grasp:
             return self._is(13 if self.shape.ball else 12 if around else 6)
         return self._none(f"{count} fingers", "pad")
 
-    def _power(self, count: int, *, around: bool, stretched: bool) -> Observed:
+    def _power(self, count: int, *, around: bool, stretched: bool) -> ObservedType:
         if count == 1:
             return self._is(31)
         if count in (2, 3) and around:
@@ -220,21 +220,21 @@ class _Grasp:
             return self._is(19)
         return self._none("inner links hold what is no ball or disk" + (", with bent fingers" * (count == 3)), "pad")
 
-    def _is(self, number: int) -> Observed:
-        kind = KINDS[number]
-        return Observed(
+    def _is(self, number: int) -> ObservedType:
+        kind = GRASP_TYPES[number]
+        return ObservedType(
             number=number, name=kind.name, type=kind.type, opposition=kind.opposition,
             virtual_fingers=self._against(), carries=self._carries(),
         )  # fmt: skip
 
-    def _without(self, missing: Sequence[str]) -> Observed:
+    def _without(self, missing: Sequence[str]) -> ObservedType:
         return self._none(f"{_list(missing)} {'do' if len(missing) > 1 else 'does'} not carry", "palm")
 
-    def _none(self, why: str, opposition: Opposition | None = None) -> Observed:
+    def _none(self, why: str, opposition: Opposition | None = None) -> ObservedType:
         control: Control | None = {"palm": "power", "side": "intermediate"}.get(opposition or "")  # type: ignore[assignment]
         if opposition == "pad":
             control = "power" if self._inner() >= INNER else "precision"
-        return Observed(
+        return ObservedType(
             number=None,
             name=NONE,
             type=control,

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from allegro_twin.files.assets import find
-from allegro_twin.files.schema import Positive, Settings, Vector3, load
+from allegro_twin.files.assets import find_file
+from allegro_twin.files.schema import Positive, Settings, Vector3, load_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
@@ -86,7 +86,7 @@ class PhysicsSettings(Settings):
         return Physics(**self.model_dump(exclude_none=True, exclude={"friction"}))
 
 
-class Protocol(Settings):
+class TrialProtocol(Settings):
     """The timeline and the verdict, shared by scenarios so that their results compare."""
 
     version: int
@@ -108,7 +108,7 @@ class Protocol(Settings):
     success: Success = Success()
 
     @model_validator(mode="after")
-    def _names(self) -> Protocol:
+    def _names(self) -> TrialProtocol:
         names = [phase.name for phase in self.phases]
         if len(set(names)) < len(names):
             raise ValueError(f"phases must have different names: {', '.join(names)}")
@@ -117,7 +117,7 @@ class Protocol(Settings):
         return self
 
 
-class ObjectSettings(Settings):
+class ScenarioObject(Settings):
     """One object: from the catalogue by name, or given here."""
 
     name: str
@@ -141,7 +141,7 @@ class ObjectSettings(Settings):
     """Middle of the object on the table, m; with a third value its height, else it stands on the table."""
 
 
-class Stand(Settings):
+class StandSettings(Settings):
     """A fixed block on the table, on which the first object lies: room for fingers below and around it."""
 
     height: Positive
@@ -150,7 +150,7 @@ class Stand(Settings):
     """Edges along the world's x and y, m."""
 
 
-class Over(Settings):
+class PalmHeight(Settings):
     """How high the palm is: for objects that are taken from above, whatever their size."""
 
     table: Positive
@@ -164,7 +164,7 @@ class Wrist(Settings):
 
     position: Vector3
     """m, of the palm's origin."""
-    over: Over | None = None
+    over: PalmHeight | None = None
     """Replaces the third number of `position`."""
     facing: Vector3
     """Where the palm looks: the direction of its x axis."""
@@ -178,11 +178,11 @@ class Scenario(Settings):
     """One trial, written for the right hand; the left hand performs its mirror image."""
 
     description: str = ""
-    objects: Annotated[tuple[ObjectSettings, ...], Field(min_length=1)]
+    objects: Annotated[tuple[ScenarioObject, ...], Field(min_length=1)]
     """The first is the one to grasp."""
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
     """Sliding friction of every contact."""
-    stand: Stand | None = None
+    stand: StandSettings | None = None
     """None: the objects lie on the table."""
     grasp: str
     """Name in the grasp library, or a file; a relative path is the scenario's own."""
@@ -200,14 +200,14 @@ class Scenario(Settings):
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     """A scenario by path or name, and the file it came from."""
-    path = find(name, "scenario", "scenarios", below=True)
-    scenario = load(Scenario, path)
+    path = find_file(name, "scenario", "scenarios", below=True)
+    scenario = load_settings(Scenario, path)
     named = {"grasp": scenario.grasp, "hand": scenario.hand}
     own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
     return scenario.model_copy(update=own), path
 
 
-def in_direction(protocol: Protocol, axis: int, sign: float) -> Protocol:
+def turn_pushes(protocol: TrialProtocol, axis: int, sign: float) -> TrialProtocol:
     """The protocol with its pushes along x turned to one of the six axes."""
 
     def turned(push: Vector3) -> Vector3:
@@ -218,16 +218,16 @@ def in_direction(protocol: Protocol, axis: int, sign: float) -> Protocol:
     return protocol.model_copy(update={"phases": phases, "directions": 1})
 
 
-def load_protocol(name: str) -> Protocol:
+def load_protocol(name: str) -> TrialProtocol:
     """A protocol by path or name."""
-    return load(Protocol, find(name, "protocol", "conf/protocols"))
+    return load_settings(TrialProtocol, find_file(name, "protocol", "conf/protocols"))
 
 
-def object_of(name: str) -> ObjectSettings:
+def parse_object(name: str) -> ScenarioObject:
     """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³."""
     from allegro_twin.sim.objects.meshes import SUFFIXES
 
     path = Path(name)
     if path.suffix.lower() not in SUFFIXES:
-        return ObjectSettings(name=name)
-    return ObjectSettings(name=path.stem, shape="mesh", file=path.resolve())
+        return ScenarioObject(name=name)
+    return ScenarioObject(name=path.stem, shape="mesh", file=path.resolve())

@@ -17,7 +17,7 @@ class Interval(NamedTuple):
     high: float
 
 
-class Paired(NamedTuple):
+class PairedCounts(NamedTuple):
     """Two that were tried in the same draws."""
 
     both: int
@@ -56,14 +56,14 @@ def wilson(successes: int, draws: int, confidence: float = 0.95) -> Interval:
     return Interval(0.0 if successes == 0 else low, 1.0 if successes == draws else high)
 
 
-def paired(first: Sequence[bool], second: Sequence[bool]) -> Paired:
+def count_pairs(first: Sequence[bool], second: Sequence[bool]) -> PairedCounts:
     """Counts of two outcomes, draw by draw. Raises ConfigError where the draws are not the same number."""
     if len(first) != len(second):
         raise ConfigError(f"{len(first)} draws of the one and {len(second)} of the other: pairs need the same draws")
     counts = [0, 0, 0, 0]
     for a, b in zip(first, second, strict=True):
         counts[2 * (not a) + (not b)] += 1
-    return Paired(*counts)
+    return PairedCounts(*counts)
 
 
 def mcnemar(only_first: int, only_second: int) -> float:
@@ -79,7 +79,7 @@ def mcnemar(only_first: int, only_second: int) -> float:
     return min(1.0, float(2 * tail / 2**pairs)) if pairs else 1.0
 
 
-def draws_needed(found: Paired, level: float = 0.05, power: float = 0.8) -> int | None:
+def pairs_needed(found: PairedCounts, level: float = 0.05, power: float = 0.8) -> int | None:
     """How many draws in all would show the difference that was found, were it the true one, at a `level` and with a
     `power`; None where no difference was found.
 
@@ -96,13 +96,13 @@ def draws_needed(found: Paired, level: float = 0.05, power: float = 0.8) -> int 
     return math.ceil((root / difference) ** 2)
 
 
-def in_words(found: Paired, first: str, second: str, level: float = 0.05) -> str:
+def comparison_text(found: PairedCounts, first: str, second: str, level: float = 0.05) -> str:
     """Which is better, how sure that is, and how many more draws it would take, in a sentence."""
     better = first if found.difference > 0 else second
     counts = f"{found.only_first} draws only {first}, {found.only_second} only {second}, p = {found.p_value:.2g}"
     if found.p_value < level:
         return f"{better} is better: of {found.draws}, {counts}"
-    needed = draws_needed(found, level)
+    needed = pairs_needed(found, level)
     if needed is None:
         return f"no difference in {found.draws} draws: {counts}"
     more = max(needed - found.draws, 1)

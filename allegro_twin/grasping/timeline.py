@@ -9,13 +9,19 @@ import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import ObjectSettings, Phase, Protocol, Scenario
-from allegro_twin.grasping.verdict import Window
+from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
+from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.kinematics.orientation import facing, mirrored, quaternion_from_matrix
-from allegro_twin.sim.model import wrist
+from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
 from allegro_twin.sim.model.scene import Stage
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.model.wrist import WristSegment
+from allegro_twin.sim.objects.catalogue import (
+    SIZES_OF_KIND,
+    GraspObject,
+    PlacedObject,
+    load_object,
+    standing_orientation,
+)
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 
@@ -26,13 +32,13 @@ _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class TrialTimeline:
     """One trial on the clock: hand and wrist act by the same timeline."""
 
-    windows: tuple[Window, ...]
+    windows: tuple[PhaseWindow, ...]
     reference: Moves
     """What the fingers follow."""
-    segments: list[wrist.Segment]
+    segments: list[WristSegment]
     """What the wrist does."""
     push: Array
     """What accelerates the object from outside in every control period, (periods, 3), m/s², world."""
@@ -42,7 +48,9 @@ class Plan:
         return self.windows[-1].end
 
 
-def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float) -> Plan:
+def make_timeline(
+    protocol: TrialProtocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float
+) -> TrialTimeline:
     """Time every phase in whole control periods, beginning with the hand at `start` (n,), rad."""
     windows, waypoints, segments, pushes = [], [], [], []
     posture, t = start, 0.0
@@ -54,13 +62,13 @@ def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, si
         posture = waypoint.posture
         waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
         segments.append(_segment(phase, seconds, scenario, side))
-        windows.append(Window(phase.name, t, t + seconds, phase.check))
+        windows.append(PhaseWindow(phase.name, t, t + seconds, phase.check))
         pushes.append(np.tile(_on_side(phase.push, side), (round(seconds / period), 1)))
         t += seconds
-    return Plan(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
+    return TrialTimeline(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
 
 
-def stage(scenario: Scenario, protocol: Protocol, side: Side, folder: Path) -> Stage:
+def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
     things = [_placed(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
@@ -75,7 +83,7 @@ def stage(scenario: Scenario, protocol: Protocol, side: Side, folder: Path) -> S
     position = np.add(things[0].position, offset)
     if any(phase.wrist == "approach" for phase in protocol.phases):
         position = position + scenario.wrist.retreat
-    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
@@ -95,7 +103,7 @@ def _on_side(vector: tuple[float, float, float], side: Side) -> Vector:
     return np.array(vector) * (_MIRROR[:3] if side == "left" else 1.0)
 
 
-def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wrist.Segment:
+def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> WristSegment:
     move = np.concatenate([phase.move, np.radians(phase.turn)])
     if phase.wrist == "approach":
         move[:3] -= scenario.wrist.retreat
@@ -103,32 +111,32 @@ def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wr
         move = move * _MIRROR
     shake = np.zeros(6)
     if phase.shake is None:
-        return wrist.Segment(seconds, move, shake)
+        return WristSegment(seconds, move, shake)
     shake[:3] = phase.shake.acceleration
-    return wrist.Segment(seconds, move, shake, phase.shake.frequency)
+    return WristSegment(seconds, move, shake, phase.shake.frequency)
 
 
-def _placed(settings: ObjectSettings, folder: Path) -> catalogue.Placement:
+def _placed(settings: ScenarioObject, folder: Path) -> PlacedObject:
     if settings.shape is None:
-        thing = catalogue.named(settings.name)
+        thing = load_object(settings.name)
     else:
         thing = _own(settings, folder)
-    turned = catalogue.orientation(settings.up, float(np.radians(settings.yaw)))
+    turned = standing_orientation(settings.up, float(np.radians(settings.yaw)))
     if len(settings.at) == 3:
         position = settings.at
     else:
         # 0.1 mm of air, so that the object settles instead of being pushed out of the table.
         height = _half_height(settings, thing) + 1e-4
         position = (*settings.at, height)
-    return catalogue.Placement(thing, position, tuple(turned))
+    return PlacedObject(thing, position, tuple(turned))
 
 
-def _half_height(settings: ObjectSettings, thing: catalogue.Thing) -> float:
+def _half_height(settings: ScenarioObject, thing: GraspObject) -> float:
     """From the table to the middle of an object as it stands, m."""
     return float(thing.half_extents()["xyz".index(settings.up)])
 
 
-def _own(settings: ObjectSettings, folder: Path) -> catalogue.Thing:
+def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
     """An object described in the scenario itself. Raises ConfigError for what its shape needs and does not have."""
     name, shape = settings.name, settings.shape
     assert shape is not None
@@ -142,18 +150,18 @@ def _own(settings: ObjectSettings, folder: Path) -> catalogue.Thing:
             raise ConfigError(f"object {name}: a {shape} needs a third value in `at`: the height of its origin, m")
     else:
         file = None
-        if settings.size is None or len(settings.size) != catalogue.N_SIZES[shape]:
-            raise ConfigError(f"object {name}: a {shape} needs `size` with {catalogue.N_SIZES[shape]} values, m")
+        if settings.size is None or len(settings.size) != SIZES_OF_KIND[shape]:
+            raise ConfigError(f"object {name}: a {shape} needs `size` with {SIZES_OF_KIND[shape]} values, m")
     if settings.mass is None and shape not in ("mjcf", "mesh"):
         raise ConfigError(f"object {name}: a {shape} needs `mass`, kg")
     mass = settings.mass or float("nan")
-    thing = catalogue.Thing(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
+    thing = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
     if shape == "mesh" and settings.mass is None:
         thing = replace(thing, mass=DENSITY * thing.mesh().volume)
     return thing
 
 
-def _mirrored(placement: catalogue.Placement) -> catalogue.Placement:
+def _mirrored(placement: PlacedObject) -> PlacedObject:
     x, y, z = placement.position
-    w, i, j, k = mirrored(placement.quaternion).tolist()
-    return catalogue.Placement(placement.thing, (x, -y, z), (w, i, j, k))
+    w, i, j, k = mirror_quaternion(placement.quaternion).tolist()
+    return PlacedObject(placement.thing, (x, -y, z), (w, i, j, k))

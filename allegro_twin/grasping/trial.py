@@ -11,22 +11,22 @@ import numpy as np
 
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
-from allegro_twin.grasping.grasp_type import Bearing, Seen, Shape, observed
-from allegro_twin.grasping.scenario import Protocol, Scenario, load_protocol, load_scenario, object_of
-from allegro_twin.grasping.timeline import plan, stage
-from allegro_twin.grasping.uncertainty import Draw
-from allegro_twin.grasping.verdict import FULL, Observations, Report, Rule, Window, judge
+from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, SurfaceLoad, classify_grasp
+from allegro_twin.grasping.scenario import Scenario, TrialProtocol, load_protocol, load_scenario, parse_object
+from allegro_twin.grasping.timeline import make_stage, make_timeline
+from allegro_twin.grasping.uncertainty import Perturbation
+from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.sim.contact.contact_surfaces import SURFACES, Borne, Stance, Surfaces, edges
-from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.contact.contact_surfaces import SURFACES, DigitPose, SurfaceForces, SurfaceProbe, box_edges
+from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import Push, SimBackend
-from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.sim.model.scene import compile_scene
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.model.wrist import wrist_load, wrist_set_points
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
 
@@ -47,18 +47,18 @@ class Trial:
         folder: Path = Path(),
         period: float = 0.003,
         start: Vector | None = None,
-        protocol: Protocol | None = None,
-        draw: Draw | None = None,
+        protocol: TrialProtocol | None = None,
+        draw: Perturbation | None = None,
     ) -> None:
         self.scenario, self.grasp, self.draw = scenario, grasp, draw
         self.protocol = load_protocol(scenario.protocol) if protocol is None else protocol
-        scene = stage(scenario, self.protocol, spec.side, folder)
+        scene = make_stage(scenario, self.protocol, spec.side, folder)
         if draw is not None:
             scene = draw.on(scene, self.protocol.physics.friction)
-        self.things: tuple[Placement, ...] = tuple(scene.things)
+        self.things: tuple[PlacedObject, ...] = tuple(scene.things)
         posture = grasp.preshape if start is None else start
-        timeline = plan(self.protocol, grasp, scenario, posture, spec.side, period)
-        self.windows: tuple[Window, ...] = timeline.windows
+        timeline = make_timeline(self.protocol, grasp, scenario, posture, spec.side, period)
+        self.windows: tuple[PhaseWindow, ...] = timeline.windows
         self.reference: Moves = timeline.reference
         self.seconds = timeline.seconds
         model = compile_scene(spec, scene)
@@ -69,16 +69,16 @@ class Trial:
             else:
                 model.actuator_forcerange[motors] *= draw.torque
         physics, name = scene.physics, scenario.objects[0].name
-        drive = wrist.commands(timeline.segments, physics.timestep, wrist.load(model), -physics.gravity[2])
+        drive = wrist_set_points(timeline.segments, physics.timestep, wrist_load(model), -physics.gravity[2])
         push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))
         self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive, pushing=push)
-        self._probe = Probe(model, self.backend.data, spec, name)
-        self._surfaces, self._borne = Surfaces(model, spec, name), list[tuple[Borne, Stance]]()
+        self._probe = ObjectProbe(model, self.backend.data, spec, name)
+        self._surfaces, self._borne = SurfaceProbe(model, spec, name), list[tuple[SurfaceForces, DigitPose]]()
         self._holding = next((window for window in self.windows if window.check), None)
         limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
         self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
-        self._too_heavy = too_heavy(self._weight, grasp, spec, scenario.friction * self.protocol.physics.friction)
+        self._too_heavy = weight_warning(self._weight, grasp, spec, scenario.friction * self.protocol.physics.friction)
         self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
 
     @property
@@ -125,7 +125,7 @@ class Trial:
         if self._holding is not None and self._holding.begin < t <= self._holding.end + 1e-9:
             self._borne.append((self._surfaces(data), self._surfaces.stance(data)))
 
-    def observed(self) -> Observed | None:
+    def observed_type(self) -> ObservedType | None:
         """The type of grasp that its contacts showed on average over that phase; None before it."""
         if not self._borne or not self.backend.spec.fingers:
             return None
@@ -139,7 +139,7 @@ class Trial:
             else float(np.degrees(np.arcsin(np.clip(stance.direction[names.index(thumb), 0], -1, 1))))
         )
         bearings = [
-            Bearing(part, surface, float(force[p, k]), tuple((normal[p, k] / force[p, k]).tolist()))
+            SurfaceLoad(part, surface, float(force[p, k]), tuple((normal[p, k] / force[p, k]).tolist()))
             for p, part in enumerate(self._surfaces.parts)
             for k, surface in enumerate(SURFACES)
             if force[p, k] > 0.0
@@ -147,18 +147,20 @@ class Trial:
         fingers = tuple(name for name in names if name != thumb)
         reach = max((float(stance.length[k]) for k, name in enumerate(names) if name != thumb), default=1.0)
         straight = dict(zip(names, stance.straight.tolist(), strict=True))
-        return observed(Seen(bearings, fingers, self._shape(), thumb, 90.0 if thumb is None else up, straight, reach))
+        return classify_grasp(
+            GraspObservation(bearings, fingers, self._shape(), thumb, 90.0 if thumb is None else up, straight, reach)
+        )
 
-    def _shape(self) -> Shape:
+    def _shape(self) -> ObjectShape:
         thing = self.things[0].thing
-        box = edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
+        box = box_edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
         short, middle, long = sorted(box.tolist())
         fill = {"sphere": np.pi / 6, "ellipsoid": np.pi / 6, "cylinder": np.pi / 4}.get(thing.shape, 1.0)
         if thing.shape == "mesh":
             fill = thing.mesh().volume / float(np.prod(box))
-        return Shape(short, middle, long, float(fill))
+        return ObjectShape(short, middle, long, float(fill))
 
-    def report(self) -> Report:
+    def report(self) -> TrialReport:
         """The verdict. Raises HandError when the trial was not run to its end."""
         if not self._rows or self._rows[-1][0] < self.seconds - 1e-9:
             raise HandError(f"the trial ended before its {self.seconds:.1f} s: there is no verdict")
@@ -177,14 +179,14 @@ class Trial:
             )
         )
 
-    def judged(self, seen: Observations) -> Report:
+    def judged(self, seen: Observations) -> TrialReport:
         """The verdict on what was observed of this trial."""
         spec = self.backend.spec
         report = judge(
             seen, self.windows, self.rule,
-            parts=self._probe.parts, joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+            parts=self._probe.parts, joints=spec.joint_labels, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
-        report = replace(report, observed=self.observed())
+        report = replace(report, observed=self.observed_type())
         return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
 
     def _loads(self, seen: Observations) -> list[str]:
@@ -193,7 +195,7 @@ class Trial:
         begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
         share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
-        full = [name for name, part in zip(self.backend.spec.readable, share, strict=True) if part > 0.5]
+        full = [name for name, part in zip(self.backend.spec.joint_labels, share, strict=True) if part > 0.5]
         loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
         said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
         return [*said, f"{', '.join(full)} at their torque limit"] if full else said
@@ -210,11 +212,11 @@ class Trial:
             "objects": things,
             "phases": [[w.name, w.begin, w.end] for w in self.windows],
             "judged": {"windows": [[w.name, w.begin, w.end, w.check] for w in self.windows]} | asdict(self.rule),
-            "look": scene_look(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
+            "look": scene_appearance(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
         }
 
 
-def too_heavy(weight: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
+def weight_warning(weight: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
     """A warning for an object whose weight, N, friction cannot carry: every finger presses it against the palm or
     another finger, so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
     forces = hand_kinematics(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
@@ -243,6 +245,6 @@ def make_trial(
         raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
     if thing is not None:
         others = settings.objects[1:]
-        settings = settings.model_copy(update={"objects": (object_of(thing), *others)})
+        settings = settings.model_copy(update={"objects": (parse_object(thing), *others)})
     chosen = load_grasp(grasp or settings.grasp, spec)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)

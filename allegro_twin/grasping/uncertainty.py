@@ -14,14 +14,14 @@ from pydantic import Field
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings
-from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector, quaternion_product
 from allegro_twin.sim.model.scene import Stage
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.objects.catalogue import PlacedObject
 
-Stream: TypeAlias = Literal["evaluate", "search", "judge"]
+SampleStream: TypeAlias = Literal["evaluate", "search", "judge"]
 """What draws are for. Those of one stream are never those of another, whatever their seeds: what was chosen on some is
 judged on others."""
-_STREAMS: dict[Stream, tuple[int, ...]] = {"evaluate": (), "search": (0x5EA7C4,), "judge": (0x10D6E,)}
+_STREAMS: dict[SampleStream, tuple[int, ...]] = {"evaluate": (), "search": (0x5EA7C4,), "judge": (0x10D6E,)}
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 
@@ -43,7 +43,7 @@ class Uncertainty(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Draw:
+class Perturbation:
     """One case."""
 
     x: float = 0.0
@@ -66,7 +66,7 @@ class Draw:
         things = [self._moved(stage.things[0], on_something=stage.table), *stage.things[1:]]
         return replace(stage, things=things, friction=friction)
 
-    def _moved(self, placed: Placement, *, on_something: bool) -> Placement:
+    def _moved(self, placed: PlacedObject, *, on_something: bool) -> PlacedObject:
         thing = placed.thing
         x, y, z = placed.position
         if thing.shape == "mjcf" and (self.size != 1.0 or self.mass != 1.0):
@@ -78,11 +78,15 @@ class Draw:
             thing, size=tuple(s * self.size for s in thing.size), mass=thing.mass * self.mass,
             stretch=thing.stretch * self.size,
         )  # fmt: skip
-        w, i, j, k = product(quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion).tolist()
-        return Placement(larger, (x + self.x, y + self.y, z), (w, i, j, k))
+        w, i, j, k = quaternion_product(
+            quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion
+        ).tolist()
+        return PlacedObject(larger, (x + self.x, y + self.y, z), (w, i, j, k))
 
 
-def draws(uncertainty: Uncertainty, n: int, seed: int = 0, first: int = 0, stream: Stream = "evaluate") -> list[Draw]:
+def sample_perturbations(
+    uncertainty: Uncertainty, n: int, seed: int = 0, first: int = 0, stream: SampleStream = "evaluate"
+) -> list[Perturbation]:
     """Draws `first` to `first + n` of a seed of a stream."""
     return [
         _draw(uncertainty, np.random.default_rng([*_STREAMS[stream], seed, number]))
@@ -90,10 +94,10 @@ def draws(uncertainty: Uncertainty, n: int, seed: int = 0, first: int = 0, strea
     ]
 
 
-def _draw(of: Uncertainty, random: np.random.Generator) -> Draw:
+def _draw(of: Uncertainty, random: np.random.Generator) -> Perturbation:
     x, y, yaw, size, mass, friction, torque = random.uniform(-1.0, 1.0, 7).tolist()
     low, high = of.friction if of.friction is not None else (0.0, 0.0)
-    return Draw(
+    return Perturbation(
         of.position * x, of.position * y, float(np.radians(of.yaw)) * yaw, 1.0 + of.size * size, 1.0 + of.mass * mass,
         None if of.friction is None else low + (high - low) * (friction + 1.0) / 2.0, 1.0 + of.torque * torque,
     )  # fmt: skip

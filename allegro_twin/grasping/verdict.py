@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
 from allegro_twin.types import Array, Vector
 
@@ -16,7 +16,7 @@ FULL = 0.99
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class PhaseWindow:
     """One phase of a trial on the clock of the hand."""
 
     name: str
@@ -89,7 +89,7 @@ class PhaseReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class TrialReport:
     """The verdict on a trial, with the margins that led to it."""
 
     held: bool
@@ -105,7 +105,7 @@ class Report:
     """The deepest that object and hand are in each other from the reference on, m."""
     at_limit: Mapping[str, float]
     """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more."""
-    observed: Observed | None = field(default=None, compare=False)
+    observed: ObservedType | None = field(default=None, compare=False)
     """The type of grasp that its contacts show while it holds; None: nobody looked at every contact."""
 
     @property
@@ -116,13 +116,13 @@ class Report:
 
 def judge(
     seen: Observations,
-    windows: Sequence[Window],
+    windows: Sequence[PhaseWindow],
     rule: Rule,
     *,
     parts: Sequence[str],
     joints: Sequence[str],
     torque_limit: Vector,
-) -> Report:
+) -> TrialReport:
     """Held means: at the end of every phase that checks, the object has moved no more than the rule's `drift` and
     `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
     rose as the wrist did."""
@@ -143,7 +143,7 @@ def judge(
         reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
     used = np.abs(seen.torque) / torque_limit
     share = (used[start + 1 :] >= FULL).mean(axis=0) if start + 1 < len(used) else np.zeros(len(joints))
-    return Report(
+    return TrialReport(
         not reason, reason, tuple(phases), float(used.max()), rise, _deepest(seen.penetration[start:]),
         dict(zip(joints, map(float, share), strict=True)),
     )  # fmt: skip
@@ -152,31 +152,31 @@ def judge(
 def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array]:
     """Distance (k,) in m and angle (k,) in degrees of an object in the palm's frame, from row `start`. Both are poses
     in the world, (k, 7)."""
-    return moved(palm[start], thing[start], palm, thing)
+    return relative_displacement(palm[start], thing[start], palm, thing)
 
 
-def moved(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
+def relative_displacement(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
     """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
     the world, (..., 7)."""
-    (first, turn), (then, turned) = _in_palm(palm, thing), _in_palm(palm_then, thing_then)
+    (first, turn), (then, turned) = pose_in_palm(palm, thing), pose_in_palm(palm_then, thing_then)
     return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
 
 
-def _in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
-    """Position (..., 3) and rotation (..., 3, 3)."""
+def pose_in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+    """Position (..., 3), m, and rotation (..., 3, 3) of an object in the palm's frame. Poses in the world, (..., 7)."""
     turned = matrix_from_quaternion(palm[..., 3:])
     position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
     return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))
 
 
 def _phase(
-    seen: Observations, window: Window, parts: Sequence[str], position: Array, angle: Array, rule: Rule
+    seen: Observations, window: PhaseWindow, parts: Sequence[str], position: Array, angle: Array, rule: Rule
 ) -> PhaseReport:
     rows = slice(_last(seen.t, window.begin) + 1, _last(seen.t, window.end) + 1)
     end = rows.stop - 1
     judged = rows if rule.throughout else slice(end, end + 1)
-    moved, turned = float(position[judged].max()), float(angle[judged].max())
-    margin = 1.0 - max(moved / rule.drift, turned / rule.rotation)
+    distance, turn = float(position[judged].max()), float(angle[judged].max())
+    margin = 1.0 - max(distance / rule.drift, turn / rule.rotation)
     force = seen.contact_force[rows].mean(axis=0)
     return PhaseReport(
         window.name,
@@ -197,7 +197,7 @@ def _deepest(penetration: Array) -> float:
     return float(penetration.max()) if len(penetration) else 0.0
 
 
-def _why(phase: PhaseReport, seen: Observations, window: Window) -> str:
+def _why(phase: PhaseReport, seen: Observations, window: PhaseWindow) -> str:
     end = _last(seen.t, window.end)
     if not seen.contact_force[end].any():
         return f"dropped by the end of {phase.name}"

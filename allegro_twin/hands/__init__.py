@@ -1,1 +1,55 @@
-"""Hands: who a hand is, how its models are generated, and what its library stores."""
+"""Hands: their specs, and the library of postures, grasps, trajectories and gains.
+
+What is named here is loaded when it is first asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allegro_twin._lazy import exports
+
+if TYPE_CHECKING:
+    from allegro_twin.hands.description.specs import hand_side, load_spec
+    from allegro_twin.hands.library.entries import grasp_entry, posture_entry, trajectory_entry
+    from allegro_twin.hands.library.gains import load_gains
+    from allegro_twin.hands.library.grasps import Grasp
+    from allegro_twin.hands.library.library import Library, load_grasp, load_posture, load_trajectory, posture_names
+
+__all__ = [
+    "Grasp",
+    "Library",
+    "grasp_entry",
+    "hand_side",
+    "load_gains",
+    "load_grasp",
+    "load_posture",
+    "load_spec",
+    "load_trajectory",
+    "posture_entry",
+    "posture_names",
+    "trajectory_entry",
+]
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "description.specs": (
+            "hand_side",
+            "load_spec",
+        ),
+        "library.entries": (
+            "grasp_entry",
+            "posture_entry",
+            "trajectory_entry",
+        ),
+        "library.gains": ("load_gains",),
+        "library.grasps": ("Grasp",),
+        "library.library": (
+            "Library",
+            "load_grasp",
+            "load_posture",
+            "load_trajectory",
+            "posture_names",
+        ),
+    },
+)

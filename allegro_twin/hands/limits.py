@@ -1,4 +1,4 @@
-"""Limits of a hand: what its guard lets through, and the slowest period in which it can be driven."""
+"""Limits of a hand: torques, speeds and positions of its guard, and the longest control period."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks of a config that say which hand it is, what it is to do, and what its guard lets through."""
+"""Settings of a hand, its task and its limits: blocks of a config."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from allegro_twin.spec import Side
 
 class HandSettings(Settings):
     model: str = "allegro"
-    """Of hand, or of arm."""
+    """Model of hand, or of arm."""
     side: Side = "right"
     serial: str = ""
     """File in conf/hands with what was measured on this very hand."""
@@ -34,7 +34,7 @@ class TaskSettings(Settings):
 
 
 class LimitSettings(Settings):
-    """What the guard lets through; docs/safety.md."""
+    """Limits of the guard; docs/explanation/safety.md."""
 
     torque: PerJoint | None = None
     """N·m; default: the hand's own clip, which is also the highest possible."""

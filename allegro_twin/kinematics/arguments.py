@@ -1,4 +1,4 @@
-"""Arrays from outside, read: as numbers of the shape that a function needs, or refused in one line."""
+"""Checks of array arguments: numbers of the shape that a function needs, or a ConfigError in one line."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _SHORT.maxother = _SHORT.maxstring = 60
 
 
 def numbers(what: str, value: ArrayLike | None) -> Array:
-    """As doubles. Raises ConfigError for what is no array of real numbers."""
+    """A value as doubles. Raises ConfigError for what is no array of real numbers."""
     try:
         if isinstance(value, np.ndarray | np.generic) and np.iscomplexobj(value):
             raise TypeError
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{what} must be numbers, not {shown(value)}") from error
+        raise ConfigError(f"{what} must be numbers, not {short_repr(value)}") from error
 
 
 def rows(what: str, value: ArrayLike | None, *last: int) -> Array:
@@ -52,6 +52,6 @@ def check_margin(finger: str, margin: float, lower: Vector, upper: Vector) -> No
         raise ConfigError(f"{finger}: margin {margin} rad does not fit; half the least range is {half:.3f} rad")
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """A value in a part of one line."""
     return " ".join(_SHORT.repr(value).split())

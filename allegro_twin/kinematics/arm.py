@@ -1,4 +1,4 @@
-"""An arm in Pinocchio: where its tool is, how it moves, and what its own dynamics ask for, in the base's frame."""
+"""Kinematics and dynamics of an arm with its tool and load, in the base's frame, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DAMPING = 1e-4  # Of the inverse near singular postures, m² and rad².
 _STEPS, _STEP = 200, 0.2  # rad: the largest step of a joint.
 
 
-class Placed(NamedTuple):
+class ToolFrame(NamedTuple):
     """A tool's frame on the flange."""
 
     position: Array
@@ -29,17 +29,17 @@ class Placed(NamedTuple):
     """w x y z."""
 
 
-FLANGE = Placed(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+FLANGE = ToolFrame(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 class ArmModel:
     """Rigid-body kinematics and dynamics of an arm with its load. Joint vectors have shape (n,), lists included;
     every method raises ConfigError for other shapes, and for numbers that are not finite.
 
-    `tool` is the frame that poses and Jacobians are of, on the flange; by default the flange itself.
+    `tool` is the frame of poses and Jacobians, on the flange; by default the flange itself.
     """
 
-    def __init__(self, spec: ArmSpec, tool: Placed = FLANGE) -> None:
+    def __init__(self, spec: ArmSpec, tool: ToolFrame = FLANGE) -> None:
         path = data_root() / "models" / "urdf" / f"{spec.name}.urdf"
         if not path.is_file():
             raise ConfigError(f"arm {spec.name}: no URDF at {path}")
@@ -57,11 +57,11 @@ class ArmModel:
         self._data = self._model.createData()
 
     def pose(self, position: ArrayLike) -> Pose:
-        """Of the tool."""
+        """Pose of the tool."""
         return self._pose(self._frame, position)
 
     def flange(self, position: ArrayLike) -> Pose:
-        """Of the flange."""
+        """Pose of the flange."""
         return self._pose(self._flange, position)
 
     def _pose(self, frame: int, position: ArrayLike) -> Pose:
@@ -117,25 +117,25 @@ class ArmModel:
             if np.abs(error).max() < tolerance * 0.1:
                 break
             inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + _DAMPING * np.eye(6))
-            # What is free goes back to where it began.
+            # The redundant motion returns to the start.
             step = inverse @ error + 0.1 * ((start - at) - inverse @ (jacobian @ (start - at)))
             at = np.clip(at + step * min(1.0, _STEP / max(float(np.abs(step).max()), 1e-9)), spec.lower, spec.upper)
         place, axes, _ = self.motion(at)
-        short, turned = np.linalg.norm(goal.translation - place), np.linalg.norm(pin.log3(goal.rotation @ axes.T))
-        if max(short, turned) > tolerance:
+        short, angle = np.linalg.norm(goal.translation - place), np.linalg.norm(pin.log3(goal.rotation @ axes.T))
+        if max(short, angle) > tolerance:
             raise ConfigError(
                 f"{spec.name} does not reach {np.round(wanted.position, 3).tolist()} m with that orientation: it stays "
-                f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for one nearer, or turned less"
+                f"{1e3 * short:.1f} mm and {np.degrees(angle):.1f}° short; ask for one nearer, or turned less"
             )
         return at
 
 
-def turn(axes: Array, wanted: Array) -> Vector:
+def rotation_between(axes: Array, wanted: Array) -> Vector:
     """The rotation vector that turns one orientation (3, 3) into another, in the axes of the base, (3,), rad."""
     found: Vector = pin.log3(wanted @ axes.T)
     return found
 
 
-def turned(axes: Array, vector: Vector) -> Array:
+def rotate(axes: Array, vector: Vector) -> Array:
     """An orientation (3, 3) turned by a rotation vector, (3,), rad, in the axes of the base."""
     return np.asarray(pin.exp3(vector) @ axes)

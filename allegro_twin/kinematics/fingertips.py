@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.array_api import take
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
-from allegro_twin.kinematics.tree import Placement, Tree, TreeJoint
+from allegro_twin.kinematics.tree import LinkPlacement, Tree, TreeJoint
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -20,7 +20,7 @@ class ClosedFormFingertips:
     """Fingertips of a hand whose fingers all have a closed form: one third of the operations of finger by finger.
 
     Every finger turns about one axis and bends in the plane that it turns; the thumb's whole chain turns once more
-    (docs/kinematics.md#finger, #thumb). So one table of angles serves them all:
+    (docs/explanation/kinematics.md#finger, #thumb). So one table of angles serves them all:
     (x, y, z) = offset + (r cos q_t, r sin q_t, h), r = Σ lₖ sin αₖ, h = Σ lₖ cos αₖ.
     Sums are written out or run over a row, so that they do not depend on the size of the batch.
     """
@@ -103,16 +103,16 @@ class ChainFingertips:
 
     def __init__(self, spec: HandSpec, tree: Tree) -> None:
         self._spec = spec
-        columns = {name: column for column, name in enumerate(spec.moving)}
+        columns = {name: column for column, name in enumerate(spec.all_joints)}
         self._chains = [_chain(tree, finger.tip, columns) for finger in spec.fingers]
 
     def __call__(self, position: Array) -> Array:
         """Motors (..., n), rad → fingertips in the palm frame, in the spec's order, (..., fingers, 3), m."""
-        moved = self._spec.moved(position)
+        moved = self._spec.all_positions(position)
         return np.stack([_tip(chain, moved) for chain in self._chains], axis=-2)
 
 
-_Step = tuple[TreeJoint, int] | Placement
+_Step = tuple[TreeJoint, int] | LinkPlacement
 """A joint with its column, or a placement in the frame before."""
 
 
@@ -131,7 +131,7 @@ def _tip(chain: list[_Step], moved: Array) -> Array:
     """Positions of all that moves (..., k), rad → the fingertip (..., 3), m."""
     point = np.zeros((*moved.shape[:-1], 3))
     for step in chain:
-        if isinstance(step, Placement):
+        if isinstance(step, LinkPlacement):
             x, y, z = step.rotation.T
             point = point[..., :1] * x + point[..., 1:2] * y + point[..., 2:] * z + step.position
         else:

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.kinematics.arguments import finite, numbers, shown
+from allegro_twin.kinematics.arguments import finite, numbers, short_repr
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS
 from allegro_twin.kinematics.closed_form.geometry import has_closed_form
 from allegro_twin.kinematics.finger import FingerKinematics
 from allegro_twin.kinematics.fingertips import ChainFingertips, ClosedFormFingertips
+from allegro_twin.kinematics.maths import ARRAYS
 from allegro_twin.kinematics.numeric import NumericFinger
 from allegro_twin.kinematics.orientation import entries_of_matrix, is_rotation
 from allegro_twin.kinematics.pose import Pose
@@ -154,7 +154,7 @@ class HandKinematics:
         limit, forces = numbers("torque_limit", torque_limit), {}
         if limit.shape != (self._n,) or not (limit >= 0.0).all():
             raise ConfigError(
-                f"torque_limit needs {self._n} numbers ≥ 0, N·m, shape ({self._n},); it is {shown(torque_limit)}"
+                f"torque_limit needs {self._n} numbers ≥ 0, N·m, shape ({self._n},); it is {short_repr(torque_limit)}"
             )
         for name, jacobian in self._jacobians(position, pin.LOCAL).items():
             lever = np.abs(jacobian[0])
@@ -231,7 +231,7 @@ class _Coupling:
         return ours if self._direct else ours @ self._slope(position)
 
     def _all(self, position: Vector) -> Vector:
-        return np.concatenate([position[self._known], self._spec.followed(position)])
+        return np.concatenate([position[self._known], self._spec.coupled_positions(position)])
 
     def _slope(self, position: Vector) -> Array:
         lower, upper = self._spec.lower, self._spec.upper

@@ -22,7 +22,7 @@ _NO_LIMITS = np.array(-np.inf), np.array(np.inf)
 _PULL = 0.02  # Of the way back to where the search began, where that costs the tip nothing.
 
 
-class Hand(Protocol):
+class _Hand(Protocol):
     """The part of `HandKinematics` that the iteration needs."""
 
     spec: HandSpec
@@ -39,7 +39,7 @@ class NumericFinger:
     the descent comes to. The tip turns as it comes: no orientation is solved for.
     """
 
-    def __init__(self, hand: Hand, finger: str) -> None:
+    def __init__(self, hand: _Hand, finger: str) -> None:
         """Raises ConfigError where a joint moves other fingers, too."""
         spec = hand.spec
         joints = list(spec.finger(finger).joints)

@@ -1,4 +1,4 @@
-"""Orientations: unit quaternions, matrices, Euler angles, rotation vectors, and which way gravity then points.
+"""Orientations: unit quaternions, matrices, Euler angles and rotation vectors, and gravity in a turned frame.
 
 A quaternion is (w, x, y, z); q and -q are one orientation. Euler angles are roll, pitch and yaw about the fixed axes x,
 y and z, in that order, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll). A rotation vector is the axis times the angle. The
@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import library, own
+from allegro_twin.array_api import array_namespace, as_array
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import numbers, rows
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS, Maths, T
+from allegro_twin.kinematics.maths import ARRAYS, Maths, T
 from allegro_twin.types import Array
 
 Entries = tuple[T, T, T, T, T, T, T, T, T]
@@ -76,9 +76,9 @@ def quaternion_from_euler(angles: ArrayLike) -> Array:
 def quaternion_from_vector(turn: ArrayLike) -> Array:
     """The quaternion of a rotation vector, shape (..., 3), rad → (..., 4)."""
     vector = _given("rotation vectors", turn, 3)
-    xp, size = library(vector), _length(vector)
+    xp, size = array_namespace(vector), _length(vector)
     scale = xp.where(size > 1e-12, xp.sin(size / 2) / xp.maximum(size, 1e-12), 0.5)
-    return own(xp.concatenate([xp.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1))
+    return as_array(xp.concatenate([xp.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1))
 
 
 def vector_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -90,33 +90,33 @@ def vector_from_quaternion(quaternion: ArrayLike) -> Array:
     return np.asarray(axis * scale[..., None])
 
 
-def product(first: ArrayLike, second: ArrayLike) -> Array:
+def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
     """The quaternion product, the turn `second` in the axes that `first` has turned, (..., 4)."""
     one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
     a, b, c, d = (one[..., k] for k in range(4))
     w, x, y, z = (other[..., k] for k in range(4))
     i, j, k = a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
-    return own(library(one).stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1))
+    return as_array(array_namespace(one).stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1))
 
 
-def conjugate(quaternion: ArrayLike) -> Array:
-    """The turn back, (..., 4)."""
+def quaternion_conjugate(quaternion: ArrayLike) -> Array:
+    """The inverse rotation, (..., 4)."""
     return rows("quaternions", quaternion, 4) * (1.0, -1.0, -1.0, -1.0)
 
 
-def mirrored(quaternion: ArrayLike) -> Array:
-    """What a left hand's x-z plane makes of an orientation, (..., 4)."""
+def mirror_quaternion(quaternion: ArrayLike) -> Array:
+    """The mirror image of an orientation in the x-z plane, for a left hand, (..., 4)."""
     return rows("quaternions", quaternion, 4) * (1.0, -1.0, 1.0, -1.0)
 
 
-def turned_by(quaternion: ArrayLike, turn: ArrayLike) -> Array:
+def rotate_quaternion(quaternion: ArrayLike, turn: ArrayLike) -> Array:
     """An orientation (..., 4) turned by a rotation vector (..., 3), rad, in the axes of the world."""
-    return product(quaternion_from_vector(turn), quaternion)
+    return quaternion_product(quaternion_from_vector(turn), quaternion)
 
 
-def turn_about_z(before: ArrayLike, after: ArrayLike) -> Array:
+def yaw_between(before: ArrayLike, after: ArrayLike) -> Array:
     """How far an orientation has turned about the world's z, (...), rad: the twist of after · before⁻¹ about z."""
-    change = product(after, conjugate(before))
+    change = quaternion_product(after, quaternion_conjugate(before))
     turn = 2.0 * np.arctan2(change[..., 3], change[..., 0])
     return (turn + np.pi) % (2.0 * np.pi) - np.pi
 
@@ -124,24 +124,24 @@ def turn_about_z(before: ArrayLike, after: ArrayLike) -> Array:
 def slerp(first: ArrayLike, second: ArrayLike, part: ArrayLike) -> Array:
     """The orientation `part` (...) of the shortest way from the first to the second, (..., 4), at constant speed."""
     p, q = np.stack(_unit(first), axis=-1), np.stack(_unit(second), axis=-1)
-    way = vector_from_quaternion(product(q, conjugate(p)))
-    return turned_by(p, numbers("part", part)[..., None] * way)
+    way = vector_from_quaternion(quaternion_product(q, quaternion_conjugate(p)))
+    return rotate_quaternion(p, numbers("part", part)[..., None] * way)
 
 
 def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
     """The angle of the rotation from one matrix (..., 3, 3) to another, shape (...), rad."""
-    return angle_left(ARRAYS, entries_of_matrix(first), entries_of_matrix(second))
+    return rotation_angle(ARRAYS, entries_of_matrix(first), entries_of_matrix(second))
 
 
 def angle_between_quaternions(first: ArrayLike, second: ArrayLike) -> Array:
-    """Likewise of quaternions (..., 4) of any length: Kahan's angle of two vectors, of which the turn is twice."""
+    """The angle between quaternions (..., 4) of any length, rad: twice Kahan's angle of two vectors."""
     one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
     p, q = one / _length(one)[..., None], other / _length(other)[..., None]
-    apart, along, xp = _length(p - q), _length(p + q), library(one)
-    return own(4.0 * xp.arctan2(xp.minimum(apart, along), xp.maximum(apart, along)))
+    apart, along, xp = _length(p - q), _length(p + q), array_namespace(one)
+    return as_array(4.0 * xp.arctan2(xp.minimum(apart, along), xp.maximum(apart, along)))
 
 
-def facing(x: ArrayLike, z: ArrayLike) -> Array:
+def matrix_facing(x: ArrayLike, z: ArrayLike) -> Array:
     """The matrix whose x axis is along `x` and whose z axis is as near to `z` as it can be, (..., 3) → (..., 3, 3).
 
     Raises ConfigError where they are parallel.
@@ -157,7 +157,7 @@ def facing(x: ArrayLike, z: ArrayLike) -> Array:
 
 def quaternion_facing(x: ArrayLike, z: ArrayLike) -> Array:
     """The orientation of a palm that looks along `x` with its fingers towards `z`, world axes, (..., 3) → (..., 4)."""
-    return quaternion_from_matrix(facing(x, z))
+    return quaternion_from_matrix(matrix_facing(x, z))
 
 
 def gravity_from_quaternion(quaternion: ArrayLike, size: float = STANDARD_GRAVITY) -> Array:
@@ -185,7 +185,7 @@ def entries_of_matrix(rotation: ArrayLike) -> Entries[Array]:
 
 
 def entries_of_quaternion(w: T, x: T, y: T, z: T) -> Entries[T]:
-    """Of a unit quaternion."""
+    """The matrix of a unit quaternion, row by row."""
     return (
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
@@ -209,10 +209,10 @@ def is_rotation(m: Maths[T], turn: Entries[T]) -> bool:
     off = (abs(a * a + d * d + g * g - 1.0) > 1.1e-5) | (abs(b * b + e * e + h * h - 1.0) > 1.1e-5)
     off |= (abs(c * c + f * f + i * i - 1.0) > 1.1e-5) | (abs(a * b + d * e + g * h) > 1e-6)
     off |= (abs(a * c + d * f + g * i) > 1e-6) | (abs(b * c + e * f + h * i) > 1e-6)
-    return not m.anywhere(off | (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0))
+    return not m.any(off | (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0))
 
 
-def angle_left(m: Maths[T], first: tuple[T, ...], second: tuple[T, ...]) -> T:
+def rotation_angle(m: Maths[T], first: tuple[T, ...], second: tuple[T, ...]) -> T:
     """The angle of the rotation from one to the other, rad, accurate near 0 and near π.
 
     With E the relative rotation, |E - 1|² = 8 sin²(θ/2) and 1 + tr E = 4 cos²(θ/2).
@@ -233,8 +233,8 @@ def _matrix(entries: Entries[Array]) -> Array:
 
 
 def _length(vector: Array) -> Array:
-    """Of vectors (..., k), shape (...)."""
-    return own(library(vector).sqrt((vector * vector).sum(axis=-1)))
+    """The length of vectors (..., k), shape (...)."""
+    return as_array(array_namespace(vector).sqrt((vector * vector).sum(axis=-1)))
 
 
 def _unit(quaternion: ArrayLike) -> tuple[Array, ...]:
@@ -257,7 +257,7 @@ def _given(what: str, values: ArrayLike, n: int) -> Array:
     """A tensor as it is, anything else as NumPy's array, (..., n)."""
     if not hasattr(values, "device") or isinstance(values, np.ndarray):
         return rows(what, values, n)
-    tensor = own(values)
+    tensor = as_array(values)
     if tuple(tensor.shape[-1:]) != (n,):
         raise ConfigError(f"{what} needs shape (..., {n}); it has {tuple(tensor.shape)}")
     return tensor

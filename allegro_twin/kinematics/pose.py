@@ -1,4 +1,4 @@
-"""A frame in another, and its orientation in each of the three ways people write one."""
+"""Poses: position and orientation of a frame in another, with the orientation as matrix, quaternion or Euler angles."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from allegro_twin.types import Array
 
 
 class Pose(NamedTuple):
-    """A frame in the palm's, or a batch of them."""
+    """A frame in the palm frame, or a batch of them."""
 
     position: Array
     """Shape (..., 3), m."""
@@ -27,11 +27,11 @@ class Pose(NamedTuple):
         return euler_from_matrix(self.rotation)
 
 
-def placed(frame: Pose, pose: Pose) -> Pose:
-    """A pose that is given in a frame, in what the frame itself is given in."""
+def compose(frame: Pose, pose: Pose) -> Pose:
+    """A pose that is given in a frame, in the frame's own reference."""
     return Pose(frame.position + frame.rotation @ pose.position, frame.rotation @ pose.rotation)
 
 
-def seen_from(frame: Pose, pose: Pose) -> Pose:
-    """A pose that is given beside a frame, in the frame: `placed` backwards."""
+def relative_to(frame: Pose, pose: Pose) -> Pose:
+    """A pose in a frame, both given in one reference: the inverse of `compose`."""
     return Pose(frame.rotation.T @ (pose.position - frame.position), frame.rotation.T @ pose.rotation)

@@ -95,13 +95,13 @@ class Solutions:
         Where no branch is inside the limits, the nearest posture, and its distance. Raises ConfigError for a `near`
         that is not finite, or more than there are targets.
         """
-        wish = None if near is None else self._wished(near)
+        wanted = None if near is None else self._checked_near(near)
         if self.within.ndim == 1:
-            return self._best_of_one(wish)
-        if wish is None:
+            return self._best_of_one(wanted)
+        if wanted is None:
             cost = -np.minimum(self.position - self.lower, self.upper - self.position).min(axis=-1)
         else:
-            cost = np.square(self.position - wish[..., None, :]).sum(axis=-1)
+            cost = np.square(self.position - wanted[..., None, :]).sum(axis=-1)
         exact = self.angle <= np.where(self.within, self.angle, np.inf).min(axis=-1, keepdims=True) + _ALIKE
         chosen = np.argmin(np.where(self.within & exact, cost, np.inf), axis=-1)
         posture = np.take_along_axis(self.position, chosen[..., None, None], axis=-2)[..., 0, :]
@@ -117,15 +117,15 @@ class Solutions:
             np.where(reached, angle, np.nan),
         )
 
-    def _wished(self, near: ArrayLike) -> Array:
-        wish, targets = rows("near", near, len(self.lower)), self.within.shape[:-1]
+    def _checked_near(self, near: ArrayLike) -> Array:
+        wanted, targets = rows("near", near, len(self.lower)), self.within.shape[:-1]
         try:
-            fits = np.broadcast_shapes(wish.shape[:-1], targets) == targets
+            fits = np.broadcast_shapes(wanted.shape[:-1], targets) == targets
         except ValueError:
             fits = False
         if not fits:
-            raise ConfigError(f"near {wish.shape} does not go with targets of shape {targets}")
-        return finite("near", wish, *wish.shape)
+            raise ConfigError(f"near {wanted.shape} does not go with targets of shape {targets}")
+        return finite("near", wanted, *wanted.shape)
 
     def _best_of_one(self, near: Vector | None) -> Best:
         """The same of one target."""
@@ -139,15 +139,15 @@ class Solutions:
             return Best(nearest.posture, np.asarray(False), nearest.distance, np.asarray(np.nan))
         least = min(rows)[0] + _ALIKE
         lower, upper = self.lower.tolist(), self.upper.tolist()
-        wish = None if near is None else near.tolist()
+        wanted = None if near is None else near.tolist()
 
         def cost(row: tuple[float, list[float]]) -> float:
             if row[0] > least:
                 return math.inf
-            if wish is None:
+            if wanted is None:
                 rooms = [min(q - low, high - q) for q, low, high in zip(row[1], lower, upper, strict=True)]
                 return -float(min(rooms))
-            return math.dist(row[1], wish)
+            return math.dist(row[1], wanted)
 
         angle, posture = min(rows, key=cost) if len(rows) > 1 else rows[0]
         return Best(np.array(posture), np.asarray(True), np.zeros(()), np.asarray(angle))

@@ -13,7 +13,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
-class Placement(NamedTuple):
+class LinkPlacement(NamedTuple):
     """Where a frame is in another."""
 
     position: Array
@@ -41,7 +41,7 @@ class TreeLink(NamedTuple):
     name: str
     parent: int
     """Index of the parent; the palm is the first link and its own parent."""
-    placement: Placement
+    placement: LinkPlacement
     """In the parent's frame, with the joints at `zero`."""
     joints: tuple[TreeJoint, ...]
     mass: float
@@ -56,7 +56,7 @@ class Tree(NamedTuple):
     """The links of a hand, parents before children."""
 
     links: tuple[TreeLink, ...]
-    tips: dict[str, tuple[int, Placement]]
+    tips: dict[str, tuple[int, LinkPlacement]]
     """For each fingertip's frame the index of the link that it is on, and where."""
 
 

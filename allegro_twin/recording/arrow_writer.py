@@ -1,7 +1,7 @@
-"""Where a recording's messages go: a file of its own, or a track of a file that several share.
+"""Files that recordings are written to: one stream per file, or several tracks in a shared file.
 
-A signal may interrupt any line: every message has its number and its place, so that one that was begun is written
-again and one that is there is not, and what counts as written changes in one step.
+A signal may interrupt any line. Every message has a number and a place in the file, so a message that was begun is
+written again and a message that is complete is not. The state of what is written changes in one step.
 """
 
 from __future__ import annotations
@@ -20,15 +20,20 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
 
+FORMAT = "allegro_twin.recording"
+VERSION = 1
+"""Format version of a recording of one device."""
+SHARED = 2
+"""Format version of a file with several tracks. Each track contains what a file of one device contains."""
 END = bytes.fromhex("ffffffff00000000")
-"""Of a stream: Arrow's columnar format, "IPC Streaming Format"."""
+"""End-of-stream marker, from Arrow's columnar format, "IPC Streaming Format"."""
 TRACKS = pa.schema([("track", pa.string()), ("number", pa.int64()), ("data", pa.large_binary())])
-"""A row a message: `data` is what would stand in the track's own file."""
+"""One row per message: `data` is what the track's own file would contain."""
 _log = logging.getLogger(__name__)
 
 
 def arrow_column(values: NDArray[Any]) -> pa.Array:
-    """Rows (k,) as numbers, or (k, width) as lists of fixed size."""
+    """Convert rows (k,) to numbers, or (k, width) to lists of fixed size."""
     flat = pa.array(np.ascontiguousarray(values).reshape(-1))
     return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
@@ -37,17 +42,17 @@ class Sink(Protocol):
     """Takes the messages of one stream in order."""
 
     def put(self, number: int, message: Any) -> None:
-        """The bytes of the message with this number, from 1 on; one that was put before is not written twice. Raises
-        RecordingError when the disk is full, and then takes no more."""
+        """Write the message with this number, from 1 on; skip a message that is already written. Raises RecordingError
+        when the disk is full, and then takes no more."""
         ...
 
     def close(self) -> None:
-        """No more will come. Idempotent. Raises RecordingError."""
+        """End the stream. Idempotent. Raises RecordingError."""
         ...
 
 
 class _File:
-    """Bytes at places of a file. Raises RecordingError when it cannot be made."""
+    """Bytes at given places of a file. Raises RecordingError when the file cannot be made."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -57,7 +62,7 @@ class _File:
         except OSError as error:
             raise RecordingError(f"cannot record to {path}: {error.strerror or error}") from error
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # Before anything of another's is touched.
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # Before anything of another program is touched.
         except BlockingIOError as error:
             self._file.close()
             raise RecordingError(
@@ -68,7 +73,8 @@ class _File:
         self.write(0, b"")
 
     def write(self, at: int, message: Any) -> int:
-        """From a place on, where the file then ends: that place. What an earlier attempt left there is gone."""
+        """Write a message at a place, and cut the file after it. Returns the new end. What an earlier attempt left
+        there is gone."""
         rest = memoryview(message)
         end = at + len(rest)
         try:
@@ -97,7 +103,7 @@ class _File:
 
 
 class _Done(NamedTuple):
-    """What is in the file for good."""
+    """What is safely in the file."""
 
     size: int
     """Bytes."""
@@ -106,7 +112,7 @@ class _Done(NamedTuple):
 
 
 class FileSink:
-    """A file for one stream. Raises RecordingError when it cannot be made."""
+    """A file with one stream. Raises RecordingError when it cannot be made."""
 
     def __init__(self, path: Path) -> None:
         self._file, self._done = _File(path), _Done(0, {"": 0})
@@ -120,9 +126,9 @@ class FileSink:
 
 
 class SharedFile:
-    """A file with several streams, each a track of it. Raises RecordingError when it cannot be made.
+    """A file with several streams, one track each. Raises RecordingError when it cannot be made.
 
-    Every message of a track is a whole batch of the file at once: what a killed process has put is there.
+    Every message of a track is a whole batch of the file, so a killed process loses nothing that it has put.
     """
 
     def __init__(self, path: Path, meta: Mapping[str, Any]) -> None:
@@ -132,11 +138,11 @@ class SharedFile:
         self._done = _Done(self._file.write(0, head), {})
 
     def track(self, name: str) -> Sink:
-        """Where the messages of a new track go."""
+        """Add a track; returns the sink of its messages."""
         return _Track(self, name)
 
     def put(self, name: str, number: int, message: Any) -> None:
-        """A message of a track, as of `Sink.put`."""
+        """Write a message of a track, as `Sink.put` does."""
         size, counts = self._done
         if number <= counts.get(name, 0):
             return
@@ -145,7 +151,7 @@ class SharedFile:
         self._done = _Done(self._file.write(size, batch), {**counts, name: number})
 
     def close(self) -> None:
-        """The end of the file. Idempotent. Raises RecordingError."""
+        """Write the end of the file. Idempotent. Raises RecordingError."""
         if self._ended:
             return
         self._file.write(self._done.size, END)
@@ -163,11 +169,4 @@ class _Track:
         self._file.put(self._name, number, message)
 
     def close(self) -> None:
-        """The file goes on."""
-
-
-FORMAT = "allegro_twin.recording"
-VERSION = 1
-"""Of one device."""
-SHARED = 2
-"""Of several tracks, each of which has what a file of one device has."""
+        """The file stays open for the other tracks."""

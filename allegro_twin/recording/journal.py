@@ -1,4 +1,4 @@
-"""What happens now and then, in a track beside the samples: a row an event, in the file at once."""
+"""Journals: rare events in a track beside the samples, one row per event, written at once."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import pyarrow as pa
 from allegro_twin.errors import RecordingError
 from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, Sink
 
-Kind: TypeAlias = Literal["number", "count", "word", "numbers", "array"]
-"""Of a field: a float, an int, a text, a list of floats, or an array of any type and shape, which is packed."""
-_TYPES: dict[Kind, pa.DataType] = {
+FieldKind: TypeAlias = Literal["number", "count", "word", "numbers", "array"]
+"""Type of a field: a float, an int, a text, a list of floats, or an array of any type and shape, which is
+compressed."""
+_TYPES: dict[FieldKind, pa.DataType] = {
     "number": pa.float64(),
     "count": pa.int64(),
     "word": pa.string(),
@@ -25,12 +26,13 @@ _CODEC = "zstd"
 
 
 class Journal:
-    """Writes events of one kind to a track. `fields`: what each has, by name; None stands for what an event has not.
+    """Writes events of one kind to a track. `fields`: type of each field, by name; an event that lacks a field has
+    None.
 
     Raises RecordingError when the disk is full; what was written stays readable.
     """
 
-    def __init__(self, sink: Sink, fields: Mapping[str, Kind], meta: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, sink: Sink, fields: Mapping[str, FieldKind], meta: Mapping[str, Any] | None = None) -> None:
         self._sink, self._fields, self._count, self._ended = sink, fields, 1, False
         content = {"format": FORMAT, "version": VERSION, "fields": dict(fields), **(meta or {})}
         columns = [pa.field(name, _TYPES[kind]) for name, kind in fields.items()]
@@ -38,14 +40,14 @@ class Journal:
         self._sink.put(1, self._schema.serialize())
 
     def add(self, **values: Any) -> None:
-        """One event; its time is `t`, s, by custom."""
+        """Write one event; by convention `t` is its time, s."""
         if self._ended:
             return
-        row = [pa.array([_told(values.get(name), kind)], _TYPES[kind]) for name, kind in self._fields.items()]
+        row = [pa.array([_pack(values.get(name), kind)], _TYPES[kind]) for name, kind in self._fields.items()]
         self._put(pa.record_batch(row, schema=self._schema).serialize())
 
     def close(self) -> None:
-        """Idempotent. Raises RecordingError."""
+        """End the track. Idempotent. Raises RecordingError."""
         if not self._ended:
             self._put(END)
             self._ended = True
@@ -59,12 +61,12 @@ class Journal:
         self._count += 1
 
 
-def event_of(row: Mapping[str, Any], fields: Mapping[str, Kind]) -> dict[str, Any]:
-    """What was added, from a row as it was read; lists are arrays (k,)."""
-    return {name: _back(row[name], kind) for name, kind in fields.items()}
+def unpack_event(row: Mapping[str, Any], fields: Mapping[str, FieldKind]) -> dict[str, Any]:
+    """Convert a row that was read back to the values that were added; lists become arrays (k,)."""
+    return {name: _unpack(row[name], kind) for name, kind in fields.items()}
 
 
-def _told(value: Any, kind: Kind) -> Any:
+def _pack(value: Any, kind: FieldKind) -> Any:
     if value is None or kind in ("number", "count", "word"):
         return value
     array = np.ascontiguousarray(value)
@@ -73,7 +75,7 @@ def _told(value: Any, kind: Kind) -> Any:
     return {"type": array.dtype.str, "shape": list(array.shape), "packed": pa.compress(array.tobytes(), _CODEC, True)}
 
 
-def _back(value: Any, kind: Kind) -> Any:
+def _unpack(value: Any, kind: FieldKind) -> Any:
     if value is None or kind in ("number", "count", "word"):
         return value
     if kind == "numbers":

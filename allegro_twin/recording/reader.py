@@ -1,4 +1,4 @@
-"""Reading a recording: of one device, or of a cell with all of its tracks."""
+"""Reads recordings: of one device, or of a cell with all its tracks."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ import pyarrow.compute as pc
 
 from allegro_twin.errors import RecordingError, unknown
 from allegro_twin.recording.arrow_writer import END, FORMAT, SHARED
-from allegro_twin.recording.journal import Kind, event_of
+from allegro_twin.recording.journal import FieldKind, unpack_event
 from allegro_twin.recording.spec_json import spec_from_json
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
-class Stream(NamedTuple):
-    """What is readable of one."""
+class ArrowStream(NamedTuple):
+    """The readable part of an Arrow stream."""
 
     table: pa.Table
     meta: dict[str, Any]
     cut: bool
-    """It ends inside a batch."""
+    """The stream ends inside a batch."""
     ended: bool
-    """Its end was written."""
+    """The end-of-stream marker was written."""
 
 
-def stream_in(path: Path) -> Stream:
-    """Of a file. Raises RecordingError for a file that is none of ours."""
+def read_stream(path: Path) -> ArrowStream:
+    """Read a file. Raises RecordingError for a file that is no recording."""
     if path.is_dir():
         raise RecordingError(f"cannot read {path}: it is a folder; a recording is a .arrow file")
     try:
@@ -41,29 +41,30 @@ def stream_in(path: Path) -> Stream:
                 reader = pa.ipc.open_stream(source)
             except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
                 raise RecordingError(
-                    f"{path} is not a recording: expected an Arrow IPC stream written by allegro-twin, {_found(path)}"
+                    f"{path} is not a recording: expected an Arrow IPC stream written by allegro-twin, "
+                    f"{_file_kind(path)}"
                 ) from error
-            table, cut = _whole(reader)
+            table, cut = _whole_batches(reader)
     except FileNotFoundError as error:
         raise RecordingError(f"no recording at {path}") from error
     except RecordingError:
         raise
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-    return Stream(table, _meta(str(path), table.schema), cut, not cut and _ended(path))
+    return ArrowStream(table, _meta(str(path), table.schema), cut, not cut and _ended(path))
 
 
-def stream_of(content: bytes, name: str) -> Stream:
-    """Of bytes in memory, which `name` stands for in messages. Raises RecordingError."""
+def parse_stream(content: bytes, name: str) -> ArrowStream:
+    """Read a stream from bytes; `name` stands for it in error messages. Raises RecordingError."""
     try:
-        table, cut = _whole(pa.ipc.open_stream(content))
+        table, cut = _whole_batches(pa.ipc.open_stream(content))
     except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
         raise RecordingError(f"{name} is damaged: {str(error).splitlines()[0]}") from error
-    return Stream(table, _meta(name, table.schema), cut, content.endswith(END))
+    return ArrowStream(table, _meta(name, table.schema), cut, content.endswith(END))
 
 
-def numpy_of(column: pa.ChunkedArray) -> Array:
-    """One row a row, (k,) or (k, width), read-only."""
+def numpy_column(column: pa.ChunkedArray) -> Array:
+    """Convert a column to an array (k,) or (k, width), read-only."""
     if pa.types.is_fixed_size_list(column.type):
         flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
         values = flat.reshape(-1, column.type.list_size)
@@ -73,8 +74,8 @@ def numpy_of(column: pa.ChunkedArray) -> Array:
     return values
 
 
-def _whole(reader: Any) -> tuple[pa.Table, bool]:
-    """Every whole batch, and whether it ends inside one."""
+def _whole_batches(reader: Any) -> tuple[pa.Table, bool]:
+    """All whole batches, and whether the stream ends inside a batch."""
     batches, cut = [], False
     try:
         for batch in reader:
@@ -96,7 +97,7 @@ def _meta(name: str, schema: pa.Schema) -> dict[str, Any]:
     return dict(meta)
 
 
-def _found(path: Path) -> str:
+def _file_kind(path: Path) -> str:
     with path.open("rb") as file:
         head = file.read(8)
     for magic, name in (
@@ -110,7 +111,7 @@ def _found(path: Path) -> str:
 
 
 def _ended(path: Path) -> bool:
-    """Whether the end-of-stream marker of Arrow IPC is there: a continuation and a length of zero."""
+    """Whether the file ends with the end-of-stream marker of Arrow IPC: a continuation and a length of zero."""
     with path.open("rb") as file:
         file.seek(-len(END), 2)
         return file.read() == END
@@ -118,14 +119,14 @@ def _ended(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A recording in memory."""
+    """A recording of one device in memory."""
 
     path: Path
     meta: Mapping[str, Any]
     columns: Mapping[str, Array]
-    """By name, one row a period: (k,) or (k, width). Units are in the file's schema."""
+    """Arrays by name, one row per period: (k,) or (k, width). The file's schema has the units."""
     complete: bool
-    """Its end was written: the process that made it was not killed."""
+    """The end was written: the process that recorded was not killed."""
 
     def __len__(self) -> int:
         return len(self.columns["t"])
@@ -139,51 +140,51 @@ class Recording:
         return spec_from_json(self.meta["hand"])
 
 
-class Track(NamedTuple):
-    """One of several in a file."""
+class RecordingTrack(NamedTuple):
+    """One track of a file with several."""
 
     content: bytes
     journal: bool
-    """Of events; otherwise of a device's samples."""
+    """The track contains events; otherwise samples of a device."""
     rows: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracks:
-    """A recording of a cell: devices, and journals of what happened."""
+class CellRecording:
+    """A recording of a cell: devices, and journals of events."""
 
     path: Path
     meta: Mapping[str, Any]
-    tracks: Mapping[str, Track]
+    tracks: Mapping[str, RecordingTrack]
     complete: bool
 
     @property
     def devices(self) -> tuple[str, ...]:
-        """Tracks that `device` has; of what was killed before its first batch there is none."""
+        """Names of the tracks that `device` reads. A device that was killed before its first batch has none."""
         return tuple(name for name, track in self.tracks.items() if not track.journal and track.rows)
 
     def device(self, name: str) -> Recording:
-        """A device's samples, as a recording of its own. Raises RecordingError."""
+        """The samples of a device, as a recording of its own. Raises RecordingError."""
         if name not in self.devices:
             raise RecordingError(f"{self.path}: {unknown('track of a device', name, self.devices)}")
         return _recording(self.path, self._stream(name), self.complete, f"{self.path}, track {name},")
 
     def events(self, name: str) -> list[dict[str, Any]]:
-        """Those of a journal, oldest first; none where the file has no such journal. Raises RecordingError."""
+        """The events of a journal, oldest first; none where the file has no such journal. Raises RecordingError."""
         if name not in self.tracks:
             return []
         stream = self._stream(name)
-        fields = cast(Mapping[str, Kind], stream.meta["fields"])
-        return [event_of(row, fields) for row in stream.table.to_pylist()]
+        fields = cast(Mapping[str, FieldKind], stream.meta["fields"])
+        return [unpack_event(row, fields) for row in stream.table.to_pylist()]
 
-    def _stream(self, name: str) -> Stream:
-        return stream_of(self.tracks[name].content, f"{self.path}, track {name},")
+    def _stream(self, name: str) -> ArrowStream:
+        return parse_stream(self.tracks[name].content, f"{self.path}, track {name},")
 
 
 def load(path: Path, *, partial: bool = False, track: str | None = None) -> Recording:
-    """Read a recording, or a track of one that has several. Raises RecordingError for a file that is none, or, unless
-    `partial`, for one that was cut in the middle of a batch; the error says how many rows can be read."""
-    stream = stream_in(path)
+    """Read a recording, or one track of a recording with several. Raises RecordingError for a file that is no recording
+    and, unless `partial`, for a file that was cut inside a batch; the message says how many rows are readable."""
+    stream = read_stream(path)
     if stream.meta["version"] == SHARED:
         found = _tracks(path, stream, partial=partial)
         if track is None:
@@ -192,43 +193,43 @@ def load(path: Path, *, partial: bool = False, track: str | None = None) -> Reco
     if track is not None:
         raise RecordingError(f"{path} is of one device and has no track {track!r}: leave it out")
     if stream.cut and not partial:
-        raise _short(path, stream, "whole rows")
+        raise _cut_error(path, stream, "whole rows")
     return _recording(path, stream, stream.ended, str(path))
 
 
-def load_tracks(path: Path, *, partial: bool = False) -> Tracks:
+def load_cell(path: Path, *, partial: bool = False) -> CellRecording:
     """Read a recording of a cell. Raises RecordingError, as `load`."""
-    stream = stream_in(path)
+    stream = read_stream(path)
     if stream.meta["version"] != SHARED:
         raise RecordingError(f"{path} is of one device, not of a cell")
     return _tracks(path, stream, partial=partial)
 
 
-def is_shared(path: Path) -> bool:
-    """Whether a file is of a cell. Raises RecordingError for one that is no recording."""
-    return bool(stream_in(path).meta["version"] == SHARED)
+def is_cell_recording(path: Path) -> bool:
+    """Whether a file is the recording of a cell. Raises RecordingError for a file that is no recording."""
+    return bool(read_stream(path).meta["version"] == SHARED)
 
 
-def _tracks(path: Path, stream: Stream, *, partial: bool) -> Tracks:
+def _tracks(path: Path, stream: ArrowStream, *, partial: bool) -> CellRecording:
     if stream.cut and not partial:
-        raise _short(path, stream, "whole batches")
-    found: dict[str, Track] = {}
+        raise _cut_error(path, stream, "whole batches")
+    found: dict[str, RecordingTrack] = {}
     for name in pc.unique(stream.table.column("track")).to_pylist():
         rows = stream.table.filter(pc.equal(stream.table.column("track"), name))
         content = b"".join(rows.column("data").to_pylist())
-        inner = stream_of(content, f"{path}, track {name},")
-        found[name] = Track(content, "fields" in inner.meta, inner.table.num_rows)
-    return Tracks(path, stream.meta, found, stream.ended)
+        inner = parse_stream(content, f"{path}, track {name},")
+        found[name] = RecordingTrack(content, "fields" in inner.meta, inner.table.num_rows)
+    return CellRecording(path, stream.meta, found, stream.ended)
 
 
-def _recording(path: Path, stream: Stream, complete: bool, name: str) -> Recording:
+def _recording(path: Path, stream: ArrowStream, complete: bool, name: str) -> Recording:
     if stream.table.num_rows == 0:
         raise RecordingError(f"{name} has no rows: nothing was recorded before the process ended")
-    columns = {each: numpy_of(stream.table.column(each)) for each in stream.table.column_names}
+    columns = {each: numpy_column(stream.table.column(each)) for each in stream.table.column_names}
     return Recording(path, stream.meta, columns, complete=complete)
 
 
-def _short(path: Path, stream: Stream, what: str) -> RecordingError:
+def _cut_error(path: Path, stream: ArrowStream, what: str) -> RecordingError:
     return RecordingError(
         f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view` "
         "and `export` pass --partial to use them; a config says `partial: true`"

@@ -1,4 +1,4 @@
-"""Writing a recording: an Arrow IPC stream, a row a period, that survives the process that writes it."""
+"""Writes a recording: an Arrow IPC stream, one row per period, that survives a killed process."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ UNITS = {
     "command_duration": "s",
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
-Extras = Callable[[], Mapping[str, Array]]
+ExtraColumns = Callable[[], Mapping[str, Array]]
 
 
-class _Done(NamedTuple):
-    """What is in the file for good."""
+class _Written(NamedTuple):
+    """What is safely in the file."""
 
     rows: int
     messages: int
 
 
 class Recorder:
-    """Writes samples to a file, or to a track of one, a batch at a time. `extras` adds columns of one axis each, by
-    name. A signal may interrupt any line of it (`replay.sink`).
+    """Writes samples to a file or a track, one batch at a time. `extras` adds columns of one axis each, by name. A
+    signal may interrupt any line (`recording.arrow_writer`).
 
     Raises RecordingError when the file cannot be made or the disk is full; what was written stays readable.
     """
@@ -44,7 +44,7 @@ class Recorder:
     def __init__(
         self, place: Path | Sink, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None
     ) -> None:
-        self._rows, self._done, self._ended = 0, _Done(0, 0), False
+        self._rows, self._done, self._ended = 0, _Written(0, 0), False
         self._meta = {
             "format": FORMAT,
             "version": VERSION,
@@ -52,15 +52,15 @@ class Recorder:
             "period": period,
             **(meta or {}),
         }
-        pa.array(np.zeros(1))  # Its first call imports a part of NumPy: not in the middle of a motion.
+        pa.array(np.zeros(1))  # The first call imports a part of NumPy: not during a motion.
         self._buffers: dict[str, Array] = {}
         self._schema: pa.Schema | None = None
         self._sink = FileSink(place) if isinstance(place, Path) else place
 
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
-        """One row. The first one fixes the columns."""
+        """Add one row. The first row fixes the columns."""
         state, command = sample
-        told = columns_of(command)
+        told = command_columns(command)
         if self._schema is None:
             self._begin(sample, {**told, **(extras or {})})
         row, buffers = self._rows - self._done.rows, self._buffers
@@ -83,7 +83,7 @@ class Recorder:
             self._flush()
 
     def close(self) -> None:
-        """Write what is left and the end of the stream. Raises RecordingError when the disk is full."""
+        """Write the remaining rows and the end of the stream. Raises RecordingError when the disk is full."""
         if self._ended:
             return
         self._flush()
@@ -104,7 +104,7 @@ class Recorder:
         fields = [field.with_metadata({"unit": UNITS.get(field.name, "")}) for field in fields]
         schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(self._meta)})
         self._put(schema.serialize())
-        self._done = _Done(0, 1)
+        self._done = _Written(0, 1)
         self._schema = schema
 
     def _flush(self) -> None:
@@ -113,10 +113,10 @@ class Recorder:
             return
         columns = [arrow_column(buffer[:count]) for buffer in self._buffers.values()]
         self._put(pa.record_batch(columns, schema=self._schema).serialize())
-        self._done = _Done(self._rows, self._done.messages + 1)
+        self._done = _Written(self._rows, self._done.messages + 1)
 
     def _put(self, message: Any) -> None:
-        """After what is done, wherever an earlier attempt ended."""
+        """Write after what is done, wherever an earlier attempt ended."""
         try:
             self._sink.put(self._done.messages + 1, message)
         except RecordingError:
@@ -124,8 +124,8 @@ class Recorder:
             raise
 
 
-def columns_of(command: Command) -> dict[str, Array]:
-    """What a command says, by column, one axis each; NaN for a part of it that leaves it to the hand."""
+def command_columns(command: Command) -> dict[str, Array]:
+    """The columns of a command, one axis each. NaN stands for a part that is left to the hand."""
     if isinstance(command, TorqueCommand):
         return {"command_torque": command.torque}
     open_ = np.full(len(command.position), np.nan)
@@ -137,8 +137,8 @@ def columns_of(command: Command) -> dict[str, Array]:
     }
 
 
-def command_in(columns: Mapping[str, Array], row: int) -> Command:
-    """The command in a row of what `columns_of` gave."""
+def recorded_command(columns: Mapping[str, Array], row: int) -> Command:
+    """Read the command back from a row with the columns of `command_columns`."""
     if "command_torque" in columns:
         return TorqueCommand(columns["command_torque"][row])
     effort, duration = columns["command_effort"][row], float(columns["command_duration"][row, 0])
@@ -149,16 +149,16 @@ def command_in(columns: Mapping[str, Array], row: int) -> Command:
     )
 
 
-def recorded(
+def record(
     samples: Iterable[Sample],
     place: Path | Sink,
     spec: HandSpec,
     period: float,
     *,
     meta: Mapping[str, Any] | None = None,
-    extras: Extras | None = None,
+    extras: ExtraColumns | None = None,
 ) -> Iterator[Sample]:
-    """A stage that writes every sample before it passes it on."""
+    """Write every sample before it is passed on (a stage)."""
     recorder = Recorder(place, spec, period, meta)
     try:
         with closing(recorder):
@@ -166,4 +166,4 @@ def recorded(
                 recorder.add(sample, extras() if extras is not None else None)
                 yield sample
     finally:
-        recorder.close()  # For a signal may have interrupted the first one.
+        recorder.close()  # A signal may have interrupted the first call.

@@ -1,4 +1,4 @@
-"""A recording as a hand: the same states again, whatever is commanded."""
+"""Replay backend: a recording in place of a hand. It gives the same states again, whatever is commanded."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from allegro_twin.backend import position_of, torque_of
 from allegro_twin.errors import EndOfRecording
 from allegro_twin.recording.reader import Recording
-from allegro_twin.recording.recorder import command_in
+from allegro_twin.recording.recorder import recorded_command
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Sample
 
@@ -21,7 +21,7 @@ class ReplayBackend:
     def __init__(self, recording: Recording) -> None:
         self.recording, self._row, self._spec = recording, 0, recording.spec
         self.written: list[Command] = []
-        """Every command since reset."""
+        """All commands since reset."""
 
     @property
     def spec(self) -> HandSpec:
@@ -48,10 +48,10 @@ class ReplayBackend:
         return self._state()
 
     def close(self) -> None:
-        pass  # The recording is in memory; there is nothing to let go of.
+        pass  # The recording is in memory: nothing to close.
 
     def extras(self) -> dict[str, Array]:
-        """The further columns of the current row: what was recorded beside the hand."""
+        """The further columns of the current row."""
         return {k: v[self._row] for k, v in self.recording.columns.items() if k not in HAND_COLUMNS}
 
     def _state(self) -> HandState:
@@ -68,14 +68,14 @@ class ReplayBackend:
         )
 
 
-def samples_of(backend: ReplayBackend) -> Iterator[Sample]:
-    """The recorded samples themselves: each state with the command that was computed from it then."""
+def replay_samples(backend: ReplayBackend) -> Iterator[Sample]:
+    """The recorded samples: each state with the command that was computed from it at the time."""
     columns = backend.recording.columns
     state = backend.reset()
     for row in range(len(backend.recording)):
         if row:
             state = backend.read()
-        yield Sample(state, command_in(columns, row))
+        yield Sample(state, recorded_command(columns, row))
 
 
 HAND_COLUMNS = frozenset(

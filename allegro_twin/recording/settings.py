@@ -1,4 +1,4 @@
-"""The backend block of a recording in place of a hand."""
+"""Settings of the replay backend."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ReplaySettings(BackendSettings):
     partial: bool = False
     """Use the readable rows of a recording that was cut short."""
     track: str | None = None
-    """Of a recording of a whole cell: `hand` or `arm`."""
+    """Track of a recording of a whole cell: `hand` or `arm`."""
 
     @property
     def place(self) -> str:

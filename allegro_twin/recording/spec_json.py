@@ -1,4 +1,4 @@
-"""A hand's spec as JSON, so that a recording says on its own which hand it is of."""
+"""Hand specs as JSON, so that a recording says by itself which hand it is of."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from allegro_twin.spec import Actuation, Finger, HandSpec
 from allegro_twin.spec.arm import ArmSpec, Load, Slowing
-from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import frozen
 
@@ -19,7 +19,7 @@ def spec_to_json(spec: HandSpec) -> dict[str, Any]:
     drive = {} if spec.drive is None else {"drive": spec.drive.plain()}
     return (
         drive
-        | _otherwise(spec)
+        | _optional_entries(spec)
         | {
             "model": spec.model,
             "side": spec.side,
@@ -39,7 +39,7 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
     drive = content.get("drive")
     kind = HandSpec if "arm" not in content else partial(ArmSpec, **_arm_from(content["arm"]))
     return kind(
-        drive=None if drive is None else Drive.made(drive, len(content["joints"])),
+        drive=None if drive is None else Drive.from_values(drive, len(content["joints"])),
         model=content["model"],
         side=content["side"],
         serial=content["serial"],
@@ -50,24 +50,26 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
         upper=frozen(content["upper"]),
         actuation=Actuation(**{key: frozen(row) for key, row in content["actuation"].items()}),
         commands=tuple(content.get("commands", ("torque",))),
-        followers=tuple(Follower(f["name"], f["driven"], frozen(f["positions"])) for f in content.get("followers", ())),
+        followers=tuple(
+            CoupledJoint(f["name"], f["driven"], frozen(f["positions"])) for f in content.get("followers", ())
+        ),
         mirror_flips=tuple(content["mirror_flips"]),
     )
 
 
-def _otherwise(spec: HandSpec) -> dict[str, Any]:
-    """What hands with a torque motor on every joint have nothing to say of."""
-    said: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
+def _optional_entries(spec: HandSpec) -> dict[str, Any]:
+    """Entries that only hands without a torque motor on every joint, and arms, have."""
+    content: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
     if isinstance(spec, ArmSpec):
         load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}
-        said["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
+        content["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
         if spec.slowing is not None:
-            said["arm"]["slowing"] = {name: getattr(spec.slowing, name).tolist() for name in _SLOWING}
+            content["arm"]["slowing"] = {name: getattr(spec.slowing, name).tolist() for name in _SLOWING}
     if spec.followers:
-        said["followers"] = [
+        content["followers"] = [
             {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers
         ]
-    return said
+    return content
 
 
 def _arm_from(content: dict[str, Any]) -> dict[str, Any]:

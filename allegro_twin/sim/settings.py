@@ -37,7 +37,7 @@ class SceneSettings(SimSettings):
 
     truth: str | dict[str, Any] | None = None
     """What is hidden from the host: the blocks `actuation`, `drive` and `wire` of a hand's file, or such a file; they
-    override what the hand's own file says. docs/twin.md"""
+    override what the hand's own file says. docs/reference/hand_files.md"""
     timestep: Positive | None = None
     """Alone: of the physics, s; default 0.001."""
 

@@ -1,247 +1,38 @@
-"""Which hand it is: names, fingers, limits and actuation. Nothing outside a hand's own files assumes sixteen joints."""
+"""Specs: which hand or arm it is, with names, fingers, limits and actuation.
+
+What is named here is loaded when it is first asked for.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike
+from allegro_twin._lazy import exports
 
-from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.spec.coupled_joints import Follower, Way, ways
-from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.types import Array, Vector, frozen
+if TYPE_CHECKING:
+    from allegro_twin.spec.arm import ArmSpec
+    from allegro_twin.spec.coupled_joints import CoupledJoint
+    from allegro_twin.spec.drivetrain import Drive
+    from allegro_twin.spec.hand import SIDES, Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 
-Side: TypeAlias = Literal["right", "left"]
-SIDES: tuple[Side, Side] = ("right", "left")
-CommandKind: TypeAlias = Literal["torque", "position", "limited_position", "timed_position"]
-"""What a hand can be told: torques; positions; these with an effort that is not to be exceeded, or in a given time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finger:
-    """One finger: the indices of its joints from the palm outward, and the name of its tip's frame."""
-
-    name: str
-    joints: tuple[int, ...]
-    tip: str
-    """A link in the URDF and a site in the MJCF: the centre of the fingertip sphere."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Actuation:
-    """What drives each joint. Arrays of shape (m,), one value per actuator."""
-
-    torque_limit: Vector
-    """The largest torque that the driver lets through, N·m."""
-    damping: Vector
-    """Back-EMF of the motor seen at the joint, N·m·s/rad."""
-    armature: Vector
-    """Rotor inertia seen at the joint, kg·m²."""
-    frictionloss: Vector
-    """Dry friction, N·m."""
-    stiffness: Vector | None = None
-    """Of the loop that the hand's firmware closes, N·m/rad; None for a hand that takes torques."""
-    velocity_limit: Vector | None = None
-    """The fastest that the maker lets a joint turn, rad/s; None: nobody says."""
-    torque_rate: Vector | None = None
-    """The fastest that a commanded torque may change, N·m/s; None: at once."""
-
-
-@dataclass(frozen=True, slots=True)
-class ForeignModel:
-    """Somebody else's MJCF of a hand, and where our names are in it."""
-
-    mjcf: str
-    """Path of the file."""
-    root: str
-    """Body that is the palm."""
-    joints: tuple[str, ...]
-    """Its joint names in our order, length n; of its actuators, where these are kept."""
-    tips: Mapping[str, tuple[str, tuple[float, float, float]]]
-    """For each finger the body that ends it and the fingertip's centre in that body's frame, m."""
-    palm: tuple[float, float, float, float] | None = None
-    """How the palm's frame is turned in the root's, quaternion w x y z; None: as it is."""
-    keeps: bool = False
-    """Its actuators, ranges and frictions are the hand's; else they give way to torque motors with the spec's."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandSpec:
-    """A hand's identity card, shared by every backend."""
-
-    model: str
-    side: Side
-    joints: tuple[str, ...]
-    """Names in the description files, in the order of every array, length n."""
-    fingers: tuple[Finger, ...]
-    lower: Vector
-    """Lowest joint positions, shape (n,), rad."""
-    upper: Vector
-    """Highest joint positions, shape (n,), rad."""
-    actuation: Actuation
-    mirror_flips: tuple[int, ...]
-    """Joints whose sign changes from one side to the other."""
-    serial: str = ""
-    """The hand's own file in conf/hands; empty for the nominal hand."""
-    aliases: tuple[str, ...] = field(default=())
-    """Readable joint names (`index_0` … `thumb_3`), in the same order."""
-    foreign: ForeignModel | None = None
-    """Simulate this file instead of ours."""
-    commands: tuple[CommandKind, ...] = ("torque",)
-    """What it takes; a hand that takes torques takes nothing else."""
-    followers: tuple[Follower, ...] = ()
-    """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
-    apart: tuple[tuple[str, str], ...] = ()
-    """Pairs of fingers that could hook into each other: no command may lead them there."""
-    drive: Drive | None = None
-    """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
-    card: str = ""
-    """The path of the card that describes it, where no name does."""
-
-    @property
-    def name(self) -> str:
-        return f"{self.model}_{self.side}"
-
-    @property
-    def root(self) -> str:
-        """The body that everything else hangs on, in whose frame a state tells gravity."""
-        return "palm_link"
-
-    @property
-    def rest(self) -> Vector:
-        """Where a simulation begins by default, (n,), rad: the nearest to zero inside the limits."""
-        return np.minimum(np.maximum(self.lower, 0.0), self.upper)
-
-    @property
-    def called(self) -> str:
-        """What files call this model of hand: its name, or its card's path."""
-        return self.card or self.model
-
-    @property
-    def readable(self) -> tuple[str, ...]:
-        """A name for each joint, for people: `index_0`, or that of the description where a joint moves several
-        fingers."""
-        return self.aliases or self.joints
-
-    @property
-    def n_joints(self) -> int:
-        return len(self.joints)
-
-    @property
-    def n_actuators(self) -> int:
-        return len(self.actuation.torque_limit)
-
-    def joint(self, name: str) -> int:
-        """The index of a joint by either of its names. Raises ConfigError with the nearest names."""
-        for names in (self.joints, self.aliases):
-            if name in names:
-                return names.index(name)
-        raise ConfigError(unknown("joint", name, self.joints + self.aliases))
-
-    def finger(self, name: str) -> Finger:
-        """A finger by its name. Raises ConfigError with the nearest names."""
-        for finger in self.fingers:
-            if finger.name == name:
-                return finger
-        raise ConfigError(unknown("finger", name, [f.name for f in self.fingers]))
-
-    def followed(self, position: Array) -> Array:
-        """Where the followers are when nothing is in their way, (..., n) → (..., followers), rad or m: an estimate."""
-        found = np.empty((*position.shape[:-1], len(self.followers)))
-        for way in _ways(self):
-            found[..., way.places] = way.at(position)
-        return found
-
-    def following(self, position: Array) -> Array:
-        """How fast the followers go for each motor's own speed, on the same way, (..., n) → (..., followers)."""
-        rates = np.zeros((*position.shape[:-1], len(self.followers)))
-        for k, each in enumerate(self.followers):
-            lower, steps = self.lower[each.driven], len(each.positions) - 1
-            width = (self.upper[each.driven] - lower) / steps
-            stretch = np.clip(((position[..., each.driven] - lower) / width).astype(np.int64), 0, steps - 1)
-            rates[..., k] = (np.diff(each.positions) / width)[stretch]
-        return rates
-
-    @property
-    def moving(self) -> tuple[str, ...]:
-        """Names of all that moves: what is driven, then what follows."""
-        return self.joints + tuple(each.name for each in self.followers)
-
-    def moved(self, position: Array) -> Array:
-        """Where all that moves is, by `moving`, (..., n) → (..., n + followers): an estimate of what follows."""
-        return np.concatenate([position, self.followed(position)], axis=-1) if self.followers else position
-
-    def vector(self, values: ArrayLike, what: str) -> Vector:
-        """One value per joint, read-only, shape (n,); a single number stands for all. Raises ConfigError."""
-        array = np.asarray(values, dtype=np.float64)
-        if array.ndim == 0:
-            array = np.full(self.n_joints, float(array))
-        if array.shape != (self.n_joints,):
-            raise ConfigError(f"{what} needs one value or {self.n_joints}, one per joint; it has {array.size}")
-        if not np.isfinite(array).all():
-            bad = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise ConfigError(f"{what} for {self.joints[bad]} is {array[bad]}; every value must be finite")
-        return frozen(array)
-
-    def posture(self, values: ArrayLike, what: str = "posture") -> Vector:
-        """Joint positions inside the limits, shape (n,), rad. Raises ConfigError naming the joint and the excess."""
-        array = self.vector(values, what)
-        if said := self.beyond(array, self.lower, self.upper, 1e-9):
-            raise ConfigError(f"{what}: {said}")
-        return array
-
-    def reachable(self, values: ArrayLike, what: str = "posture") -> Vector:
-        """As `posture`, for joint positions that were read from a hand: what a joint gives at its stop, GIVE at most,
-        is clipped."""
-        array = self.vector(values, what)
-        if said := self.beyond(array, self.lower, self.upper, GIVE):
-            raise ConfigError(f"{what}: {said}")
-        return frozen(np.clip(array, self.lower, self.upper))
-
-    def beyond(self, posture: Vector, lower: Vector, upper: Vector, give: float, of: str = "outside its limits") -> str:
-        """Which joint of a posture, (n,), rad, is furthest beyond two bounds, (n,) each, rad, and by how much, with
-        the digits that show it; empty where none is by more than `give`, rad."""
-        excess = np.maximum(lower - posture, posture - upper)
-        worst = int(np.argmax(excess))
-        value, least, most, over = (float(each[worst]) for each in (posture, lower, upper, excess))
-        if over <= give:
-            return ""
-        digits = 4 if round(over, 6) >= 0.001 else 2 - math.floor(math.log10(over))
-        said = (
-            f"{self.readable[worst]} = {value:.{digits}f} rad is {over:.{digits}f} rad {of} "
-            f"[{least:.{digits}f}, {most:.{digits}f}]"
-        )
-        if least <= math.radians(value) <= most and abs(value) > math.pi:
-            said += f"; positions are in radians: {value:g}° is {math.radians(value):.4f} rad"
-        return said
-
-    def mirrored(self, position: Array) -> Array:
-        """The same posture on the hand of the other side, shape (..., n), rad."""
-        other = np.array(position, dtype=np.float64)
-        other[..., list(self.mirror_flips)] *= -1.0
-        return other
-
-
-GIVE = 0.02
-"""rad that a joint position read from a hand may lie beyond the joint's limit: a joint that leans on its stop gives. By
-the models of the five hands 0.0007 rad under gravity, and 0.011 rad where a joint meets its stop under all its torque
-(tests/surfaces/hand/test_set_points.py); about twice that, for a real stop is softer or harder than a model's."""
-
-
-def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:
-    """Readable joint names: the finger, and the joint's place in it counted from the palm."""
-    names = [""] * n_joints
-    for finger in fingers:
-        for place, joint in enumerate(finger.joints):
-            names[joint] = f"{finger.name}_{place}"
-    return tuple(names)
-
-
-@lru_cache(maxsize=64)
-def _ways(spec: HandSpec) -> list[Way]:
-    return ways(spec.followers, spec.lower, spec.upper)
+__all__ = [
+    "SIDES",
+    "Actuation",
+    "ArmSpec",
+    "CommandKind",
+    "CoupledJoint",
+    "Drive",
+    "Finger",
+    "ForeignModel",
+    "HandSpec",
+    "Side",
+]
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "arm": ("ArmSpec",),
+        "coupled_joints": ("CoupledJoint",),
+        "drivetrain": ("Drive",),
+        "hand": ("SIDES", "Actuation", "CommandKind", "Finger", "ForeignModel", "HandSpec", "Side"),
+    },
+)

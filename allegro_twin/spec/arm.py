@@ -1,4 +1,4 @@
-"""Which arm it is: a hand with one finger, whose tip is the flange, and what an arm has besides."""
+"""Spec of an arm: that of a hand with one finger, whose tip is the flange, with load and speed limits."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec.hand import HandSpec
 from allegro_twin.types import Vector, frozen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Load:
-    """What an arm is told that it carries on its flange."""
+    """Load on an arm's flange, which the arm compensates."""
 
     mass: float
     """kg."""
     centre: Vector
-    """Of mass, in the flange's frame, shape (3,), m."""
+    """Centre of mass in the flange's frame, shape (3,), m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slowing:
-    """How the speed that joints may have falls towards where they end: √(b d) - a over a distance d, (n,) each."""
+    """Speed limit near the ends of joints: √(b d) - a at a distance d from an end, (n,) each."""
 
     a: Vector
     """rad/s."""

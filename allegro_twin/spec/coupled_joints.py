@@ -1,4 +1,4 @@
-"""Joints that move with driven ones: where they are when nothing is in their way."""
+"""Coupled joints: joints that move with driven ones, and their positions when nothing is in their way."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from allegro_twin.types import Array, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Follower:
-    """A joint that follows a driven one, wherever nothing is in its way."""
+class CoupledJoint:
+    """A joint that follows a driven one where nothing is in its way."""
 
     name: str
-    """In the description file."""
+    """Its name in the description file."""
     driven: int
     """The index of the one that it follows."""
     positions: Vector
     """Where it is, rad or m, for positions of the driven one evenly from its lowest to its highest, shape (k,)."""
 
 
-class Way(NamedTuple):
-    """How those followers go whose tables are equally long, m of them, as `np.interp` has it for one, to the bit."""
+class CoupledTable(NamedTuple):
+    """Interpolation tables of the m coupled joints with tables of one length; the same bits as `np.interp` for each."""
 
     places: list[int]
-    """Which followers they are."""
+    """Indices of these coupled joints."""
     driven: list[int]
     lower: Vector
-    """Of the driven joints, as `span`, (m,), rad."""
+    """Lowest positions of the driven joints, (m,), rad."""
     span: Vector
     parts: Vector
-    """Of the span, where the tables have their entries, (k,)."""
+    """Parts of the span at which the tables have their entries, (k,)."""
     table: Array
     """(m, k), rad or m."""
     slopes: Array
@@ -48,13 +48,13 @@ class Way(NamedTuple):
         return np.where(part >= 1.0, self.table[:, -1], np.where(part <= 0.0, self.table[:, 0], between))
 
 
-def ways(followers: Sequence[Follower], lower: Vector, upper: Vector) -> list[Way]:
-    """All the ways of a hand whose driven joints go from `lower` to `upper`, (n,), rad."""
+def coupled_tables(followers: Sequence[CoupledJoint], lower: Vector, upper: Vector) -> list[CoupledTable]:
+    """Tables of all coupled joints of a hand with the joint limits `lower` and `upper`, (n,), rad."""
     made = []
     for length in sorted({len(each.positions) for each in followers}):
         places = [k for k, each in enumerate(followers) if len(each.positions) == length]
         driven = [followers[k].driven for k in places]
         parts, table = np.linspace(0.0, 1.0, length), np.stack([followers[k].positions for k in places])
         slopes = np.diff(table) / np.diff(parts)
-        made.append(Way(places, driven, lower[driven], (upper - lower)[driven], parts, table, slopes))
+        made.append(CoupledTable(places, driven, lower[driven], (upper - lower)[driven], parts, table, slopes))
     return made

@@ -1,4 +1,4 @@
-"""What lies between a commanded torque and a joint beyond motor and gear: how late, how strong, sticky and exact."""
+"""Drivetrain from a commanded torque to a joint: delay, strength, friction, backlash, encoders, faults."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class Drive:
     """The drive of one hand. Arrays have a value per joint, shape (n,); the defaults change nothing."""
 
     delay: float
-    """From a command to its torque, s. A recording shows only its sum with the delay of the sensors."""
+    """Delay from a command to its torque, s. A recording shows only its sum with the delay of the sensors."""
     strength: Vector
-    """What the motors give of a commanded torque, 1: all."""
+    """Share of a commanded torque that the motors give."""
     stiction: Vector
     """Breakaway friction over dry friction in motion, F_s/F_c, at least 1."""
     stribeck_speed: Vector
     """rad/s over which the one falls to the other."""
     bristle: Vector
-    """How far a joint gives before it breaks away, rad (LuGre); 0: not at all, and friction is Coulomb's."""
+    """Presliding displacement before a joint breaks away, rad (LuGre); 0: none, and friction is Coulomb's."""
     load_friction: Vector
     """Dry friction that a motor's torque adds, as a share of it."""
     backlash: Vector
@@ -34,19 +34,19 @@ class Drive:
     encoder_noise: Vector
     """Standard deviation of a reported joint position, rad."""
     encoder_offset: Vector
-    """What a reported position is too high by, rad, after the hand's calibration."""
+    """Error of a reported position, rad, after the hand's calibration."""
     quantisation: Vector
     """Step of a reported position, rad; 0: none."""
     mass_scale: Vector
     """Factor on the mass and inertia of the link that each joint moves."""
     tip_mass: Vector
-    """Of a weight at the fingertip, kg: at the last joint of a finger; 0 elsewhere."""
+    """Mass of a weight at the fingertip, kg: at the last joint of a finger; 0 elsewhere."""
     seed: int = 0
-    """Of the noise."""
+    """Seed of the noise."""
 
     @classmethod
-    def made(cls, given: Mapping[str, Any], n: int) -> Self:
-        """From plain values, one number or `n` each. Raises ConfigError that goes on after the block's name."""
+    def from_values(cls, given: Mapping[str, Any], n: int) -> Self:
+        """A drive from plain values, one number or `n` each. The message of a ConfigError follows the block's name."""
         names = [field.name for field in fields(cls)]
         for key in given:
             if key not in names:
@@ -56,7 +56,7 @@ class Drive:
         return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
 
     def plain(self) -> dict[str, Any]:
-        """As `made` takes it."""
+        """Plain values, as `from_values` takes them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
@@ -64,7 +64,7 @@ class Drive:
 Ailment: TypeAlias = Literal[
     "weak", "stuck", "encoder_step", "encoder_drift", "payload", "friction", "slippery", "loose"
 ]  # fmt: skip
-"""What goes wrong with a hand itself."""
+"""Faults of a hand itself."""
 AILMENTS: dict[Ailment, tuple[float, float]] = {
     "weak": (0.3, 0.8), "stuck": (1.0, 1.0), "encoder_step": (0.02, 0.1), "encoder_drift": (5e-4, 2e-3),
     "payload": (0.005, 0.03), "friction": (0.02, 0.06), "slippery": (0.05, 0.3),

@@ -1,6 +1,6 @@
 """Sweeps: many small pure computations on plain data, on this computer's cores or on a cluster.
 
-What is named here is loaded when it is first asked for: a process that computes needs none of it.
+What is named here is loaded when it is first asked for.
 """
 
 from __future__ import annotations
@@ -15,9 +15,30 @@ if TYPE_CHECKING:
     from allegro_twin.sweep.local import Local
     from allegro_twin.sweep.runner import run
     from allegro_twin.sweep.store import Store
+    from allegro_twin.sweep.table import latest_rows, read_results, write_results
 
-__all__ = ["Local", "RayCluster", "Store", "Sweep", "run"]
+__all__ = [
+    "Local",
+    "RayCluster",
+    "Store",
+    "Sweep",
+    "latest_rows",
+    "read_results",
+    "run",
+    "write_results",
+]
 __getattr__, __dir__ = exports(
     __name__,
-    {"local": ("Local",), "cluster": ("RayCluster",), "store": ("Store",), "jobs": ("Sweep",), "runner": ("run",)},
+    {
+        "cluster": ("RayCluster",),
+        "jobs": ("Sweep",),
+        "local": ("Local",),
+        "runner": ("run",),
+        "store": ("Store",),
+        "table": (
+            "latest_rows",
+            "read_results",
+            "write_results",
+        ),
+    },
 )

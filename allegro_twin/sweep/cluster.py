@@ -1,4 +1,4 @@
-"""The engine for more than one computer: Ray, of which only its core is used."""
+"""A sweep on several computers: Ray Core as the engine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.sweep.jobs import Item, Result, Sweep, Unit
 from allegro_twin.sweep.local import RETRIES
-from allegro_twin.sweep.units import Work, compute, work_of
+from allegro_twin.sweep.units import UnitTask, compute, unit_task
 
 _AHEAD = 2
 """Units that wait in line for each one that is computed, so that no core waits for this program."""
@@ -52,8 +52,8 @@ class RayCluster:
     def results(self, sweep: Sweep, units: Sequence[Unit]) -> Iterator[tuple[int, list[Result]]]:
         """The number of each unit with its results, as they come. Raises HandError."""
         ray = self._ray
-        task = ray.remote(num_cpus=self._cores, max_retries=RETRIES)(attempt)
-        work, left, begun = ray.put(work_of(sweep, elsewhere=True)), list(range(len(units)))[::-1], dict[Any, int]()
+        task = ray.remote(num_cpus=self._cores, max_retries=RETRIES)(compute_task)
+        work, left, begun = ray.put(unit_task(sweep, elsewhere=True)), list(range(len(units)))[::-1], dict[Any, int]()
         try:
             while left or begun:
                 while left and len(begun) < self._at_once():
@@ -67,7 +67,7 @@ class RayCluster:
                 ray.cancel(waiting, force=True)
 
     def _at_once(self) -> int:
-        """As nodes come and go."""
+        """Units in flight, for the cluster's present size."""
         return _AHEAD * max(1, int(self._ray.cluster_resources().get("CPU", 1) // self._cores))
 
     def _got(self, ready: Any, what: str) -> list[Result]:
@@ -83,7 +83,7 @@ class RayCluster:
         return found
 
 
-def attempt(work: Work, items: Sequence[Item]) -> list[Result] | HandError:
+def compute_task(work: UnitTask, items: Sequence[Item]) -> list[Result] | HandError:
     """`compute` as Ray's task: its error is a value, or Ray would wrap it in its own."""
     try:
         return compute(work, items)

@@ -1,4 +1,4 @@
-"""What is to be computed: a function by name, and items of plain data, each known by a hash of all it depends on."""
+"""Definition of a sweep: a function by name, and items of plain data with a hash of all that their rows depend on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.version import __version__
 
 _FEW = 4
@@ -47,7 +47,7 @@ class Sweep:
     unit: int = 200
     """Items in a call, 1 or more: what may have to be computed again after an interruption."""
     stamps: Mapping[str, str] = field(default_factory=dict)
-    """What is asked beside function and `shared`: the name of a protocol. Other questions have folders of their own."""
+    """Further parts of the question, such as the name of a protocol. Each question has a folder of its own."""
     inputs: Sequence[Mapping[str, str]] = ()
     """For each item what its row is made of, fingerprints by name; none: of nothing but code and data. With another
     input the same question has another row, which is computed anew."""
@@ -61,21 +61,21 @@ class Sweep:
             raise ConfigError(f"a sweep of {len(self.items)} items has inputs of {len(self.inputs)}; give one for each")
 
     def question(self) -> dict[str, str]:
-        """What is asked: two sweeps with the same are one. Raises ConfigError for shared data that is not plain."""
+        """The question: sweeps with the same question are one. Raises ConfigError for shared data that is not plain."""
         shared = _digest(_canonical(self.shared, "shared data"))
         return {"function": self.function, "shared": shared, **self.stamps}
 
-    def made_of(self) -> dict[str, str]:
-        """What the answers are made of: engine, package, the code that the function reaches, and all inputs by name."""
+    def fingerprints(self) -> dict[str, str]:
+        """Fingerprints of what answers are made of: engine, package, the function's code, and all inputs by name."""
         found: dict[str, set[str]] = {}
         for each in {id(each): each for each in self.inputs}.values():
             for name, digest in each.items():
                 found.setdefault(name, set()).add(digest)
         return self._common() | {name: _joined(found[name]) for name in sorted(found)}
 
-    def stamped(self) -> dict[str, str]:
-        """All that the rows depend on but the items."""
-        return self.question() | self.made_of()
+    def all_stamps(self) -> dict[str, str]:
+        """All that the rows depend on, except the items."""
+        return self.question() | self.fingerprints()
 
     def keys(self) -> list[str]:
         """For each item the SHA-256 of what its row depends on. Raises ConfigError for an item that is not plain."""
@@ -90,7 +90,7 @@ class Sweep:
         return keys
 
     def _common(self) -> dict[str, str]:
-        """What all rows are made of."""
+        """Fingerprints that all rows share."""
         return versions() | {"code": source_fingerprint(self.function.partition(":")[0])}
 
     def units(self, keys: Sequence[str], there: Collection[str]) -> list[Unit]:
@@ -105,12 +105,12 @@ class Sweep:
 
 
 def versions() -> dict[str, str]:
-    """Of what every figure depends on."""
+    """Versions of the physics engine and of this package."""
     return {"engine": f"mujoco {version('mujoco')}", "allegro_twin": __version__}
 
 
 def _joined(digests: set[str]) -> str:
-    """Of what differs between items: each, or, of many, one of all."""
+    """Digests that differ between items: each of a few, or one of all of many."""
     few = sorted(digests)
     return " ".join(few) if len(few) <= _FEW else f"{len(few)} of {fingerprint(few)}"
 

@@ -1,4 +1,4 @@
-"""The engine that is always there: processes on this computer's cores, or none but this one."""
+"""A sweep on this computer: worker processes on its cores, or this process alone."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Protocol
 
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.sweep.jobs import Result, Sweep, Unit
-from allegro_twin.sweep.units import compute, work_of
-from allegro_twin.sweep.workers import Done, Failed, Lost, Workers
+from allegro_twin.sweep.units import compute, unit_task
+from allegro_twin.sweep.workers import UnitDone, UnitFailed, WorkerLost, Workers
 
 RETRIES = 2
-"""How often a unit whose process was killed is tried again."""
+"""Retries of a unit whose process was killed."""
 _GIVE_BACK = {"MALLOC_MMAP_THRESHOLD_": "131072"}
 """For glibc, bytes: what is larger goes back to the system when it is freed. Its own way keeps more with every unit:
 trials of a 64 took 390 MB a process in the first and 670 MB in the tenth, now 240 and 270."""
 
 
-class Engine(Protocol):
+class SweepEngine(Protocol):
     """Computes units somewhere."""
 
     def results(self, sweep: Sweep, units: Sequence[Unit]) -> Iterator[tuple[int, list[Result]]]:
@@ -32,17 +32,17 @@ class Local:
     def __init__(self, processes: int | None = None) -> None:
         if processes is not None and processes < 0:
             raise ConfigError(f"processes must be 0 or more, not {processes}")
-        self._count = cores() if processes is None else processes
+        self._count = core_count() if processes is None else processes
 
     def results(self, sweep: Sweep, units: Sequence[Unit]) -> Iterator[tuple[int, list[Result]]]:
         """The number of each unit with its results, as they come. Raises HandError."""
         if self._count and units:
             yield from _apart(sweep, units, min(self._count, len(units)))
         else:
-            yield from ((number, compute(work_of(sweep), unit.items)) for number, unit in enumerate(units))
+            yield from ((number, compute(unit_task(sweep), unit.items)) for number, unit in enumerate(units))
 
 
-def cores() -> int:
+def core_count() -> int:
     """How many processes can run at once here."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -50,18 +50,18 @@ def cores() -> int:
 def _apart(sweep: Sweep, units: Sequence[Unit], count: int) -> Iterator[tuple[int, list[Result]]]:
     left = list(range(len(units)))[::-1]
     died = [0] * len(units)
-    with Workers("allegro_twin.sweep.units:compute_apart", work_of(sweep), count, _GIVE_BACK) as workers:
+    with Workers("allegro_twin.sweep.units:compute_in_worker", unit_task(sweep), count, _GIVE_BACK) as workers:
         while left or workers.busy:
             while left and workers.free:
                 number = left.pop()
                 workers.give(number, units[number].items)
             for event in workers.events():
                 match event:
-                    case Done(number, results):
+                    case UnitDone(number, results):
                         yield number, results
-                    case Failed(_, error):
+                    case UnitFailed(_, error):
                         raise error
-                    case Lost(number, code):
+                    case WorkerLost(number, code):
                         died[number] += 1
                         if code >= 0 or died[number] > RETRIES:
                             raise HandError(_lost(sweep, units[number], code, died[number]))

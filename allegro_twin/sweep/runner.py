@@ -1,4 +1,4 @@
-"""A sweep from start to end: what is not there yet is computed, kept as it comes, and handed back in order."""
+"""Runs a sweep: computes the rows that are missing, stores them as they come, and returns all in order."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from contextlib import closing, nullcontext
 from typing import Any
 
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Engine, Local
-from allegro_twin.sweep.store import Memory, Store
-from allegro_twin.sweep.table import in_order, table_of
+from allegro_twin.sweep.local import Local, SweepEngine
+from allegro_twin.sweep.store import MemoryStore, Store
+from allegro_twin.sweep.table import ordered_table, unit_table
 
 Progress = Callable[[int, int], None]
-"""Told how many items are done, and of how many."""
+"""Called with the number of items that are done, and of all."""
 
 
 def run(
     sweep: Sweep,
     store: Store | None = None,
-    engine: Engine | None = None,
+    engine: SweepEngine | None = None,
     progress: Progress = lambda done, total: None,
 ) -> Any:
     """A pyarrow.Table with a row for each item, in their order, bit for bit the same whichever engine computed it and
@@ -28,14 +28,14 @@ def run(
     one they are kept in memory. Raises HandError; what was finished before stays in the store.
     """
     keys = sweep.keys()
-    with store.opened(sweep) if store is not None else nullcontext(Memory()) as kept:
+    with store.open_for(sweep) if store is not None else nullcontext(MemoryStore()) as kept:
         units = sweep.units(keys, kept.keys())
         total = len(set(keys))
         done = total - sum(len(unit.keys) for unit in units)
         progress(done, total)
         with closing((engine or Local()).results(sweep, units)) as results:  # type: ignore[type-var]  # A generator.
             for number, rows in results:
-                kept.add(table_of(units[number].keys, rows, sweep.function))
+                kept.add(unit_table(units[number].keys, rows, sweep.function))
                 done += len(rows)
                 progress(done, total)
-        return in_order(kept.tables(), keys)
+        return ordered_table(kept.tables(), keys)

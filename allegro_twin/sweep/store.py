@@ -1,4 +1,4 @@
-"""Results in a folder: a manifest that says of which sweep they are, and Parquet parts that are whole or not there."""
+"""A folder with a sweep's rows: a manifest of the question, and Parquet parts that are complete or absent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.sweep.jobs import Sweep
 from allegro_twin.sweep.table import KEY
 
@@ -29,8 +29,8 @@ _NAMES = 5
 """Inputs that are named; more are counted."""
 
 
-class Content(NamedTuple):
-    """What a folder holds."""
+class StoreContent(NamedTuple):
+    """Content of a folder."""
 
     shared: dict[str, Any]
     stamps: dict[str, str]
@@ -38,7 +38,7 @@ class Content(NamedTuple):
     """A pyarrow.Table, in no order."""
 
 
-class Kept(Protocol):
+class RowStore(Protocol):
     """Where the rows of a sweep go, a unit at a time."""
 
     def keys(self) -> set[str]: ...
@@ -46,7 +46,7 @@ class Kept(Protocol):
     def tables(self) -> list[Any]: ...
 
 
-class Memory:
+class MemoryStore:
     """Rows that are gone with the program."""
 
     def __init__(self) -> None:
@@ -70,11 +70,11 @@ class Store:
         self.folder, self._tell = Path(folder), tell
 
     @contextmanager
-    def opened(self, sweep: Sweep) -> Iterator[Kept]:
+    def open_for(self, sweep: Sweep) -> Iterator[RowStore]:
         """The folder for that sweep, and for this program alone. Rows that are made of other inputs are put aside, into
         a folder of their own below this one. Raises ConfigError when it is of another sweep, or another program is at
         it, and RecordingError when the disk does not let it."""
-        question, made_of = {"format": _FORMAT, **sweep.question()}, sweep.made_of()
+        question, made_of = {"format": _FORMAT, **sweep.question()}, sweep.fingerprints()
         content = question | {_MADE_OF: made_of, _DATA: dict(sweep.shared)}
         path = self.folder / _MANIFEST
         if not path.exists():
@@ -112,37 +112,37 @@ class Store:
                 continue
             if left < table.num_rows:
                 self.add(table.filter(stays))
-            with whole_file(aside / part.name) as temporary:
+            with atomic_file(aside / part.name) as temporary:
                 pq.write_table(table, temporary)
             part.unlink()
             moved += left
         if moved:
-            with whole_file(aside / _MANIFEST) as temporary:
+            with atomic_file(aside / _MANIFEST) as temporary:
                 temporary.write_bytes(path.read_bytes())
             self._tell(
                 f"{self.folder}: {moved} rows were made with another {_listed(differing)}: they are made again; "
                 f"the old ones are in {aside}"
             )
-        with whole_file(path) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(content, indent=1))
             self._hold(temporary, held)  # A lock is on the file, whatever it is called.
 
     def keys(self) -> set[str]:
-        """Of all rows that are there. Raises RecordingError."""
+        """Keys of all rows in the folder. Raises RecordingError."""
         return {key for path in self._parts() for key in _part(path, [KEY])[KEY].to_pylist()}
 
     def add(self, table: Any) -> None:
         """A part, which is there as a whole or not at all. Raises RecordingError."""
         name = sha256("".join(table[KEY].to_pylist()).encode()).hexdigest()[:24]
-        with whole_file(self.folder / f"part-{name}.parquet") as temporary:
+        with atomic_file(self.folder / f"part-{name}.parquet") as temporary:
             pq.write_table(table, temporary)
 
     def tables(self) -> list[Any]:
-        """All parts. Raises RecordingError."""
+        """Tables of all parts. Raises RecordingError."""
         return [_part(path) for path in self._parts()]
 
-    def content(self) -> Content:
-        """What is there, of whichever sweep. Raises RecordingError where there is none, or it cannot be read."""
+    def content(self) -> StoreContent:
+        """The content, of any sweep. Raises RecordingError where there is none, or it cannot be read."""
         path = self.folder / _MANIFEST
         if not path.exists():
             raise RecordingError(f"{self.folder}: no {_MANIFEST}: nothing was swept into it")
@@ -150,7 +150,7 @@ class Store:
         tables = self.tables()
         if not tables:
             raise RecordingError(f"{self.folder}: nothing is finished yet; sweep on")
-        return Content(
+        return StoreContent(
             json.loads(path.read_text()).get(_DATA, {}),
             found.question | found.made_of,
             pa.concat_tables(tables, promote_options="permissive"),
@@ -162,7 +162,7 @@ class Store:
     def _begin(self, path: Path, content: Mapping[str, Any]) -> None:
         if self.folder.exists() and any(not each.name.startswith(".") for each in self.folder.iterdir()):
             raise ConfigError(f"{self.folder}: has files but no {_MANIFEST}, so no sweep's; give an empty folder")
-        with whole_file(path) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(content, indent=1))
 
 

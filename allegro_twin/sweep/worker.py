@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any
 
 from allegro_twin.errors import HandError
-from allegro_twin.sweep.functions import function
+from allegro_twin.sweep.units import find_function
 
 
 def main() -> None:
@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def _answer(pipe: Connection[Any, Any], name: str, shared: Any) -> None:
-    work, stop = function(name), _Stop()
+    work, stop = find_function(name), _Stop()
     signal.signal(signal.SIGTERM, stop)
     while True:
         task = pipe.recv()

@@ -1,4 +1,4 @@
-"""Processes that do a named function's tasks, one each at a time, and end with the program that started them."""
+"""Worker processes: each runs one task of a named function at a time, and ends with the program that started it."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from typing import Any, NamedTuple
 from allegro_twin.errors import HandError
 
 _DEAF = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
-"""What a terminal sends to all of a program's processes: its first process decides, and tells the others to end."""
+"""Signals that a terminal sends to all processes of a program: the first process decides, and ends the others."""
 _PATIENCE = 10.0
 """s that a process has for closing its files before it is killed."""
 
 
-class Told(NamedTuple):
-    """What the function of a task said while it ran."""
+class WorkerEvent(NamedTuple):
+    """A message of a task's function while it runs."""
 
     task: int
     message: Any
 
 
-class Done(NamedTuple):
-    """What the function of a task gave back."""
+class UnitDone(NamedTuple):
+    """The result of a task's function."""
 
     task: int
     result: Any
 
 
-class Failed(NamedTuple):
+class UnitFailed(NamedTuple):
     """The HandError that the function of a task raised."""
 
     task: int
     error: HandError
 
 
-class Lost(NamedTuple):
+class WorkerLost(NamedTuple):
     """A task whose process ended: `code` is its exit code, or minus the signal that killed it."""
 
     task: int
@@ -90,8 +90,8 @@ class Workers:
         except ConnectionError:
             pass  # It has died; `events` says so.
 
-    def events(self) -> Iterator[Told | Done | Failed | Lost]:
-        """What has happened, after waiting until something has."""
+    def events(self) -> Iterator[WorkerEvent | UnitDone | UnitFailed | WorkerLost]:
+        """Waits for events and returns them."""
         pipes: list[Any] = [each.pipe for each in self._processes if each.task is not None]
         ready = wait(pipes)
         for process in [each for each in self._processes if each.pipe in ready]:
@@ -119,16 +119,16 @@ class Workers:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return process
 
-    def _heard(self, process: _Process, task: int) -> Told | Done | Failed | Lost:
+    def _heard(self, process: _Process, task: int) -> WorkerEvent | UnitDone | UnitFailed | WorkerLost:
         try:
             kind, content = process.pipe.recv()
         except (EOFError, ConnectionError):
             self._end([process], ask=False)  # It is ending already.
-            return Lost(task, process.program.returncode)
+            return WorkerLost(task, process.program.returncode)
         if kind == "told":
-            return Told(task, content)
+            return WorkerEvent(task, content)
         process.task = None
-        return Done(task, content) if kind == "done" else Failed(task, content)
+        return UnitDone(task, content) if kind == "done" else UnitFailed(task, content)
 
     def _end(self, processes: list[_Process], *, ask: bool = True) -> None:
         for each in processes:

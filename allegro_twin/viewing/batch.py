@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.batch.worlds import Snapshot, Worlds
+from allegro_twin.sim.batch.cpu import SimBatch, Snapshot
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.overlays import Mark, add
 
@@ -21,10 +21,10 @@ def has_screen() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-class Pictures:
+class BatchCamera:
     """Takes pictures of one batch. Raises ConfigError where nothing can be rendered."""
 
-    def __init__(self, worlds: Worlds, width: int, height: int, *, mode: str) -> None:
+    def __init__(self, worlds: SimBatch, width: int, height: int, *, mode: str) -> None:
         self._worlds, self._size, self._mode = worlds, (width, height), mode
         self._camera: Camera | None = None
         self._window: Any = None

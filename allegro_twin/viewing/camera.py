@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import mujoco
@@ -10,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
-from allegro_twin.viewing.gl_context import Screen
+from allegro_twin.viewing.gl_context import OffscreenRenderer
 from allegro_twin.viewing.overlays import Mark
-from allegro_twin.viewing.views import DEFAULT, Aim, View, seen
+from allegro_twin.viewing.views import DEFAULT, Aim, View, aimed_view
 
 Picture = NDArray[np.uint8]
 """Rows, columns, RGB."""
@@ -36,20 +37,30 @@ class Scene(Protocol):
 class Camera:
     """Takes pictures of a scene, looking at the middle of the grasp and following the palm.
 
-    `view` is a View or the name of one (`look.views`). Raises ConfigError where nothing can be rendered.
+    `view` is a View or the name of one (`viewing.views`), and `aside` turns it about the
+    vertical, degrees. Raises ConfigError where nothing can be rendered.
     """
 
-    def __init__(self, scene: Scene, *, width: int = 480, height: int = 480, view: str | View = DEFAULT) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        width: int = 480,
+        height: int = 480,
+        view: str | View = DEFAULT,
+        aside: float = 0.0,
+    ) -> None:
         self._scene, self._eye = scene, mujoco.MjvCamera()
         self._root = scene.model.body(scene.spec.root).id
         self._aim, place = _looking(scene, view)
+        place = replace(place, azimuth=place.azimuth + aside)
         direction = place.direction(scene.spec.side)
         self._eye.distance, self._eye.elevation = place.distance, place.elevation
         self._eye.azimuth = float(np.degrees(np.arctan2(direction[1], direction[0])))
         screen = scene.model.vis.global_
         screen.offwidth, screen.offheight = max(screen.offwidth, width), max(screen.offheight, height)
         try:
-            self._screen = Screen(scene.model, height, width)
+            self._screen = OffscreenRenderer(scene.model, height, width)
         except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
             raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
 
@@ -75,7 +86,7 @@ def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
     spec, model, data = scene.spec, scene.model, mujoco.MjData(scene.model)
     palm = model.body(spec.root).id
     last = [model.site(finger.tip).bodyid[0] for finger in spec.fingers]
-    posed = Posed(spec, model)
+    posed = PostureMap(spec, model)
 
     def distal(posture: Array) -> Array:
         posed(posture, data.qpos)
@@ -85,4 +96,4 @@ def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
 
     straight = distal(np.clip(np.zeros(spec.n_joints), spec.lower, spec.upper))
     bent = distal((spec.lower + spec.upper) / 2)
-    return seen(name, spec.side, straight, bent, data.xmat[palm].reshape(3, 3))
+    return aimed_view(name, spec.side, straight, bent, data.xmat[palm].reshape(3, 3))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.types import Sample
 from allegro_twin.viewing.camera import Camera, Picture
 
@@ -41,7 +41,7 @@ def _opened(path: Path, fps: int) -> Iterator[Callable[[Picture], None]]:
     """A film to which pictures of one size are added."""
     import av
 
-    with whole_file(path) as temporary, av.open(str(temporary), "w", format=path.suffix[1:]) as container:
+    with atomic_file(path) as temporary, av.open(str(temporary), "w", format=path.suffix[1:]) as container:
         stream: Any = None
 
         def add(picture: Picture) -> None:

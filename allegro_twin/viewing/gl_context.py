@@ -8,20 +8,54 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.viewing.camera_model import Lens
+from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark, add
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PinholeView:
+    """A pinhole in the world. Its axes are the field's for pictures: x right, y down, z ahead."""
+
+    position: Array
+    """(3,), m."""
+    rotation: Array
+    """Its axes in the world, columns of (3, 3)."""
+    left: float
+    right: float
+    up: float
+    down: float
+    """Where the picture ends at a distance of 1 m ahead, m: left and up are negative."""
+
+    def eye(self) -> mujoco.MjvCamera:
+        """A camera of MuJoCo's own from there and along it: what lights go by."""
+        eye, ahead = mujoco.MjvCamera(), self.rotation[:, 2]
+        eye.distance, eye.lookat = 1.0, self.position + ahead
+        eye.azimuth = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
+        eye.elevation = float(np.degrees(np.arcsin(np.clip(ahead[2], -1.0, 1.0))))
+        return eye
+
+    def onto(self, cameras: Any) -> None:
+        """Into the cameras of a scene, one for each eye, whose near and far planes stay."""
+        for camera in cameras:
+            near = camera.frustum_near
+            camera.pos, camera.forward, camera.up = self.position, self.rotation[:, 2], -self.rotation[:, 1]
+            camera.frustum_center = near * (self.left + self.right) / 2.0
+            camera.frustum_width = near * (self.right - self.left) / 2.0
+            camera.frustum_bottom, camera.frustum_top = -near * self.down, -near * self.up
+
 
 _GEOMS = 10_000  # As many as mujoco.Renderer has room for.
 _THREAD = threading.local()
 
 
-class Screen:
+class OffscreenRenderer:
     """What is drawn of one model. Raises what MuJoCo raises where nothing can be rendered; for one thread.
 
     Not `sites`: without the marks that only programs see.
@@ -38,14 +72,16 @@ class Screen:
         self._drawing: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
-    def draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera | Lens, marks: Sequence[Mark] = ()) -> NDArray[np.uint8]:
+    def draw(
+        self, data: mujoco.MjData, eye: mujoco.MjvCamera | PinholeView, marks: Sequence[Mark] = ()
+    ) -> NDArray[np.uint8]:
         """Rows, columns, RGB."""
         picture = np.empty((*self._size, 3), np.uint8)
         self._draw(data, eye, marks)
         mujoco.mjr_readPixels(picture, None, self._area, self._drawing)
         return np.ascontiguousarray(picture[::-1])
 
-    def draw_depth(self, data: mujoco.MjData, eye: mujoco.MjvCamera | Lens) -> NDArray[np.float32]:
+    def draw_depth(self, data: mujoco.MjData, eye: mujoco.MjvCamera | PinholeView) -> NDArray[np.float32]:
         """Rows, columns, m. In the colours of segments, for MuJoCo measures depth more finely without light."""
         nearness = np.empty(self._size, np.float32)
         flags = self._scene.flags.copy()
@@ -65,13 +101,13 @@ class Screen:
             self._drawing.free()
             self._drawing = None
 
-    def _draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera | Lens, marks: Sequence[Mark] = ()) -> None:
+    def _draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera | PinholeView, marks: Sequence[Mark] = ()) -> None:
         self._context.make_current()
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
         every = mujoco.mjtCatBit.mjCAT_ALL.value
-        own = eye.eye() if isinstance(eye, Lens) else eye
+        own = eye.eye() if isinstance(eye, PinholeView) else eye
         mujoco.mjv_updateScene(self._model, data, self._shown, None, own, every, self._scene)
-        if isinstance(eye, Lens):
+        if isinstance(eye, PinholeView):
             eye.onto(self._scene.camera)
         add(self._scene, self._model, marks)
         mujoco.mjr_render(self._area, self._scene, self._drawing)

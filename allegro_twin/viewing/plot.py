@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.hands.description.appearance import Color
 from allegro_twin.types import Vector
 
@@ -40,7 +40,7 @@ def plot(path: Path, t: Vector, panels: Mapping[str, Sequence[Line]], *, mark: f
     draw.text((_LEFT, 6), title, fill=_INK)
     for number, (heading, lines) in enumerate(panels.items()):
         _panel(draw, _EDGE + number * _HIGH, t, heading, lines, mark)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         image.save(temporary)
 
 

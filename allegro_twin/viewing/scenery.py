@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from allegro_twin.hands.description.appearance import TABLE, of_object
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import TABLE, VisualBody, VisualShape, object_appearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.viewing.skeleton import bodies_of
 
@@ -18,9 +17,9 @@ _ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 class ArmScenery:
     """The arm that carries the hand."""
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[VisualBody, ...]
     """Its links."""
-    adapter: Sequence[Shape]
+    adapter: Sequence[VisualShape]
     """Between its flange and the hand."""
     base: tuple[float, float, float]
     """Where it stands, m, world."""
@@ -30,11 +29,11 @@ class ArmScenery:
 class Scenery:
     """Everything around the samples of a run."""
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[VisualBody, ...]
     """The links of the hand."""
-    objects: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
+    objects: Mapping[str, Sequence[VisualShape]] = field(default_factory=dict)
     """The first is the one that is grasped."""
-    fixed: Sequence[Shape] = ()
+    fixed: Sequence[VisualShape] = ()
     """In the world."""
     phases: Sequence[tuple[str, float, float]] = ()
     """Name, begin and end, s."""
@@ -57,7 +56,7 @@ def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:
     phases = tuple((str(name), float(begin), float(end)) for name, begin, end in meta.get("phases", ()))
     if look is None:
         objects = {thing["name"]: [_primitive(thing)] for thing in meta.get("objects", ())}
-        fixed = [Shape("box", (0.45, 0.45, 0.02), (0.0, 0.0, -0.02), color=(*TABLE, 1.0))] if objects else []
+        fixed = [VisualShape("box", (0.45, 0.45, 0.02), (0.0, 0.0, -0.02), color=(*TABLE, 1.0))] if objects else []
         return Scenery(bodies_of(spec), objects, fixed, phases)
     return Scenery(
         _bodies(look["hand"]) if "hand" in look else bodies_of(spec),
@@ -69,23 +68,23 @@ def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:
     )
 
 
-def _bodies(each: Iterable[Mapping[str, Any]]) -> tuple[Body, ...]:
-    return tuple(Body.from_json(body) for body in each)
+def _bodies(each: Iterable[Mapping[str, Any]]) -> tuple[VisualBody, ...]:
+    return tuple(VisualBody.from_json(body) for body in each)
 
 
-def _shapes(each: Iterable[Mapping[str, Any]]) -> list[Shape]:
-    return [Shape.from_json(shape) for shape in each]
+def _shapes(each: Iterable[Mapping[str, Any]]) -> list[VisualShape]:
+    return [VisualShape.from_json(shape) for shape in each]
 
 
-def _primitive(thing: Mapping[str, Any]) -> Shape:
-    name, color = str(thing["name"]), (*of_object(str(thing["name"])).color, 1.0)
+def _primitive(thing: Mapping[str, Any]) -> VisualShape:
+    name, color = str(thing["name"]), (*object_appearance(str(thing["name"])).color, 1.0)
     match thing["shape"], thing["size"]:
         case "sphere", [d]:
-            return Shape("sphere", (d / 2,), color=color, paint=name)
+            return VisualShape("sphere", (d / 2,), color=color, paint=name)
         case "cylinder", [d, h]:
-            return Shape("cylinder", (d / 2, h / 2), color=color, paint=name)
+            return VisualShape("cylinder", (d / 2, h / 2), color=color, paint=name)
         case "ellipsoid", [short, long]:
-            return Shape("ellipsoid", (long / 2, short / 2, short / 2), color=color, paint=name)
+            return VisualShape("ellipsoid", (long / 2, short / 2, short / 2), color=color, paint=name)
         case "box", [x, y, z]:
-            return Shape("box", (x / 2, y / 2, z / 2), color=color, paint=name)
-    return Shape("sphere", (0.02,), color=color)  # A file of the user's, which old recordings do not hold.
+            return VisualShape("box", (x / 2, y / 2, z / 2), color=color, paint=name)
+    return VisualShape("sphere", (0.02,), color=color)  # A file of the user's, which old recordings do not hold.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from allegro_twin.hands.description import facts
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import VisualBody, VisualShape
 from allegro_twin.hands.generate import mesh
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
@@ -17,16 +17,16 @@ _SEGMENTS = 3  # Of a rounded edge.
 _HALF = float(np.sqrt(0.5))
 
 
-def bodies_of(spec: HandSpec) -> tuple[Body, ...]:
+def bodies_of(spec: HandSpec) -> tuple[VisualBody, ...]:
     """The links of a hand: of the foreign file that it names, or of our own description. Raises ConfigError."""
     if spec.foreign is not None:
         from allegro_twin.sim.model.appearance import hand_bodies
 
         return hand_bodies(spec)
-    hand = facts.load(spec.model, spec.side)
+    hand = facts.load_facts(spec.model, spec.side)
     names = [link.name for link in hand.links]
     return tuple(
-        Body(
+        VisualBody(
             name=link.name if link.parent else "palm",
             parent=names.index(link.parent) if link.parent else -1,
             position=link.xyz,
@@ -43,13 +43,13 @@ class Skeleton:
     """Forward kinematics of a hand's bodies, for many moments at once; joints that follow are where they would be
     free."""
 
-    def __init__(self, bodies: Sequence[Body], spec: HandSpec) -> None:
+    def __init__(self, bodies: Sequence[VisualBody], spec: HandSpec) -> None:
         self.bodies, self._spec = tuple(bodies), spec
         self._turns = [matrix_from_quaternion(np.array(body.quaternion)) for body in bodies]
 
     def places(self, position: Array) -> list[tuple[Array, Array]]:
         """For joint positions (k, n), rad, each body's place (k, 3), m, and rotation (k, 3, 3) in the palm's frame."""
-        position, moments = self._spec.moved(position), len(position)
+        position, moments = self._spec.all_positions(position), len(position)
         found: list[tuple[Array, Array]] = []
         for body, turn in zip(self.bodies, self._turns, strict=True):
             place = np.tile(np.array(body.position), (moments, 1))
@@ -88,17 +88,17 @@ def _rotations(axis: Array, angle: Array) -> Array:
     return found
 
 
-def _shapes(link: facts.Link, colors: dict[str, tuple[float, ...]]) -> tuple[Shape, ...]:
+def _shapes(link: facts.LinkFacts, colors: dict[str, tuple[float, ...]]) -> tuple[VisualShape, ...]:
     found = [_visual(visual, colors[visual.color]) for visual in link.visuals]
     if link.tip is not None:
         tip = link.tip
         size, middle = (tip.radius, (tip.end - tip.start) / 2), (tip.start + tip.end) / 2
-        found.append(Shape("capsule", size, (0.0, 0.0, middle), color=colors["tip"]))
+        found.append(VisualShape("capsule", size, (0.0, 0.0, middle), color=colors["tip"]))
     return tuple(found)
 
 
-def _visual(visual: facts.Visual, color: tuple[float, ...]) -> Shape:
+def _visual(visual: facts.VisualFacts, color: tuple[float, ...]) -> VisualShape:
     if visual.kind == "cylinder":
-        return Shape("cylinder", visual.size, visual.at, (_HALF, _HALF, 0.0, 0.0), color)
+        return VisualShape("cylinder", visual.size, visual.at, (_HALF, _HALF, 0.0, 0.0), color)
     vertices, triangles = mesh.rounded_box(visual.size, visual.radius, _SEGMENTS)
-    return Shape("mesh", (), visual.at, color=color, vertices=vertices, triangles=triangles)
+    return VisualShape("mesh", (), visual.at, color=color, vertices=vertices, triangles=triangles)

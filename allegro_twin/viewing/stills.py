@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.types import Sample
 from allegro_twin.viewing import camera as cameras
 from allegro_twin.viewing.camera import Camera, Picture, Scene
@@ -34,7 +34,7 @@ def pictured(samples: Iterable[Sample], camera: Camera, path: Path, moments: Seq
         yield sample
     if left or not pictures:
         pictures.append(camera.take())
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         told = PngInfo()
         told.add_text(_PANES, str(len(pictures)))
         Image.fromarray(np.hstack(pictures)).save(temporary, pnginfo=told, compress_level=_QUICKLY)
@@ -58,7 +58,7 @@ def overview(strips: Mapping[str, Path], target: Path, *, pane: int = 1, columns
         part = strip.crop((*middle, middle[0] + edge, middle[1] + edge))
         sheet.paste(part.resize((size, size)), corner)
         draw.text((corner[0] + 8, corner[1] + 6), name, fill=(40, 40, 40))
-    with whole_file(target) as temporary:
+    with atomic_file(target) as temporary:
         sheet.save(temporary, compress_level=_QUICKLY)
 
 
@@ -89,3 +89,11 @@ def photographed(
 
         samples = filmed(samples, eye, video)
     return samples if image is None else pictured(samples, eye, image, moments)
+
+
+def save_png(picture: Picture, path: Path) -> None:
+    """Write a picture as a .png; a file that is there is replaced as a whole."""
+    from PIL import Image
+
+    with atomic_file(path) as temporary:
+        Image.fromarray(picture).save(temporary, format="png")

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.hands.description.appearance import of_object
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import VisualShape, object_appearance
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
@@ -16,7 +15,7 @@ _ROUND, _HIGH = 24, 12  # Parts around and along; enough where a millimetre is a
 _FINE = 2  # So many times finer where a pattern is painted.
 
 
-class Surface(NamedTuple):
+class TriangleSurface(NamedTuple):
     """Triangles that share nothing: every three rows are one."""
 
     vertices: Array
@@ -27,26 +26,26 @@ class Surface(NamedTuple):
     """(3 f, 4), RGBA."""
 
 
-def surface(shape: Shape) -> Surface:
+def surface_of(shape: VisualShape) -> TriangleSurface:
     """One shape in the frame of its body."""
     corners, normals = _local(shape)
     colors = np.tile(np.array(shape.color), (len(corners), 1))
     if shape.paint:
         middles = corners.reshape(-1, 3, 3).mean(axis=1)
         extent = np.maximum(np.abs(corners).max(axis=0), 1e-9)
-        colors[:, :3] = np.repeat(of_object(shape.paint).paint(middles / extent), 3, axis=0)
+        colors[:, :3] = np.repeat(object_appearance(shape.paint).paint(middles / extent), 3, axis=0)
     turn = matrix_from_quaternion(np.array(shape.quaternion))
     rgba = np.round(255 * colors).astype(np.uint8)
-    return Surface(corners @ turn.T + np.array(shape.position), normals @ turn.T, rgba)
+    return TriangleSurface(corners @ turn.T + np.array(shape.position), normals @ turn.T, rgba)
 
 
-def joined(surfaces: list[Surface]) -> Surface:
+def join_surfaces(surfaces: list[TriangleSurface]) -> TriangleSurface:
     """Many as one: one thing to send and to draw."""
     vertices, normals, colors = (np.concatenate(parts) for parts in zip(*surfaces, strict=True))
-    return Surface(vertices, normals, colors)
+    return TriangleSurface(vertices, normals, colors)
 
 
-def _local(shape: Shape) -> tuple[Array, Array]:
+def _local(shape: VisualShape) -> tuple[Array, Array]:
     fine = _FINE if shape.paint else 1
     match shape.kind:
         case "sphere":

@@ -79,7 +79,7 @@ def view(name: str, target: Aim, palm: Array) -> View:
     raise ConfigError(f"--camera {name}: {', '.join(NAMES)}, or AZIMUTH,ELEVATION,DISTANCE (degrees, m)")
 
 
-def seen(name: str | View, side: str, straight: Array, bent: Array, palm: Array) -> tuple[Aim, View]:
+def aimed_view(name: str | View, side: str, straight: Array, bent: Array, palm: Array) -> tuple[Aim, View]:
     """What to look at and from where. `straight` and `bent` as for `aim`; `palm` is its orientation, (3, 3)."""
     target = aim(straight, bent)
     if isinstance(name, View):

@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
-from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.cli import ends, options
-from allegro_twin.surfaces.cli.grasps.evaluating import Count, Engines
+from allegro_twin import ConfigError
+from allegro_twin.surfaces.cli import exit_codes, options
+from allegro_twin.surfaces.cli.grasps.evaluate import Count
+from allegro_twin.surfaces.cli.options import Engines
 
 Out = Annotated[
     Path,
@@ -41,9 +42,8 @@ def preemption(
     """Make the trials of a study, and its report. The same command again goes on after an interruption; results under
     another protocol are refused, and a registration that no longer fits is, too."""
     from allegro_twin.surfaces.cli import console
-    from allegro_twin.surfaces.cli.grasps.verdicts import engine_of
-    from allegro_twin.sweep.runner import run
-    from allegro_twin.sweep.store import Store
+    from allegro_twin.surfaces.cli.grasps.trials import engine_of
+    from allegro_twin.sweep import Store, run
     from studies.preemption.folder import TRIALS
     from studies.preemption.jobs import pairs_of, sweep_of
     from studies.preemption.protocol import load_study
@@ -90,12 +90,12 @@ def report(
 ) -> None:
     """Write the report of the trials that folders have, as one study, and say what they show: hands may be made by as
     many programs, each into a folder of its own, and one that is made anew takes the place of the old one."""
-    from allegro_twin.files.output_folder import locked
+    from allegro_twin.files.output_folder import lock_folder
 
     if out is None and len(folders) > 1:
         raise ConfigError(f"{len(folders)} folders: say with --out where their one report goes")
     folder = folders[0] if out is None else out
-    with locked(folder):
+    with lock_folder(folder):
         _say(folders, folder, where)
 
 
@@ -120,4 +120,4 @@ def _say(folders: list[Path], folder: Path, where: str = "") -> None:
 
 
 if __name__ == "__main__":
-    ends.run(app, sys.argv[1:] or ["--help"], "python -m studies.preemption")
+    exit_codes.run(app, sys.argv[1:] or ["--help"], "python -m studies.preemption")

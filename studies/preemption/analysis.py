@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.statistics import Interval, Paired, wilson
+from allegro_twin.grasping.statistics import Interval, PairedCounts, wilson
 from allegro_twin.types import Array
 from studies.preemption import paired_tests as together
 from studies.preemption.bootstrap import over_clusters
@@ -42,7 +42,7 @@ class Versus(NamedTuple):
 
     first: str
     second: str
-    counts: Paired
+    counts: PairedCounts
     interval: Interval
     """Newcombe's, of the difference of the rates."""
     clustered: Interval

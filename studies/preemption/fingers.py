@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.control import laws
-from allegro_twin.control.controllers import Gains, Gravity
+from allegro_twin.control import Gains, GravityFeedforward
+from allegro_twin.grasping.batch.batched_control import clamp_torques, pd_torque
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.safety import Limits, clamp
-from allegro_twin.sim.batch.simulations import Rows, Simulations
+from allegro_twin.safety import Limits
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.types import Array
 from studies.preemption.protocol import Motion
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _States:
-    """What the guard reads of many states."""
-
-    position: Array
-    temperature: Array
 
 
 class Fingers:
@@ -31,7 +22,9 @@ class Fingers:
     jerk, held at 0 and 1 outside its time, and t₀ when the hand begins.
     """
 
-    def __init__(self, grasps: Sequence[Grasp], motion: Motion, gains: Gains, gravity: Gravity, limits: Limits) -> None:
+    def __init__(
+        self, grasps: Sequence[Grasp], motion: Motion, gains: Gains, gravity: GravityFeedforward, limits: Limits
+    ) -> None:
         self.open = np.array([grasp.preshape for grasp in grasps])
         closed = np.array([grasp.close for grasp in grasps])
         self._close = closed - self.open
@@ -55,16 +48,13 @@ class Fingers:
         )
         return position, speed
 
-    def __call__(self, rows: Rows, t: float, sims: Simulations) -> Array:
+    def __call__(self, rows: Rows, t: float, sims: SimBatch) -> Array:
         """What the motors are told for the period that comes, (rows, joints)."""
         position, speed = self.wanted(rows, t)
-        if sims.servos is not None:
-            return sims.command(rows, np.clip(position, self._limits.lower, self._limits.upper))
-        now = sims.position[rows]
-        feed = self._gravity.torque_of(now, sims.gravity[rows])
-        torque = laws.pd(position - now, speed - sims.velocity[rows], self._gains.kp, self._gains.kd, feed)
-        seen = _States(now, np.full(now.shape, np.nan))
-        return clamp(torque, seen, self._limits)  # type: ignore[arg-type]  # It reads no more of a state than this.
+        if sims.closes_loop:
+            return sims.servo_control(rows, np.clip(position, self._limits.lower, self._limits.upper))
+        torque = pd_torque(sims, rows, position, speed, (self._gains.kp, self._gains.kd), self._gravity)
+        return clamp_torques(torque, sims.position[rows], self._limits)
 
 
 def _minimum_jerk(s: Array) -> tuple[Array, Array]:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.schema import parse
-from allegro_twin.sweep.results import latest, read_results, write_results
-from allegro_twin.sweep.store import Store
+from allegro_twin import ConfigError, RecordingError
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.sweep import Store
+from allegro_twin.sweep.table import latest_rows, read_results, write_results
 from studies.preemption.page import write_report
 from studies.preemption.protocol import Study
 
@@ -42,7 +42,7 @@ def read(folder: Path) -> Held:
     shared, stamps, table = _written(path) if path.suffix else Store(path).content()
     if "study" not in shared:
         raise RecordingError(f"{path} is of another sweep than a study")
-    study = parse(Study, shared["study"], str(path if path.suffix else path / "manifest.json"))
+    study = parse_settings(Study, shared["study"], str(path if path.suffix else path / "manifest.json"))
     if study.digest != stamps.get("protocol"):
         raise RecordingError(
             f"{path}: made under the protocol {stamps.get('protocol')}, and its "
@@ -64,7 +64,7 @@ def gathered(folders: Sequence[Path]) -> Held:
                     f"{folder}: {fact} {part.stamps.get(fact)}, and {folders[0]} has {parts[0].stamps.get(fact)}: "
                     "trials of both are no one study; make one of them anew"
                 )
-    table = latest([part.table for part in parts], "hand")
+    table = latest_rows([part.table for part in parts], "hand")
     return Held(parts[0].study, parts[0].stamps, table.sort_by([(name, "ascending") for name in _ORDER]))
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.files.schema import parse
-from allegro_twin.sweep.jobs import Sweep
+from allegro_twin import ConfigError
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.sweep import Sweep
 from studies.preemption.draws import block, case, object_of
 from studies.preemption.protocol import Set, Study
 from studies.preemption.registration import EXPLORATORY, contents_of
 from studies.preemption.scenes import Bench, Job
-from studies.preemption.simulate import together
+from studies.preemption.simulate import simulate
 
 UNIT = 32
 """Trials in a unit, at most: what may have to be made again after an interruption."""
@@ -75,13 +75,13 @@ def _controls(study: Study, hand: str, numbers: range) -> list[dict[str, Any]]:
 
 def made(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of the sweep: a flat row for each item, which is in it."""
-    study = parse(Study, dict(shared["study"]), "the sweep's protocol")
+    study = parse_settings(Study, dict(shared["study"]), "the sweep's protocol")
     rows: dict[int, dict[str, Any]] = {}
     for hand in sorted({item["hand"] for item in items}):
         bench = _bench(study, hand)
         mine = [index for index, item in enumerate(items) if item["hand"] == hand]
         setups = [bench.setup(_job(study, items[index])) for index in mine]
-        rows |= dict(zip(mine, together(bench, setups), strict=True))
+        rows |= dict(zip(mine, simulate(bench, setups), strict=True))
     return [dict(items[index]) | rows[index] for index in range(len(items))]
 
 

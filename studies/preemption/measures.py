@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.verdict import moved
+from allegro_twin.grasping.verdict import relative_displacement
 from allegro_twin.types import Array
 from studies.preemption.protocol import Check
 from studies.preemption.scenes import Setup
@@ -23,7 +23,7 @@ class Measures:
     """When the hand began to close, s."""
     lifted: float = float("nan")
     """When the thing was to be up, s."""
-    why: str = "unfinished"
+    why: str = ""
     """Empty where the thing was held to the end."""
     premature: float = 0.0
     """How long the hand touched the thing before the arm arrived, s."""
@@ -47,11 +47,11 @@ class Measures:
     def at_hold(self, palm: Array, thing: Array) -> None:
         """The end of the hold."""
         self.marks["hold"] = palm, thing
-        self.tilt = float(moved(palm, thing, *self.marks["lift"])[1])
+        self.tilt = float(relative_displacement(palm, thing, *self.marks["lift"])[1])
 
     def at_end(self, palm: Array, thing: Array) -> None:
         """The end of the shake."""
-        self.why, self.slip = "", float(moved(palm, thing, *self.marks["hold"])[0])
+        self.slip = float(relative_displacement(palm, thing, *self.marks["hold"])[0])
 
     def row(self, setup: Setup, check: Check, closing: float) -> dict[str, Any]:
         """Plain data, in units that are read."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.statistics import Paired, paired
+from allegro_twin.grasping.statistics import PairedCounts, count_pairs
 from allegro_twin.types import Array
 from studies.preemption.draws import block
 from studies.preemption.protocol import Set, Study
@@ -34,8 +34,8 @@ class Outcomes:
     def objects(self) -> list[str]:
         return [str(row["object"]) for row in next(iter(self.rows.values()))]
 
-    def pairs(self, first: str, second: str) -> Paired:
-        return paired(self.held(first), self.held(second))
+    def pairs(self, first: str, second: str) -> PairedCounts:
+        return count_pairs(self.held(first), self.held(second))
 
 
 def outcomes_of(rows: Iterable[Row], study: Study, hand: str, set_: Set) -> Outcomes:

@@ -7,10 +7,10 @@ import math
 from collections.abc import Mapping
 from statistics import NormalDist
 
-from allegro_twin.grasping.statistics import Interval, Paired, wilson
+from allegro_twin.grasping.statistics import Interval, PairedCounts, wilson
 
 
-def newcombe(found: Paired, confidence: float = 0.95) -> Interval:
+def newcombe(found: PairedCounts, confidence: float = 0.95) -> Interval:
     """Of the difference of two rates in the same trials (Newcombe, Statistics in Medicine 17, 1998, method 10):
 
     Δ - √(dl₁² - 2 φ dl₁ du₂ + du₂²) to Δ + √(du₁² - 2 φ du₁ dl₂ + dl₂²), with dlᵢ and duᵢ from a rate to the ends of
@@ -29,7 +29,7 @@ def newcombe(found: Paired, confidence: float = 0.95) -> Interval:
     return Interval(difference - math.sqrt(max(below, 0.0)), difference + math.sqrt(max(above, 0.0)))
 
 
-def _correlation(found: Paired) -> float:
+def _correlation(found: PairedCounts) -> float:
     a, b, c, d = found
     margins = (a + b) * (c + d) * (a + c) * (b + d)
     if not margins:
@@ -40,7 +40,7 @@ def _correlation(found: Paired) -> float:
     return product / math.sqrt(margins)
 
 
-def not_inferior(found: Paired, margin: float) -> float:
+def not_inferior(found: PairedCounts, margin: float) -> float:
     """One-sided p that the first is not worse than the second by `margin` or more: the level at which the lower bound
     of Newcombe's interval would be -margin."""
     low, high = 0.0, 1.0  # Of the bound's level, α: the more may be wrong, the higher the bound.
@@ -53,7 +53,7 @@ def not_inferior(found: Paired, margin: float) -> float:
     return high
 
 
-def bound(found: Paired, alpha: float) -> float:
+def bound(found: PairedCounts, alpha: float) -> float:
     """The lower bound of the difference that is too high with a probability of `alpha`, from 0 to 1."""
     alpha = min(max(alpha, 1e-15), 1.0 - 1e-15)
     if alpha <= 0.5:

@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, load
+from allegro_twin import ConfigError
+from allegro_twin.errors import unknown
+from allegro_twin.files.schema import Positive, Settings, load_settings
 from allegro_twin.grasping.scenario import PhysicsSettings, Shake
 from allegro_twin.sim.model.physics import Cone
 
@@ -206,4 +207,4 @@ def named(name: str) -> Path:
 
 def load_study(name: str) -> Study:
     """A protocol by path or name."""
-    return load(Study, named(name))
+    return load_settings(Study, named(name))

@@ -13,10 +13,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from studies.preemption.protocol import Study, named
 
 EXPLORATORY = "none (exploratory)"
@@ -113,7 +113,7 @@ def register(study: Study, path: Path, when: str) -> Registration:
 
 
 def _write(path: Path, made: Registration) -> None:
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(asdict(made), indent=1) + "\n")
 
 

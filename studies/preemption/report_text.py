@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from allegro_twin.grasping.statistics import Interval, draws_needed
+from allegro_twin.grasping.statistics import Interval, pairs_needed
 from studies.preemption.analysis import Answer, Finding, Versus
 from studies.preemption.outcomes import Row, control_of
 from studies.preemption.protocol import Study
@@ -58,7 +58,7 @@ def _listed(names: Sequence[str]) -> str:
 def sentence(found: Finding, answer: Answer, study: Study) -> str:
     """The primary comparison of one hand."""
     one, counts = found.primary, found.primary.counts
-    needed = draws_needed(counts) if counts.only_first != counts.only_second else None
+    needed = pairs_needed(counts) if counts.only_first != counts.only_second else None
     more = "" if needed is None or one.p_value < study.analysis.alpha else f"; about {needed} pairs would show it"
     return (
         f"{found.hand}: {one.first} against {one.second} on {counts.draws} pairs: only {one.first} held "

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.controllers import Gravity
+from allegro_twin.control import GravityFeedforward
 from allegro_twin.grasping import scenario as rules
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import Draw
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import Perturbation
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
-from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.sim.model import wrist
+from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.model.wrist import WristSegment, WristServo, set_wrist_servo, wrist_load, wrist_set_points
 from allegro_twin.types import Array
 from studies.preemption.draws import Case
 from studies.preemption.protocol import Arm, Control, Policy, Study
@@ -64,7 +64,7 @@ class Bench:
         self.spec = load_spec(hand)
         self.limits = hand_limits(LimitSettings(), self.spec)
         self.gains = load_gains("default", self.spec)
-        self.gravity = Gravity(hand_kinematics(self.spec).gravity_torque)
+        self.gravity = GravityFeedforward(hand_kinematics(self.spec).gravity_torque)
         self._made: dict[tuple[object, ...], tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]] = {}
 
     def setup(self, job: Job) -> Setup:
@@ -75,10 +75,10 @@ class Bench:
         model.geom_friction[:, 0] = job.case.friction
         if job.control is not None and job.control.frozen:
             grasp = replace(grasp, close=grasp.preshape, squeeze=grasp.preshape)
-        placed = Draw(job.case.x, job.case.y, job.case.yaw).on(scene).things[0]
+        placed = Perturbation(job.case.x, job.case.y, job.case.yaw).on(scene).things[0]
         goal = scene.position - np.array(scenario.wrist.retreat)
         down = -physics.physics().gravity[2]
-        load = wrist.load(model)
+        load = wrist_load(model)
         return Setup(
             job, model, grasp, np.array([*placed.position, *placed.quaternion]),
             2.0 * float(placed.thing.half_extents().min()), goal,
@@ -90,12 +90,12 @@ class Bench:
         motion, still = self.study.motion, np.zeros(6)
         shake = np.array([*[motion.shake.acceleration] * 3, 0.0, 0.0, 0.0])
         segments = [
-            wrist.Segment(seconds, np.array([*way, 0.0, 0.0, 0.0]), still),
-            wrist.Segment(motion.lifting, np.array([0.0, 0.0, motion.lift, 0.0, 0.0, 0.0]), still),
-            wrist.Segment(motion.hold, still, still),
-            wrist.Segment(motion.shaking, still, shake, motion.shake.frequency),
+            WristSegment(seconds, np.array([*way, 0.0, 0.0, 0.0]), still),
+            WristSegment(motion.lifting, np.array([0.0, 0.0, motion.lift, 0.0, 0.0, 0.0]), still),
+            WristSegment(motion.hold, still, still),
+            WristSegment(motion.shaking, still, shake, motion.shake.frequency),
         ]
-        return wrist.commands(segments, timestep, load, gravity, servo_of(self.study.arm, load))
+        return wrist_set_points(segments, timestep, load, gravity, servo_of(self.study.arm, load))
 
     def _physics(self, control: Control | None) -> rules.PhysicsSettings:
         physics = self.study.physics
@@ -111,15 +111,15 @@ class Bench:
             name = self.study.hands[self.hand].format(object=thing)
             scenario, path = rules.load_scenario(name)
             approach = rules.Phase(name="approach", seconds=1.0, wrist="approach")
-            protocol = rules.Protocol(version=1, physics=physics, phases=(approach,), reference="approach")
-            scene = stage(scenario, protocol, self.spec.side, path.parent)
+            protocol = rules.TrialProtocol(version=1, physics=physics, phases=(approach,), reference="approach")
+            scene = make_stage(scenario, protocol, self.spec.side, path.parent)
             model = compile_scene(self.spec, scene)
-            wrist.soften(model, servo_of(self.study.arm, wrist.load(model)))
+            set_wrist_servo(model, servo_of(self.study.arm, wrist_load(model)))
             self._made[key] = model, scene, scenario, load_grasp(scenario.grasp, self.spec)
         return self._made[key]
 
 
-def servo_of(arm: Arm, load: float) -> wrist.Servo:
+def servo_of(arm: Arm, load: float) -> WristServo:
     """The spring that carries a hand of that mass, kg."""
     stiffness = np.array([arm.stiffness] * 3 + [arm.rotation] * 3)
-    return wrist.Servo(stiffness, np.array([arm.inertia + load] * 3 + [arm.turning] * 3))
+    return WristServo(stiffness, np.array([arm.inertia + load] * 3 + [arm.turning] * 3))

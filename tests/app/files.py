@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
-from allegro_twin.grasping.interchange.grasps import PALM, Grasps, checked
+from allegro_twin.grasping.interchange.grasps import PALM, Grasps, check_grasps
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.kinematics.orientation import facing, quaternion_from_matrix
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.kinematics.orientation import matrix_facing, quaternion_from_matrix
 from allegro_twin.types import Array
 
 SHORT = """version: 7
@@ -46,11 +46,11 @@ def grasps(path: Path, count: int = 1, thing: str = "lemon") -> Grasps:
     spec = load_spec()
     settings, _ = load_scenario("lemon")
     grasp = load_grasp(settings.grasp, spec)
-    turn = quaternion_from_matrix(facing(settings.wrist.facing, settings.wrist.fingers))
+    turn = quaternion_from_matrix(matrix_facing(settings.wrist.facing, settings.wrist.fingers))
     x, y, z = settings.wrist.position
     palms: Array = np.array([[x + 0.001 * k, y, z, *turn] for k in range(count)])
     joints = [[grasp.preshape, grasp.close, grasp.squeeze]] * count
-    made = checked(
+    made = check_grasps(
         spec, np.repeat(palms[:, None], 3, axis=1), joints, [0.0, 0, 0, 1, 0, 0, 0], 1.0,
         thing=thing, frame=PALM, source=str(path),
     )  # fmt: skip

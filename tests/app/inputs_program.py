@@ -13,20 +13,26 @@ READ: set[str] = set()
 
 def keys(targets: list[str]) -> list[str]:
     """The first key of each target as the files are now."""
-    from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
+    from allegro_twin.grasping.evaluation.campaign import (
+        JUDGE,
+        SamplingSettings,
+        TargetOptions,
+        find_targets,
+        make_campaign,
+    )
     from allegro_twin.sweep.jobs import Sweep
 
     found = []
     for target in targets:
-        asked = Asked(protocol="fc", object="mug") if target.endswith(".npy") else Asked()
-        items, shared, stamps, inputs = campaign_of(targets_of([Path(target)], asked), Noise())
+        asked = TargetOptions(protocol="fc", object="mug") if target.endswith(".npy") else TargetOptions()
+        items, shared, stamps, inputs = make_campaign(find_targets([Path(target)], asked), SamplingSettings())
         found.append(Sweep(JUDGE, items, shared, 1, stamps, inputs).keys()[0])
     return found
 
 
 def tried(targets: list[str]) -> None:
     """A trial of each, with what it opens noted."""
-    from allegro_twin.grasping.batch.trials import judged
+    from allegro_twin.grasping.batch.trials import run_cases
 
     def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(arguments[0], str | Path):
@@ -39,7 +45,7 @@ def tried(targets: list[str]) -> None:
             if target.endswith(".npy")
             else {"scenario": target}
         )
-        judged({"threads": 1}, [item])
+        run_cases({"threads": 1}, [item])
 
 
 def main() -> None:

@@ -9,17 +9,24 @@ import pytest
 
 from allegro_twin.app.portraits import ends_of_objects, staged, worth_showing
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench, judged
-from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
-from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rates
-from allegro_twin.grasping.interchange.to_trial import foreign
-from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.batch.trials import TrialRunner, run_cases
+from allegro_twin.grasping.evaluation.campaign import (
+    JUDGE,
+    EvaluationTarget,
+    SamplingSettings,
+    TargetOptions,
+    find_targets,
+    make_campaign,
+)
+from allegro_twin.grasping.evaluation.outcomes import compare_pairs, rates, summarise
+from allegro_twin.grasping.interchange.read import import_grasp
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.objects.meshes import middle_of
+from allegro_twin.sim.objects.meshes import mesh_middle
 from allegro_twin.sweep import Sweep
 from tests.app.files import grasps, scenario, short
 
@@ -40,60 +47,60 @@ f 4 1 5 8
 """
 
 
-def sweep_of(targets: list[Target], noise: Noise) -> Sweep:
-    items, shared, stamps, inputs = campaign_of(targets, noise)
+def sweep_of(targets: list[EvaluationTarget], noise: SamplingSettings) -> Sweep:
+    items, shared, stamps, inputs = make_campaign(targets, noise)
     return Sweep(JUDGE, items, shared, stamps=stamps, inputs=inputs)
 
 
 def differing(one: Sweep, other: Sweep) -> set[str]:
-    there, here = one.made_of(), other.made_of()
+    there, here = one.fingerprints(), other.fingerprints()
     return {name for name in there.keys() | here.keys() if there.get(name) != here.get(name)}
 
 
 def test_more_draws_are_the_same_sweep_and_whatever_changes_rows_is_another(tmp_path: Path) -> None:
-    asked = Asked(str(short(tmp_path)))
-    mine = targets_of([scenario(tmp_path)], asked)
-    few, more = sweep_of(mine, Noise(1)), sweep_of(mine, Noise(3))
+    asked = TargetOptions(str(short(tmp_path)))
+    mine = find_targets([scenario(tmp_path)], asked)
+    few, more = sweep_of(mine, SamplingSettings(1)), sweep_of(mine, SamplingSettings(3))
     assert more.keys()[:2] == few.keys()
     assert len(more.items) == 4
     assert more.items[0]["draw"] is None
-    assert sweep_of(mine, Noise(1, seed=1)).stamped()["seed"] == "1"
+    assert sweep_of(mine, SamplingSettings(1, seed=1)).all_stamps()["seed"] == "1"
     short(tmp_path).write_text(short(tmp_path).read_text().replace("seconds: 0.15, push", "seconds: 0.16, push"))
-    longer = sweep_of(targets_of([scenario(tmp_path)], asked), Noise(1))
+    longer = sweep_of(find_targets([scenario(tmp_path)], asked), SamplingSettings(1))
     assert longer.question() == few.question()
     assert differing(longer, few) == {"protocol short_10"}
-    other = sweep_of(targets_of([scenario(tmp_path, friction=0.7)], asked), Noise(1))
+    other = sweep_of(find_targets([scenario(tmp_path, friction=0.7)], asked), SamplingSettings(1))
     assert differing(other, longer) == {"scenario mine", "scene of allegro_right at mine"}
     assert len({few.keys()[0], longer.keys()[0], other.keys()[0]}) == 3
 
 
 def test_both_sides_are_two_targets_and_twice_the_same_is_refused(tmp_path: Path) -> None:
     path = scenario(tmp_path)
-    assert [target.side for target in targets_of([path], Asked(sides=("right", "left")))] == ["right", "left"]
+    assert [target.side for target in find_targets([path], TargetOptions(sides=("right", "left")))] == ["right", "left"]
     with pytest.raises(ConfigError, match="mine: asked for twice"):
-        targets_of([path, path])
+        find_targets([path, path])
 
 
 def test_grasps_of_a_file_are_tried_without_a_table_and_do_not_mix_with_other_protocols(tmp_path: Path) -> None:
     grasps(tmp_path / "0.npy", count=2)
-    found = targets_of([tmp_path / "0.npy"], Asked(object="lemon"))
+    found = find_targets([tmp_path / "0.npy"], TargetOptions(object="lemon"))
     assert [(target.name, target.item["protocol"]) for target in found] == [("0_0", "fc"), ("0_1", "fc")]
-    assert "grasps 0.npy" in sweep_of(found, Noise()).stamped()
+    assert "grasps 0.npy" in sweep_of(found, SamplingSettings()).all_stamps()
     with pytest.raises(ConfigError, match=r"know of no table, which table_pick has: say --protocol fc"):
-        targets_of([tmp_path / "0.npy"], Asked("table_pick", object="lemon"))
+        find_targets([tmp_path / "0.npy"], TargetOptions("table_pick", object="lemon"))
     with pytest.raises(ConfigError, match=r"different protocols do not compare: fc \(0_1\), table_pick \(mine\)"):
-        targets_of([tmp_path / "0.npy", scenario(tmp_path)], Asked(object="lemon"))
+        find_targets([tmp_path / "0.npy", scenario(tmp_path)], TargetOptions(object="lemon"))
 
 
 def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path: Path) -> None:
     mesh = tmp_path / "block.obj"
     mesh.write_text(BLOCK)
     made = grasps(tmp_path / "0.npy", count=2, thing="block.obj")
-    found = foreign(tmp_path / "0.npy", 1, load_spec())
+    found = import_grasp(tmp_path / "0.npy", 1, load_spec())
     assert found.scenario.objects[0].file == mesh
     wrist = found.scenario.wrist
-    np.testing.assert_allclose(wrist.position, made.palm[1, 1, :3] - middle_of(mesh), atol=1e-12)
-    np.testing.assert_allclose(middle_of(mesh), [0.02, 0.01, 0.03], atol=1e-12)
+    np.testing.assert_allclose(wrist.position, made.palm[1, 1, :3] - mesh_middle(mesh), atol=1e-12)
+    np.testing.assert_allclose(mesh_middle(mesh), [0.02, 0.01, 0.03], atol=1e-12)
     np.testing.assert_allclose(np.cross(wrist.facing, wrist.fingers) @ np.cross(wrist.facing, wrist.fingers), 1.0)
     np.testing.assert_array_equal(found.grasp.close, made.close[1])
 
@@ -101,50 +108,50 @@ def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path:
 def test_an_object_that_is_not_here_is_asked_for(tmp_path: Path) -> None:
     grasps(tmp_path / "0.npy", thing="assets/core_mug")
     with pytest.raises(ConfigError, match=r"0\.npy: its object 'assets/core_mug' is no mesh here: say --object FILE"):
-        targets_of([tmp_path / "0.npy"])
+        find_targets([tmp_path / "0.npy"])
 
 
 def test_metrics_are_those_of_the_contacts_at_the_end_of_the_first_check(tmp_path: Path) -> None:
     pytest.importorskip("scipy", reason="metrics of contacts need SciPy: extra objects")
-    (target,) = targets_of([scenario(tmp_path)], Asked(str(short(tmp_path))))
+    (target,) = find_targets([scenario(tmp_path)], TargetOptions(str(short(tmp_path))))
     draw = {"x": 0.001}
-    row, drawn = judged({"metrics": True}, [target.item, target.item | {"draw": draw}])
-    bench = Bench(load_spec())
+    row, drawn = run_cases({"metrics": True}, [target.item, target.item | {"draw": draw}])
+    bench = TrialRunner(load_spec())
     trial = bench.trial(target.case)
     hand = Guard(trial.backend, hand_limits(LimitSettings(), bench.spec))
     for _ in until(trial.seconds, run(hand, bench.controller(trial))):
         pass
-    alone = metrics_of(trial, trial.backend.data)
+    alone = trial_metrics(trial, trial.backend.data)
     assert alone["fingers"] >= 3
     assert {name: row[name] for name in NAMES} == pytest.approx(alone, rel=1e-6)
     assert all(np.isnan(drawn[name]) for name in NAMES)
-    assert not set(NAMES) & judged({}, [target.item])[0].keys()
+    assert not set(NAMES) & run_cases({}, [target.item])[0].keys()
 
 
 def test_a_trial_that_could_not_be_made_is_no_success_and_a_draw_that_could_not_be_is_not_counted(
     tmp_path: Path,
 ) -> None:
-    targets = targets_of([scenario(tmp_path)], Asked(sides=("right", "left")))
+    targets = find_targets([scenario(tmp_path)], TargetOptions(sides=("right", "left")))
     good = {"key": "k", "object": "lemon", "grasp": "g", "side": "right", "held": True, "error": None}
     bad = dict.fromkeys(good, None) | {"error": "the disk is full"}
     lost = good | {"held": False}
-    rows = outcomes(targets, [good, good, lost, bad, bad, good, good, good])
+    rows = summarise(targets, [good, good, lost, bad, bad, good, good, good])
     assert [(row["held"], row["n"], row["success"]) for row in rows] == [(True, 2, 0.5), (False, 3, 1.0)]
     assert (rows[1]["reason"], rows[1]["object"], rows[1]["side"]) == ("the disk is full", "lemon", "left")
     (both,) = rates(rows, "object")
     assert (both.held, both.n) == (4, 5)
     assert str(both) == "4 of 5 (38–96 %)"
     with pytest.raises(ConfigError, match="^the disk is full"):
-        outcomes(targets, [bad] * 8)
+        summarise(targets, [bad] * 8)
     with pytest.raises(ConfigError, match="mine: no draw could be tried: the disk is full"):
-        outcomes(targets, [good, good, good, good, good, bad, bad, bad])
+        summarise(targets, [good, good, good, good, good, bad, bad, bad])
 
 
 def test_pairs_are_of_the_draws_and_not_of_the_trials_without_one() -> None:
     def trial(held: bool) -> dict[str, object]:
         return {"held": held, "error": None}
 
-    found = pairs([trial(held) for held in (False, True, True, False, True, False, True, False)])
+    found = compare_pairs([trial(held) for held in (False, True, True, False, True, False, True, False)])
     assert found == (1, 1, 0, 1)
 
 
@@ -163,7 +170,7 @@ def test_recordings_are_of_the_best_and_the_worst_of_every_object_in_the_directi
     assert ends_of_objects(rows) == [1, 2, 4]
     rules = short(tmp_path)
     rules.write_text(rules.read_text().replace("floating: true", "floating: true\ndirections: 6"))
-    (target,) = targets_of([scenario(tmp_path)], Asked(str(rules)))
+    (target,) = find_targets([scenario(tmp_path)], TargetOptions(str(rules)))
 
     def pushed(row: dict[str, float] | None) -> tuple[float, ...]:
         trial = staged(target, row).trial

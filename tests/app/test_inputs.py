@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.fingerprint import reached_sources
+from allegro_twin.files.fingerprints import reached_sources
 from tests.app.files import grasps
 from tests.app.test_campaign import BLOCK
 

@@ -10,8 +10,8 @@ from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.session import REACHED, Outputs, perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.batch.trials import TrialRunner
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period
 from tests.surfaces.cli.conftest import Run, command
 
@@ -103,7 +103,7 @@ def test_every_door_refuses_it(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=r"it is in seconds: 3 ms is 0\.003"):
             assemble(load_config(name).changed(period=3.0))
     with pytest.raises(ConfigError, match=r"4 ms is 0\.004"):
-        Bench(load_spec(), period=4.0)
+        TrialRunner(load_spec(), period=4.0)
 
 
 @pytest.mark.parametrize("name", ["sim_right", "leap_virtual", "qb_softhand_virtual", "sih_virtual"])

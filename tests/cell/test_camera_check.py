@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
-from allegro_twin.cell.checks.camera_check import Sight, sighted
-from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera
+from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array
 from tests.cell.perception.test_pipeline import SETTINGS as SEEN_BY
@@ -22,18 +22,18 @@ LIFTED = Pose(np.array([0.0, 0.0, 0.2 + LIFT]), np.eye(3))
 NONE = np.empty((0, 3))
 
 
-def before() -> Found:
+def before() -> Detection:
     seen = look(picture(put("tomato_soup_can")))
-    assert isinstance(seen, Found)
+    assert isinstance(seen, Detection)
     return seen
 
 
-def after(frame: Frame, cloud: Cloud | None = None, others: Array = NONE) -> Sight:
+def after(frame: CameraFrame, cloud: Cloud | None = None, others: Array = NONE) -> CameraCheck:
     shown = frame.cloud if cloud is None else cloud
-    return sighted(frame, shown, before(), others, (GRASPED, LIFTED), LIFT, SEEN_BY)
+    return check_camera(frame, shown, before(), others, (GRASPED, LIFTED), LIFT, SEEN_BY)
 
 
-def raised(by: float) -> Frame:
+def raised(by: float) -> CameraFrame:
     placed = put("tomato_soup_can")
     x, y, z = placed.position
     return picture(replace(placed, position=(x, y, z + by)))
@@ -59,7 +59,7 @@ def test_an_object_that_fell_elsewhere_is_seen_on_the_table(x: float, y: float) 
 def test_an_object_that_stood_beside_it_before_is_not_taken_for_it() -> None:
     beside = picture(put("golf_ball", x=0.1, y=0.1))
     seen = look(beside)
-    assert isinstance(seen, Found)
+    assert isinstance(seen, Detection)
     assert after(beside).held is False
     assert after(beside, others=seen.points).held is None
 

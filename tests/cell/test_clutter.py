@@ -5,32 +5,32 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.motion.clutter import beside, box_of
-from allegro_twin.cell.perception.pipeline import Found
-from allegro_twin.cell.reachability import best_way
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.motion.clutter import bounding_box, other_objects
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.reachability import plan_grasp
 from allegro_twin.cell.run import perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.contact.obstacle_clearance import OTHERS
 from allegro_twin.types import Array
-from tests.cell.test_run import room_of
+from tests.cell.test_run import cell_of
 
 APPLE = {"name": "apple", "at": [0.0, 0.03]}
 
 
-def looked(room: Room) -> tuple[Found, tuple[Array, ...]]:
+def looked(cell: Cell) -> tuple[Detection, tuple[Array, ...]]:
     """What a first look finds, and what is beside it."""
-    room.cell.arm.reset()
-    frame = room.camera.capture(room.cell.world.data)
-    seen = room.pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
-    assert isinstance(seen, Found)
-    cloud = room.itself.cut_out(frame.cloud, room.posture, room.open)
-    return seen, beside(frame, cloud, seen, room.settings.perception)
+    cell.robot.arm.reset()
+    frame = cell.camera.capture(cell.robot.world.data)
+    seen = cell.pipeline.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
+    assert isinstance(seen, Detection)
+    cloud = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
+    return seen, other_objects(frame, cloud, seen, cell.settings.perception)
 
 
 def test_one_object_alone_has_nothing_beside_it() -> None:
     for name in ("apple", "cracker_box", "chips_can", "mug"):
-        assert looked(room_of(objects=[{"name": name, "at": [0.02, -0.04], "yaw": 30.0}]))[1] == ()
+        assert looked(cell_of(objects=[{"name": name, "at": [0.02, -0.04], "yaw": 30.0}]))[1] == ()
 
 
 def test_objects_beside_it_are_found_wherever_they_stand_on_the_table() -> None:
@@ -38,17 +38,17 @@ def test_objects_beside_it_are_found_wherever_they_stand_on_the_table() -> None:
     others = [
         {"name": name, "at": at} for name, at in zip(("lemon", "golf_ball", "tuna_fish_can"), places, strict=True)
     ]
-    seen, found = looked(room_of(objects=[*others, APPLE]))
+    seen, found = looked(cell_of(objects=[*others, APPLE]))
     np.testing.assert_allclose(seen.solid.position[:2], [0.0, 0.03], atol=0.003)
-    middles = sorted(box_of(points)[0][:2].tolist() for points in found)
+    middles = sorted(bounding_box(points)[0][:2].tolist() for points in found)
     np.testing.assert_allclose(middles, sorted(map(list, places)), atol=0.03)  # Their far sides are not seen.
 
 
 @pytest.mark.slow
 def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_and_the_other_stays() -> None:
-    report = perform(room_of(objects=[{"name": "golf_ball", "at": [0.12, 0.12]}, {"name": "tomato_soup_can"}]))
+    report = perform(cell_of(objects=[{"name": "golf_ball", "at": [0.12, 0.12]}, {"name": "tomato_soup_can"}]))
     assert (str(report.end), report.thing, report.grasp) == ("held", "tomato_soup_can", "tomato_soup_can")
-    assert report.truly
+    assert report.is_lifted
     assert report.error < 0.003
     assert report.moved == ()
     assert report.checked is not None
@@ -56,21 +56,21 @@ def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_an
 
 
 def test_an_object_in_every_way_is_refused_and_named() -> None:
-    room = room_of()
-    seen, _ = looked(room)
+    cell = cell_of()
+    seen, _ = looked(cell)
     wall = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.07, 0.13) for z in (0.0, 0.2)])
     with pytest.raises(
         ConfigError, match=r"mm (from|deep in) another object .* other objects at \(0.000, 0.030, 0.100\)"
     ):
-        best_way(seen.solid, room, [wall])
-    best_way(seen.solid, room)
+        plan_grasp(seen.solid, cell, [wall])
+    plan_grasp(seen.solid, cell)
 
 
 def test_more_objects_than_can_be_kept_clear_of_are_refused() -> None:
-    room = room_of()
-    seen, _ = looked(room)
+    cell = cell_of()
+    seen, _ = looked(cell)
     with pytest.raises(ConfigError, match=f"{OTHERS + 1} other objects are on the table"):
-        best_way(seen.solid, room, [np.full((3, 3), 0.3)] * (OTHERS + 1))
+        plan_grasp(seen.solid, cell, [np.full((3, 3), 0.3)] * (OTHERS + 1))
 
 
 @pytest.mark.long
@@ -80,7 +80,7 @@ def test_nothing_is_said_to_be_held_that_is_not_and_no_other_object_is_swept_awa
 
     draws = np.random.default_rng((77, seed))
     names = ["apple", "sugar_box", "tuna_fish_can", "golf_ball", "chips_can", "foam_brick"]
-    room = room_of(objects=[each.model_dump() for each in drawn(names, draws)], seed=seed)
-    report = perform(room)
-    assert report.truly or report.end.word != "held"
+    cell = cell_of(objects=[each.model_dump() for each in drawn(names, draws)], seed=seed)
+    report = perform(cell)
+    assert report.is_lifted or report.end.word != "held"
     assert report.moved == ()

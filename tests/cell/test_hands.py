@@ -5,32 +5,32 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.cell.assembly import make_room, with_things
-from allegro_twin.cell.motion.grasp_selection import Body, cards
-from allegro_twin.cell.reachability import best_of, within_reach
-from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.assembly import make_cell, with_objects
+from allegro_twin.cell.motion.grasp_selection import TableObject, stored_grasps
+from allegro_twin.cell.reachability import nearest_grasp, reachable_grasps
+from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from tests.cell.test_run import room_of
+from allegro_twin.files.schema import load_settings
+from tests.cell.test_run import cell_of
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 
 
 def shipped(hand: str) -> LabSettings:
-    return load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
+    return load_settings(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
 
 
 QUICK = ("leap",)
 
 
-def taken(settings: LabSettings) -> Report:
-    room = make_room(settings)
+def taken(settings: LabSettings) -> LabReport:
+    cell = make_cell(settings)
     try:
-        return perform(room)
+        return perform(cell)
     finally:
-        room.close()
+        cell.close()
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def taken(settings: LabSettings) -> Report:
 def test_what_stands_in_a_hands_own_config_is_held_and_said_to_be(hand: str) -> None:
     report = taken(shipped(hand))
     assert str(report.end) == "held"
-    assert report.truly
+    assert report.is_lifted
     assert report.checked is not None
     assert report.checked.by_fingers
 
@@ -49,27 +49,27 @@ def test_what_stands_in_a_hands_own_config_is_held_and_said_to_be(hand: str) -> 
 def test_a_hand_holds_most_things_of_the_demo_wherever_they_stand_and_says_nothing_false(hand: str) -> None:
     settings, draws = shipped(hand), np.random.default_rng(11)
     held = 0
-    names = sorted(card.name for card in cards(hand))
+    names = sorted(card.name for card in stored_grasps(hand))
     for seed, name in enumerate(names):
         x, y, yaw = (float(draw) for draw in draws.uniform((-0.08, -0.08, -180.0), (0.08, 0.08, 180.0)))
-        report = taken(with_things(settings, [ThingSettings(name=name, at=(x, y), yaw=yaw)], seed))
-        held += report.truly
-        assert report.truly or report.end.word != "held", name
-    assert held >= 10  # Of 12: docs/lab.md names those that are not.
+        report = taken(with_objects(settings, [ThingSettings(name=name, at=(x, y), yaw=yaw)], seed))
+        held += report.is_lifted
+        assert report.is_lifted or report.end.word != "held", name
+    assert held >= 10  # Of 12: docs/results/cell.md names those that are not.
 
 
 def test_fingers_that_point_at_the_arm_are_reached_with_the_elbow_out() -> None:
-    room = room_of()
-    box = next(card.body for card in cards("allegro") if card.name == "pudding_box")
-    across = Body(box.kind, box.extents, np.radians(90.0), np.array([-0.01, -0.01, box.extents[2] / 2.0]))
-    best = within_reach(across, room.cell, room.posture, 0.15)[0]
+    cell = cell_of()
+    box = next(card.body for card in stored_grasps("allegro") if card.name == "pudding_box")
+    across = TableObject(box.kind, box.extents, np.radians(90.0), np.array([-0.01, -0.01, box.extents[2] / 2.0]))
+    best = reachable_grasps(across, cell.robot, cell.posture, 0.15)[0]
     assert abs(best.through[-1][0]) > 1.0
 
 
 def test_a_lemon_that_points_at_the_arm_is_taken_a_little_askew() -> None:
-    room = room_of()
-    egg = next(card.body for card in cards("allegro") if card.name == "lemon")
-    there = Body(egg.kind, egg.extents, np.radians(-95.0), np.array([0.0, 0.0, egg.extents[2] / 2.0]))
+    cell = cell_of()
+    egg = next(card.body for card in stored_grasps("allegro") if card.name == "lemon")
+    there = TableObject(egg.kind, egg.extents, np.radians(-95.0), np.array([0.0, 0.0, egg.extents[2] / 2.0]))
     with pytest.raises(ConfigError, match="does not reach the lemon grasp"):
-        best_of(there, room.cell, room.posture, 0.15)
-    assert within_reach(there, room.cell, room.posture, 0.15)
+        nearest_grasp(there, cell.robot, cell.posture, 0.15)
+    assert reachable_grasps(there, cell.robot, cell.posture, 0.15)

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.cell.checks.motor_check import MotorCheck
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import HandState, Vector, frozen
 
 SPEC = load_spec()
@@ -36,7 +36,7 @@ def away(joint: int, by: float) -> SetPoint:
 def test_a_joint_away_from_its_goal_without_torque_is_a_fault_by_its_name() -> None:
     motors, target = check(), away(14, 0.05)
     for _ in range(PERIODS):
-        motors.see(state_of(STILL), target, STILL)
+        motors.update(state_of(STILL), target, STILL)
     fault = motors.fault(state_of(STILL), target)
     assert fault is not None
     assert str(fault) == "fault: hand without torque"
@@ -48,7 +48,7 @@ def test_a_motor_that_gives_what_is_due_is_no_fault(share: float) -> None:
     motors, target = check(), away(14, 0.015)
     state = state_of(share * KP * (target.position - HERE))
     for _ in range(PERIODS):
-        motors.see(state, target, STILL)
+        motors.update(state, target, STILL)
     assert motors.fault(state, target) is None
 
 
@@ -57,7 +57,7 @@ def test_a_motor_at_a_fifth_of_its_torque_is_a_fault_and_one_that_pulls_the_wron
     for share in (0.2, -1.0):
         motors, state = check(), state_of(share * np.clip(KP * (target.position - HERE), -LIMIT, LIMIT))
         for _ in range(PERIODS):
-            motors.see(state, target, STILL)
+            motors.update(state, target, STILL)
         assert motors.fault(state, target) is not None
 
 
@@ -70,11 +70,11 @@ def test_a_joint_that_moves_or_hardly_has_to_or_tells_no_torque_or_lacks_it_for_
     for state, target in cases:
         motors = check()
         for _ in range(PERIODS):
-            motors.see(state, target, STILL)
+            motors.update(state, target, STILL)
         assert motors.fault(state, target) is None
     motors, target = check(), away(14, 0.3)
     for k in range(PERIODS):
-        motors.see(state_of(LIMIT if k % 40 == 39 else STILL), target, STILL)
+        motors.update(state_of(LIMIT if k % 40 == 39 else STILL), target, STILL)
     assert motors.fault(state_of(STILL), target) is None
 
 
@@ -82,7 +82,7 @@ def test_a_tendon_that_only_pulls_is_not_asked_to_push() -> None:
     servo = replace(SPEC, commands=("position",))
     motors = MotorCheck(servo, KP, np.stack([STILL, LIMIT]), 0.003)
     for _ in range(PERIODS):
-        motors.see(state_of(STILL), away(14, -0.3), STILL)
+        motors.update(state_of(STILL), away(14, -0.3), STILL)
     assert motors.fault(state_of(STILL), away(14, -0.3)) is None
 
 

@@ -12,12 +12,12 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import allegro_twin.gym
 from allegro_twin.cell.pick.env import ArmPick
-from allegro_twin.cell.pick.scripted_policy import Script
+from allegro_twin.cell.pick.scripted_policy import ScriptedPick
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.learning.tasks import task_type
 from allegro_twin.learning.training.settings import load_recipe
-from allegro_twin.surfaces.cli.policies.environments import listed
+from allegro_twin.surfaces.cli.learning.envs import environment_table
 
 SCRIPTED = [{"control": "joints"}, {"control": "grasp", "perception": True}]
 
@@ -28,7 +28,7 @@ def apple(**more: Any) -> ArmPick:
 
 def scripted(env: ArmPick, most: int = 1000) -> tuple[float, bool, dict[str, Any]]:
     """Return, whether it was terminated, and the last info."""
-    script, earned = Script(env), 0.0
+    script, earned = ScriptedPick(env), 0.0
     for _ in range(most):
         _, reward, lost, over, info = env.step(script())
         earned += reward
@@ -86,7 +86,7 @@ def test_nothing_earns_little_and_picks_nothing() -> None:
 def test_what_is_lifted_is_picked_only_after_a_second() -> None:
     env = apple()
     env.reset(seed=1)
-    script, high = Script(env), 0
+    script, high = ScriptedPick(env), 0
     while True:
         _, _, _, over, info = env.step(script())
         high = high + 1 if info["rise"] >= 0.1 else 0
@@ -98,7 +98,7 @@ def test_what_is_lifted_is_picked_only_after_a_second() -> None:
 def test_what_is_up_for_a_second_in_all_but_not_at_a_stretch_is_not_picked() -> None:
     env = apple()
     env.reset(seed=1)
-    joint, high = env.episodes.stand.cell.world.data.joint("apple"), 0
+    joint, high = env.episodes.scene.robot.world.data.joint("apple"), 0
     for _ in range(12):
         for height in (0.35, None, None, 0.04):
             if height is not None:
@@ -114,15 +114,15 @@ def test_what_is_up_for_a_second_in_all_but_not_at_a_stretch_is_not_picked() -> 
 def test_an_action_displaces_the_palm_along_the_worlds_axes_and_turns_it() -> None:
     env = apple(off=0.0)
     env.reset(seed=1)
-    before = env.episodes.stand.palm
+    before = env.episodes.scene.palm
     action = np.zeros(22, np.float32)
     action[2], action[5] = 1.0, 0.5
     env.step(action)
     for _ in range(40):
         env.step(np.zeros(22, np.float32))
-    after = env.episodes.stand.palm
+    after = env.episodes.scene.palm
     np.testing.assert_allclose(after.position - before.position, [0.0, 0.0, 0.02], atol=0.003)
-    np.testing.assert_allclose(turn(before.rotation, after.rotation), [0.0, 0.0, 0.05], atol=0.02)
+    np.testing.assert_allclose(rotation_between(before.rotation, after.rotation), [0.0, 0.0, 0.05], atol=0.02)
 
 
 def test_a_set_point_does_not_run_away_from_a_palm_that_does_not_follow() -> None:
@@ -133,15 +133,15 @@ def test_a_set_point_does_not_run_away_from_a_palm_that_does_not_follow() -> Non
     for _ in range(60):
         if env.step(down)[2]:
             break
-        ahead = env.episodes.stand.aim.position - env.episodes.stand.palm.position
+        ahead = env.episodes.scene.aim.position - env.episodes.scene.palm.position
         assert np.linalg.norm(ahead) < 0.06 + 0.02
 
 
 def test_a_thing_that_falls_off_the_table_ends_the_episode() -> None:
     env = apple()
     env.reset(seed=1)
-    stand = env.episodes.stand
-    stand.cell.world.data.joint("apple").qpos[:3] = [1.0, 1.0, -0.5]
+    scene = env.episodes.scene
+    scene.robot.world.data.joint("apple").qpos[:3] = [1.0, 1.0, -0.5]
     *_, lost, _, info = env.step(np.zeros(22, np.float32))
     assert lost
     assert not info["is_success"]
@@ -154,7 +154,7 @@ def test_with_perception_the_thing_is_where_the_picture_showed_it_and_else_where
         env = apple(perception=perception)
         env.reset(seed=1)
         seen = env.episodes.track.pose.position
-        env.episodes.stand.cell.world.data.joint("apple").qpos[:2] += 0.05
+        env.episodes.scene.robot.world.data.joint("apple").qpos[:2] += 0.05
         env.step(np.zeros(22, np.float32))
         moved = np.linalg.norm(env.episodes.track.pose.position - seen)
         assert moved == 0.0 if perception else moved > 0.06
@@ -164,7 +164,7 @@ def test_a_camera_that_is_late_shows_where_the_thing_was() -> None:
     env = apple(camera_delay=2)
     env.reset(seed=1)
     seen = env.episodes.track.pose.position
-    env.episodes.stand.cell.world.data.joint("apple").qpos[2] += 0.1
+    env.episodes.scene.robot.world.data.joint("apple").qpos[2] += 0.1
     moved = []
     for _ in range(3):
         env.step(np.zeros(22, np.float32))
@@ -178,7 +178,7 @@ def test_an_episode_takes_what_it_is_told() -> None:
     for name in ("mug", "apple"):
         _, info = env.reset(seed=0, options={"object": name, "at": (0.02, -0.03), "yaw": 30.0})
         assert (info["object"], info["at"]) == (name, [0.02, -0.03])
-        np.testing.assert_allclose(env.episodes.stand.there.position[:2], [0.02, -0.03], atol=1e-6)
+        np.testing.assert_allclose(env.episodes.scene.there.position[:2], [0.02, -0.03], atol=1e-6)
 
 
 @pytest.mark.parametrize(("kwargs", "message"), [
@@ -203,7 +203,7 @@ def test_training_and_evaluating_say_that_there_is_no_batch() -> None:
     for refused in (load_recipe, task_type):
         with pytest.raises(ConfigError, match="ArmPick is a single environment"):
             refused("ArmPick")
-    assert listed("ArmPick").row_count == 1
+    assert environment_table("ArmPick").row_count == 1
 
 
 def test_it_goes_through_a_pickle_as_it_was_made() -> None:

@@ -14,17 +14,17 @@ import pytest
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.cell.journal.recording import config_hash
-from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.output_folder import UNFINISHED
-from allegro_twin.recording.reader import Tracks, load, load_tracks
-from allegro_twin.recording.replay import ReplayBackend, samples_of
-from tests.cell.test_run import SETTINGS, room_of
+from allegro_twin.recording.reader import CellRecording, load, load_cell
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
+from tests.cell.test_run import SETTINGS, cell_of
 
 
 @pytest.mark.slow
-def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[Tracks, Report]) -> None:
+def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[CellRecording, LabReport]) -> None:
     found, report = run
     assert found.complete
     events = found.events("states")
@@ -34,7 +34,7 @@ def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[
 
 
 @pytest.mark.slow
-def test_it_holds_the_config_its_hash_and_what_made_it(run: tuple[Tracks, Report]) -> None:
+def test_it_holds_the_config_its_hash_and_what_made_it(run: tuple[CellRecording, LabReport]) -> None:
     found, _ = run
     again = LabSettings.model_validate(found.meta["config"])
     assert again == SETTINGS
@@ -44,7 +44,7 @@ def test_it_holds_the_config_its_hash_and_what_made_it(run: tuple[Tracks, Report
 
 
 @pytest.mark.slow
-def test_what_perception_saw_is_there_with_its_points_and_its_target(run: tuple[Tracks, Report]) -> None:
+def test_what_perception_saw_is_there_with_its_points_and_its_target(run: tuple[CellRecording, LabReport]) -> None:
     found, report = run
     assert report.solid is not None
     (event,) = found.events("perception")
@@ -56,7 +56,7 @@ def test_what_perception_saw_is_there_with_its_points_and_its_target(run: tuple[
 
 
 @pytest.mark.slow
-def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple[Tracks, Report]) -> None:
+def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple[CellRecording, LabReport]) -> None:
     found, report = run
     pictures = found.events("pictures")
     assert np.diff([picture["t"] for picture in pictures]) == pytest.approx(0.5, abs=0.004)
@@ -65,15 +65,15 @@ def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple
     _, _, cx, cy = pictures[0]["lens"]
     down = float(pictures[0]["depth"][round(cy), round(cx)]) / 1000.0
     assert down == pytest.approx(np.hypot(0.36, 0.41), rel=0.2)  # What stands in the middle of the table is before it.
-    room = room_of()
-    alone = perform(room)
-    room.close()
+    cell = cell_of()
+    alone = perform(cell)
+    cell.close()
     assert alone.events == report.events
     assert alone.checked == report.checked
 
 
 @pytest.mark.slow
-def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report]) -> None:
+def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[CellRecording, LabReport]) -> None:
     from allegro_twin.app import assemble
 
     found, _ = run
@@ -83,7 +83,7 @@ def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report])
     assert lifted == pytest.approx(0.15, abs=0.02)
     assert hand.columns["object"][-1, 2] > 0.15
     np.testing.assert_allclose(hand.columns["palm"][-1, :3], arm.columns["tool"][-1, :3], atol=1e-4)
-    states = [state for state, _ in samples_of(ReplayBackend(arm))]
+    states = [state for state, _ in replay_samples(ReplayBackend(arm))]
     assert states[-1].wrench.shape == (6,)
     backend = {"kind": "replay", "file": str(found.path), "track": "hand"}
     rig = assemble(RunConfig.model_validate({"backend": backend, "controller": {"kind": "pd"}, "period": hand.period,
@@ -106,11 +106,11 @@ def test_a_run_that_is_killed_leaves_all_that_was_whole(tmp_path: Path) -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     try:
-        found = load_tracks(path)
+        found = load_cell(path)
     except RecordingError as error:
         message = str(error)
         assert "is cut short after" in message
-        found = load_tracks(path, partial=True)
+        found = load_cell(path, partial=True)
     assert not found.complete
     arm, hand = found.device("arm"), found.device("hand")
     for device in (arm, hand):

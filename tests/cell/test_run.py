@@ -9,42 +9,42 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cell.arm.faults import Silent
-from allegro_twin.cell.assembly import Room, make_room
-from allegro_twin.cell.journal.observers import Onlookers
-from allegro_twin.cell.journal.pictures import Kept
-from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.arm.faults import SilentBackend
+from allegro_twin.cell.assembly import Cell, make_cell
+from allegro_twin.cell.journal.observers import Observers, StatePictures
+from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
-from allegro_twin.cell.states import Now
+from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 
-SETTINGS = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
-
-
-def room_of(**changes: Any) -> Room:
-    return make_room(LabSettings.model_validate(SETTINGS.model_dump() | changes))
+SETTINGS = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
 
-def still(room: Room) -> bool:
+def cell_of(**changes: Any) -> Cell:
+    return make_cell(LabSettings.model_validate(SETTINGS.model_dump() | changes))
+
+
+def still(cell: Cell) -> bool:
     """Whether the arm stands, to a hundredth of a radian a second."""
-    return float(np.abs(room.cell.world.data.qvel[:7]).max()) < 0.02
+    return float(np.abs(cell.robot.world.data.qvel[:7]).max()) < 0.02
 
 
-def states(report: Report) -> list[str]:
+def states(report: LabReport) -> list[str]:
     return [state for _, state in report.events]
 
 
 def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> None:
-    room = room_of()
-    kept = Kept(room, tmp_path)
-    looking = Onlookers(room, [kept])
-    report = perform(room, arm=looking.arm, hand=looking.hand, entered=looking.entered, prepared=looking.prepared)
+    cell = cell_of()
+    kept = StatePictures(cell, tmp_path)
+    looking = Observers(cell, [kept])
+    report = perform(cell, arm=looking.arm, hand=looking.hand, on_state=looking.on_state, on_prepare=looking.on_prepare)
     assert str(report.end) == "held"
     assert states(report) == [
         "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done",
     ]  # fmt: skip
-    assert report.truly
+    assert report.is_lifted
     assert report.error < 0.003
     assert report.grasp == "apple"
     assert report.checked is not None
@@ -53,66 +53,106 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     assert report.checked.weight == pytest.approx(0.068, abs=0.06)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["before.png", "end.png", "grasp.png"]
     kept.close()
-    room.close()
+    cell.close()
+
+
+def looks_of(cell: Cell) -> list[Any]:
+    """What perception says until the arm heads for a target: times and answers."""
+    said: list[Any] = []
+
+    class Enough(Exception):
+        pass
+
+    def entered(now: MachineState) -> None:
+        if now.state == "ToTargetPose":
+            raise Enough
+
+    def prepare(actions: CellActions) -> None:
+        actions.on_detection = lambda frame, seen: said.append((frame.time, seen))
+
+    try:
+        perform(cell, on_state=entered, on_prepare=prepare)
+    except Enough:
+        pass
+    cell.close()
+    return said
+
+
+@pytest.mark.slow
+def test_where_a_target_is_to_stand_still_the_cell_looks_until_it_does() -> None:
+    asked = SETTINGS.perception.model_dump() | {"steady": {"count": 4, "window": 0.5}}
+    assert len(looks_of(cell_of())) == 1
+    looks = looks_of(cell_of(perception=asked))
+    assert len(looks) >= 4
+    assert len({time for time, _ in looks}) == len(looks)
+
+
+@pytest.mark.slow
+def test_a_target_that_does_not_stand_still_is_refused_and_the_arm_does_not_go_there() -> None:
+    asked = SETTINGS.perception.model_dump() | {"steady": {"still": 1e-9, "window": 0.6}}
+    report = perform(cell_of(perception=asked, timeouts=SETTINGS.timeouts.model_dump() | {"look": 1.5}))
+    assert str(report.end) == "refused: unsteady"
+    assert "wait until the thing and the arm stand still" in report.end.sentence
+    assert "ToTargetPose" not in states(report)
 
 
 @pytest.mark.slow
 def test_by_events_the_same_is_done_in_less_time() -> None:
-    clock, event = room_of(), room_of(decide={"by": "event"})
+    clock, event = cell_of(), cell_of(decide={"by": "event"})
     slow, fast = perform(clock), perform(event)
     assert (slow.end.word, fast.end.word) == ("held", "held")
     assert fast.events[-1][0] < slow.events[-1][0]
 
 
 def test_a_camera_that_is_frozen_is_named_and_nothing_moves() -> None:
-    room = room_of()
-    room.camera.freeze()
-    report = perform(room)
+    cell = cell_of()
+    cell.camera.freeze()
+    report = perform(cell)
     assert str(report.end) == "fault: camera"
     assert "it is frozen, or its cable is out" in report.end.sentence
     assert states(report) == ["ToSecurityPose", "Look", "Done"]
-    assert still(room)
+    assert still(cell)
 
 
 def test_a_thing_outside_the_workspace_is_refused_and_nothing_moves() -> None:
-    room = room_of(objects=[{"name": "apple", "at": [0.19, 0.0]}])
-    report = perform(room)
+    cell = cell_of(objects=[{"name": "apple", "at": [0.19, 0.0]}])
+    report = perform(cell)
     assert str(report.end) == "refused: outside"
     assert "outside the workspace" in report.end.sentence
-    assert still(room)
+    assert still(cell)
 
 
 def test_an_empty_table_is_refused() -> None:
-    room = room_of()
-    gone = perform(room, entered=lambda now: away(room, now, "Look"))
+    cell = cell_of()
+    gone = perform(cell, on_state=lambda now: away(cell, now, "Look"))
     assert str(gone.end) == "refused: no_object"
 
 
 @pytest.mark.slow
 def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
-    room = room_of(validation={"by": "force"}, decide={"retries": 0})
-    report = perform(room, entered=lambda now: away(room, now, "Approach"))
+    cell = cell_of(validation={"by": "force"}, decide={"retries": 0})
+    report = perform(cell, on_state=lambda now: away(cell, now, "Approach"))
     assert str(report.end) == "missed"
     assert report.end.sentence == "the thing is not in the hand"
-    assert not report.truly
+    assert not report.is_lifted
 
 
 @pytest.mark.parametrize("at", [0.3, 3.5])
 def test_a_hand_that_falls_silent_is_named_and_the_arm_stands_still(at: float) -> None:
-    room = room_of()
-    report = perform(replace(room, hand=Silent(room.hand, at)))
+    cell = cell_of()
+    report = perform(replace(cell, hand=SilentBackend(cell.hand, at)))
     assert str(report.end) == "fault: hand silent"
-    assert still(room)
+    assert still(cell)
 
 
 def test_an_arm_that_falls_silent_is_named_and_holds_itself() -> None:
-    room = room_of()
-    report = perform(replace(room, arm=Silent(room.arm, 3.0)))
+    cell = cell_of()
+    report = perform(replace(cell, arm=SilentBackend(cell.arm, 3.0)))
     assert str(report.end) == "fault: arm silent"
-    assert still(room)
+    assert still(cell)
 
 
-def away(room: Room, now: Now, when: str, name: str = "apple") -> None:
+def away(cell: Cell, now: MachineState, when: str, name: str = "apple") -> None:
     """Somebody takes the thing off the table when a state begins."""
     if now.state == when:
-        room.cell.world.data.joint(name).qpos[:3] = [2.0, 2.0, 1.0]
+        cell.robot.world.data.joint(name).qpos[:3] = [2.0, 2.0, 1.0]

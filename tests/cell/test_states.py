@@ -6,61 +6,79 @@ from dataclasses import replace
 
 import pytest
 
-from allegro_twin.cell.states import End, Now, Rules, Seen, State, begun, decided
+from allegro_twin.cell.states import (
+    MachineState,
+    Observation,
+    Outcome,
+    StateName,
+    StateRules,
+    initial_state,
+    next_state,
+)
 
-RULES = Rules(
+RULES = StateRules(
     {"ToSecurityPose": 6.0, "Look": 1.0, "ToTargetPose": 6.0, "Approach": 4.0, "ClosingHand": 6.0, "ToLiftedPose": 4.0,
      "Validate": 3.0},
     retries=1,
 )  # fmt: skip
-ORDER: list[State] = ["ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate"]
+ORDER: list[StateName] = [
+    "ToSecurityPose",
+    "Look",
+    "ToTargetPose",
+    "Approach",
+    "ClosingHand",
+    "ToLiftedPose",
+    "Validate",
+]
 
 
 def test_every_state_leads_to_the_next_when_what_it_is_for_has_happened() -> None:
-    now, passed = begun(0.0), []
+    now, passed = initial_state(0.0), []
     for tenth in range(1, 7):
         passed.append(now.state)
-        now = decided(now, Seen(tenth / 10, done=True), RULES)
+        now = next_state(now, Observation(tenth / 10, done=True), RULES)
     assert [*passed, now.state] == ORDER
-    assert decided(now, Seen(1.0, held=True), RULES) == Now("Done", 1.0, 1, End("held"))
+    assert next_state(now, Observation(1.0, held=True), RULES) == MachineState("Done", 1.0, 1, Outcome("held"))
 
 
 @pytest.mark.parametrize("state", ORDER)
-def test_a_fault_ends_every_state_at_once(state: State) -> None:
-    fault = End("fault", "arm at a limit", "fer_joint4 is at its limit")
-    assert decided(Now(state, 0.0), Seen(0.1, done=True, held=True, fault=fault), RULES) == Now("Done", 0.1, 1, fault)
+def test_a_fault_ends_every_state_at_once(state: StateName) -> None:
+    fault = Outcome("fault", "arm at a limit", "fer_joint4 is at its limit")
+    assert next_state(
+        MachineState(state, 0.0), Observation(0.1, done=True, held=True, fault=fault), RULES
+    ) == MachineState("Done", 0.1, 1, fault)
 
 
 @pytest.mark.parametrize("state", ORDER)
-def test_nothing_changes_while_nothing_has_happened_and_it_is_not_late(state: State) -> None:
-    now = Now(state, 2.0)
-    assert decided(now, Seen(2.0 + RULES.timeouts[state] - 0.01), RULES) is now
+def test_nothing_changes_while_nothing_has_happened_and_it_is_not_late(state: StateName) -> None:
+    now = MachineState(state, 2.0)
+    assert next_state(now, Observation(2.0 + RULES.timeouts[state] - 0.01), RULES) is now
 
 
 @pytest.mark.parametrize("state", ["ToSecurityPose", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose"])
-def test_a_motion_that_takes_too_long_begins_anew_and_then_ends_by_its_name(state: State) -> None:
-    late = Seen(RULES.timeouts[state])
-    assert decided(Now(state, 0.0), late, RULES) == Now("ToSecurityPose", late.t, 2)
-    last = decided(Now(state, 0.0, 2), late, RULES).end
+def test_a_motion_that_takes_too_long_begins_anew_and_then_ends_by_its_name(state: StateName) -> None:
+    late = Observation(RULES.timeouts[state])
+    assert next_state(MachineState(state, 0.0), late, RULES) == MachineState("ToSecurityPose", late.t, 2)
+    last = next_state(MachineState(state, 0.0, 2), late, RULES).end
     assert last is not None
     assert str(last) == f"fault: timeout in {state}"
 
 
 def test_what_is_not_held_is_tried_again_as_often_as_the_rules_say() -> None:
-    missed = Seen(1.0, held=False)
-    again = decided(Now("Validate", 0.0), missed, RULES)
-    assert again == Now("ToSecurityPose", 1.0, 2)
-    assert str(decided(replace(again, state="Validate"), missed, RULES).end) == "missed"
+    missed = Observation(1.0, held=False)
+    again = next_state(MachineState("Validate", 0.0), missed, RULES)
+    assert again == MachineState("ToSecurityPose", 1.0, 2)
+    assert str(next_state(replace(again, state="Validate"), missed, RULES).end) == "missed"
 
 
 def test_a_look_that_finds_nothing_goes_on_until_it_is_late_and_ends_as_a_refusal() -> None:
-    outside = End("refused", "outside", "the ball is outside the workspace")
-    now = Now("Look", 0.0)
-    assert decided(now, Seen(0.5, refused=outside), RULES) is now
-    assert decided(now, Seen(1.0, refused=outside), RULES).end == outside
-    assert str(decided(now, Seen(1.0), RULES).end) == "fault: camera"
+    outside = Outcome("refused", "outside", "the ball is outside the workspace")
+    now = MachineState("Look", 0.0)
+    assert next_state(now, Observation(0.5, refused=outside), RULES) is now
+    assert next_state(now, Observation(1.0, refused=outside), RULES).end == outside
+    assert str(next_state(now, Observation(1.0), RULES).end) == "fault: camera"
 
 
 def test_the_end_is_the_end() -> None:
-    now = Now("Done", 1.0, 1, End("held"))
-    assert decided(now, Seen(99.0, done=True, fault=End("fault", "x")), RULES) is now
+    now = MachineState("Done", 1.0, 1, Outcome("held"))
+    assert next_state(now, Observation(99.0, done=True, fault=Outcome("fault", "x")), RULES) is now

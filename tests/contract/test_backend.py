@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.backend import HandBackend, limp_of
-from allegro_twin.cell.arm.arm_with_hand import make_cell
-from allegro_twin.control.controllers import Follow, Torque
+from allegro_twin.cell.arm.arm_with_hand import make_arm_with_hand
+from allegro_twin.control.controllers import ConstantTorque, PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.controller import Controller
 from allegro_twin.device import device_of, innermost
@@ -22,10 +22,10 @@ from allegro_twin.drivers.polled.backend import PolledBackend
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
@@ -80,9 +80,11 @@ def replayed(make_sim: MakeSim, tmp_path_factory: pytest.TempPathFactory) -> Cal
         if not path.exists():
             torques = "torque" in spec.commands
             law: Controller[Any] = (
-                Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+                ConstantTorque(np.zeros(spec.n_joints))
+                if torques
+                else PositionControl(Hold((spec.lower + spec.upper) / 2))
             )
-            for _ in recorded(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
+            for _ in record(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
                 pass
         return ReplayBackend(load(path))
 
@@ -118,8 +120,8 @@ def make(
         "arm": lambda: make_sim(load_spec("fer")),
         "arm-guarded": lambda: guarded(make_sim(load_spec("fr3"))),
         "arm-replay": lambda: replayed(load_spec("fer")),
-        "arm-with-a-hand": lambda: make_cell("fer", load_spec(), periods=(0.003, 0.003)).arm_sim,
-        "hand-on-an-arm": lambda: make_cell("fer", load_spec("leap")).hand_sim,
+        "arm-with-a-hand": lambda: make_arm_with_hand("fer", load_spec(), periods=(0.003, 0.003)).arm_sim,
+        "hand-on-an-arm": lambda: make_arm_with_hand("fer", load_spec("leap")).hand_sim,
         "sih": lambda: make_sim(load_spec("sih")),
         "sih-guarded": lambda: guarded(make_sim(load_spec("sih"))),
         "sih-replay": lambda: replayed(load_spec("sih")),

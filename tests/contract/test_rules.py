@@ -12,7 +12,7 @@ import pytest
 from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.device import device_of
 from allegro_twin.errors import EndOfRecording, HandFault
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
 from allegro_twin.testing import check_backend, rules

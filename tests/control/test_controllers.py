@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.control.controllers import PD, PID, Gravity, GravityCompensation, Torque
+from allegro_twin.control.controllers import PD, PID, ConstantTorque, GravityCompensation, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
@@ -24,8 +24,8 @@ ORIENTATIONS = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, 
 UPRIGHT, HANGING = (0, 0, 1), (0, 0, -1)
 
 
-def gravity_of(spec: HandSpec, vector: Vector | None = None) -> Gravity:
-    return Gravity(hand_kinematics(spec).gravity_torque, vector)
+def gravity_of(spec: HandSpec, vector: Vector | None = None) -> GravityFeedforward:
+    return GravityFeedforward(hand_kinematics(spec).gravity_torque, vector)
 
 
 def settle(backend: Any, controller: Any, seconds: float) -> tuple[Array, Array]:
@@ -73,7 +73,7 @@ def test_gravity_compensation_lets_no_finger_sink(
     spec = load_spec(side=side)
     fingers = (1.0, 0.0, 0.0) if facing[2] else UPRIGHT
     start = step_start(spec, 1.0) + 0.1
-    start = spec.posture(start if side == "right" else spec.mirrored(start))
+    start = spec.posture(start if side == "right" else spec.mirror_posture(start))
     _, position = settle(
         make_sim(spec, facing=facing, fingers=fingers, posture=start), GravityCompensation(gravity_of(spec)), 1.0
     )
@@ -82,7 +82,9 @@ def test_gravity_compensation_lets_no_finger_sink(
 
 def test_without_compensation_the_same_hand_sinks(spec: HandSpec, make_sim: MakeSim) -> None:
     start = spec.posture(step_start(spec, 1.0) + 0.1)
-    _, position = settle(make_sim(spec, facing=(0, 0, 1), fingers=(1, 0, 0), posture=start), Torque(np.zeros(16)), 1.0)
+    _, position = settle(
+        make_sim(spec, facing=(0, 0, 1), fingers=(1, 0, 0), posture=start), ConstantTorque(np.zeros(16)), 1.0
+    )
     assert np.abs(position - start).max() > 0.1
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.types import HandState, Vector, frozen

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.app.session import Outputs, perform
-from allegro_twin.grasping.evaluation.rejudge import checks, in_words, report_of
+from allegro_twin.grasping.evaluation.rejudge import phase_results, rejudge, report_markdown
 from allegro_twin.recording.reader import load
 
 
@@ -24,19 +24,19 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, Path]:
 def test_a_recorded_trial_has_the_same_verdict_again(trial: tuple[object, Path]) -> None:
     report, path = trial
     recording = load(path)
-    again = report_of(recording.spec, recording.columns, recording.meta)
+    again = rejudge(recording.spec, recording.columns, recording.meta)
     assert again == report
     assert again is not None
-    assert checks(again) == {"hold": True, "turn": True, "shake": True}
-    assert in_words(again).startswith("**held**\n")
+    assert phase_results(again) == {"hold": True, "turn": True, "shake": True}
+    assert report_markdown(again).startswith("**held**\n")
 
 
 @pytest.mark.slow
 def test_a_trial_that_was_cut_short_or_none_at_all_has_no_verdict(trial: tuple[object, Path]) -> None:
     recording = load(trial[1])
     short = {name: column[:-1] for name, column in recording.columns.items()}
-    assert report_of(recording.spec, short, recording.meta) is None
-    assert report_of(recording.spec, recording.columns, {}) is None
+    assert rejudge(recording.spec, short, recording.meta) is None
+    assert rejudge(recording.spec, recording.columns, {}) is None
 
 
 def test_the_contact_vectors_of_a_held_object_carry_its_weight(trial: tuple[object, Path]) -> None:

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.app import Rig, assemble, scenario_config
-from allegro_twin.control.centroid import pressing
-from allegro_twin.control.force_grasp import CentroidGrasp
-from allegro_twin.grasping.scenario import ObjectSettings, load_scenario
+from allegro_twin.control.force_grasp import CentroidGrasp, pressing_forces
+from allegro_twin.grasping.scenario import ScenarioObject, load_scenario
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 from tests.grasping.test_trial import DEMO
@@ -27,14 +26,14 @@ SIDES = ["right", pytest.param("left", marks=pytest.mark.long)]
 """Both in the long run; a trial of the left hand is the mirror image of the right hand's."""
 
 
-def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[Report, Trial]:
+def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[TrialReport, Trial]:
     """The trial of a force grasp with an object of the catalogue, or with a changed one."""
     rig = assemble(scenario_config(grasp, side, thing=thing))
     assert rig.trial is not None
     trial, hand = rig.trial, rig.backend
     if changes:
         scenario, _ = load_scenario(grasp)
-        own = ObjectSettings.model_validate({"name": "thing", **changes})
+        own = ScenarioObject.model_validate({"name": "thing", **changes})
         trial = Trial(scenario.model_copy(update={"objects": (own,)}), rig.spec, trial.grasp)
         limit = np.full(rig.spec.n_joints, 12.0)
         hand = Guard(trial.backend, Limits(rig.spec.actuation.torque_limit, limit, rig.spec.lower, rig.spec.upper))
@@ -62,7 +61,7 @@ def thumb_force(rig: Rig, position: Vector) -> float:
     assert isinstance(controller, CentroidGrasp)
     assert trial is not None
     tips, _ = controller.fingertips(position)
-    asked = pressing(tips, controller.force, controller.spread)[-1]
+    asked = pressing_forces(tips, controller.force, controller.spread)[-1]
     data = trial.backend.data
     # The sensor tells what presses the fingertip, in world axes.
     felt: Array = -data.sensor("thumb_touch").data[1:] @ data.body("palm_link").xmat.reshape(3, 3)
@@ -114,7 +113,7 @@ def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_fr
     name, wanted = "grasp_3", 2.5
     rig = assemble(scenario_config(name))
     scenario, _ = load_scenario(name)
-    ball = ObjectSettings(name="thing", shape="sphere", size=(0.06,), mass=0.005)
+    ball = ScenarioObject(name="thing", shape="sphere", size=(0.06,), mass=0.005)
     trial = Trial(scenario.model_copy(update={"objects": (ball,)}), rig.spec, load_grasp(name, rig.spec))
     controller = rig.controller
     assert isinstance(controller, CentroidGrasp)
@@ -125,7 +124,7 @@ def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_fr
             touch = (trial.backend.data.sensor(f"{finger}_touch").data for finger in ("index", "middle", "thumb"))
             felt.append([float(np.linalg.norm(force[1:])) for force in touch])
             tips, _ = controller.fingertips(sample.state.position)
-    share = np.linalg.norm(pressing(tips, wanted, controller.spread), axis=1)
+    share = np.linalg.norm(pressing_forces(tips, wanted, controller.spread), axis=1)
     hidden = float(rig.spec.actuation.frictionloss.max()) / 0.06  # N, at a fingertip's distance from its joints.
     np.testing.assert_allclose(np.mean(felt, axis=0), share, rtol=0.05, atol=hidden)
 
@@ -141,7 +140,7 @@ def test_the_envelop_grasp_wraps_cans_of_any_diameter_from_their_side(diameter: 
 def enveloped(thing: str) -> str:
     """The scenario in which `envelop` takes an object: what is round and stands higher than 80 mm from its side, all
     else from above."""
-    own = named(thing)
+    own = load_object(thing)
     return "envelop" if own.shape == "cylinder" and own.size[1] > 0.080 else "envelop_above"
 
 

@@ -7,32 +7,36 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.batch.batched_trials import together
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
-from allegro_twin.grasping.grasp_type import Bearing, Seen, Shape, observed
+from allegro_twin.grasping.batch.batched_trials import run_trials
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
+from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, SurfaceLoad, classify_grasp
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.taxonomy import KINDS, NONE, Observed
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, NONE, ObservedType
 
 FINGERS = ("index", "middle", "ring", "little")
 REACH = 0.1
-BALL, LARGE_BALL = Shape(0.03, 0.03, 0.03, np.pi / 6), Shape(0.07, 0.07, 0.07, np.pi / 6)
-DISK = Shape(0.02, 0.08, 0.08, np.pi / 4)
-PLATE = Shape(0.005, 0.05, 0.08, 1.0)
-BLOCK = Shape(0.04, 0.05, 0.07, 1.0)
-THIN_ROD, ROD, MUG = Shape(0.015, 0.015, 0.15, 0.79), Shape(0.04, 0.04, 0.15, 0.79), Shape(0.08, 0.08, 0.1, 0.79)
+BALL, LARGE_BALL = ObjectShape(0.03, 0.03, 0.03, np.pi / 6), ObjectShape(0.07, 0.07, 0.07, np.pi / 6)
+DISK = ObjectShape(0.02, 0.08, 0.08, np.pi / 4)
+PLATE = ObjectShape(0.005, 0.05, 0.08, 1.0)
+BLOCK = ObjectShape(0.04, 0.05, 0.07, 1.0)
+THIN_ROD, ROD, MUG = (
+    ObjectShape(0.015, 0.015, 0.15, 0.79),
+    ObjectShape(0.04, 0.04, 0.15, 0.79),
+    ObjectShape(0.08, 0.08, 0.1, 0.79),
+)
 UP, DOWN = 70.0, 20.0  # Of the thumb out of the palm's plane, degrees.
 
 
 def seen(
-    shape: Shape,
+    shape: ObjectShape,
     thumb: float,
     *where: str,
     straight: bool = False,
     spread: bool = False,
     extra: dict[str, float] | None = None,
-) -> Seen:
+) -> GraspObservation:
     """Contacts `part surface` of a human-like hand, each with 1 N or what `extra` says. `spread`: fingers press from
     different sides, as around a ball."""
     rows = []
@@ -40,8 +44,8 @@ def seen(
         part, _, surface = text.partition(" ")
         across = (FINGERS.index(part) - 1.5) * 0.5 if spread and part in FINGERS else 0.0
         normal = (1.0, 0.0, 0.0) if part == "palm" else (0.0, across, -float(np.sqrt(1 - across**2)))
-        rows.append(Bearing(part, surface or "palm", (extra or {}).get(text, 1.0), normal))
-    return Seen(
+        rows.append(SurfaceLoad(part, surface or "palm", (extra or {}).get(text, 1.0), normal))
+    return GraspObservation(
         rows, FINGERS, shape, "thumb", thumb, dict.fromkeys((*FINGERS, "thumb"), 1.0 if straight else 0.7), REACH
     )
 
@@ -101,9 +105,9 @@ NOT_TYPES = {
 
 def test_the_table_is_figure_4_of_the_paper() -> None:
     """33 types in 17 cells, 13 of them of one type."""
-    assert sorted(KINDS) == list(range(1, 34))
+    assert sorted(GRASP_TYPES) == list(range(1, 34))
     cells: dict[tuple[str, ...], list[int]] = {}
-    for kind in KINDS.values():
+    for kind in GRASP_TYPES.values():
         cells.setdefault((kind.type, kind.opposition, kind.fingers, kind.thumb), []).append(kind.number)
     assert sorted(cells.values()) == [
         [1, 2, 3, 10, 11], [4, 5, 15, 30], [6, 12, 13], [7, 27], [8, 14], [9, 24, 33], [16, 29, 32], [17], [18, 26],
@@ -113,14 +117,14 @@ def test_the_table_is_figure_4_of_the_paper() -> None:
 
 @pytest.mark.parametrize("number", TYPES)
 def test_each_of_the_33_types_is_told_by_its_contacts(number: int) -> None:
-    found = observed(TYPES[number])
-    kind = KINDS[number]
+    found = classify_grasp(TYPES[number])
+    kind = GRASP_TYPES[number]
     assert (found.number, found.name, found.type, found.opposition) == (number, kind.name, kind.type, kind.opposition)
 
 
 @pytest.mark.parametrize("why", NOT_TYPES)
 def test_what_is_none_of_the_33_says_why(why: str) -> None:
-    found = observed(NOT_TYPES[why])
+    found = classify_grasp(NOT_TYPES[why])
     assert (found.number, found.name, found.why) == (None, NONE, why)
 
 
@@ -129,49 +133,49 @@ def test_no_type_is_kept_without_the_fingers_that_it_names(number: int) -> None:
     """Every digit that carries is taken away in turn, then all at once."""
     scene = TYPES[number]
     digits = {row.part for row in scene.bearings} - {"palm", "thumb"}
-    assert observed(replace(scene, bearings=[b for b in scene.bearings if b.part not in digits])).number is None
+    assert classify_grasp(replace(scene, bearings=[b for b in scene.bearings if b.part not in digits])).number is None
     counted = {d for d in digits if number not in (17, 32) or d not in ("index",) or number == 32}
     for digit in counted - ({"middle", "ring", "little"} if number == 32 else set()):
-        rest = observed(replace(scene, bearings=[b for b in scene.bearings if b.part != digit]))
+        rest = classify_grasp(replace(scene, bearings=[b for b in scene.bearings if b.part != digit]))
         assert rest.number != number, digit
 
 
 def test_what_bears_less_than_a_twentieth_takes_no_part() -> None:
     light = seen(PLATE, UP, "index tip", "thumb tip", "middle tip", extra={"middle tip": 0.1})
-    assert (observed(light).number, observed(light).virtual_fingers) == (24, "thumb against index")
+    assert (classify_grasp(light).number, classify_grasp(light).virtual_fingers) == (24, "thumb against index")
     heavy = seen(PLATE, UP, "index tip", "thumb tip", "middle tip", extra={"middle tip": 0.12})
-    assert observed(heavy).number == 8
+    assert classify_grasp(heavy).number == 8
 
 
 def test_fingers_of_a_robot_are_counted_not_named() -> None:
-    assert observed(seen(PLATE, UP, "ring tip", "thumb tip")).number == 24
+    assert classify_grasp(seen(PLATE, UP, "ring tip", "thumb tip")).number == 24
     three = replace(TYPES[1], fingers=FINGERS[:3], bearings=[b for b in TYPES[1].bearings if b.part != "little"])
-    assert observed(three).number == 1  # All that this hand has.
-    assert observed(replace(three, bearings=[b for b in three.bearings if b.part != "ring"])).number is None
+    assert classify_grasp(three).number == 1  # All that this hand has.
+    assert classify_grasp(replace(three, bearings=[b for b in three.bearings if b.part != "ring"])).number is None
 
 
 def test_digits_without_names_are_opposed_by_the_one_that_all_others_press_against() -> None:
     ways = {"a": (0.0, 0.0, 1.0), "b": (0.0, 0.1, -1.0), "c": (0.0, -0.1, -1.0)}
-    rows = [Bearing(part, "pad", 2.0 if part == "a" else 1.0, way) for part, way in ways.items()]
-    found = observed(Seen(rows, tuple(ways), BLOCK, None))
+    rows = [SurfaceLoad(part, "pad", 2.0 if part == "a" else 1.0, way) for part, way in ways.items()]
+    found = classify_grasp(GraspObservation(rows, tuple(ways), BLOCK, None))
     assert (found.number, found.virtual_fingers) == (8, "a against b and c")
 
 
 SPEC = load_spec()
 
 
-def shown(name: str, ghosts: tuple[str, ...] = (), hand: str | None = None) -> tuple[bool, Observed | None]:
+def shown(name: str, ghosts: tuple[str, ...] = (), hand: str | None = None) -> tuple[bool, ObservedType | None]:
     """Whether a scenario's trial held and the type that it showed, with the collisions of some fingers switched off."""
     scenario, path = load_scenario(name)
     spec = load_spec(scenario.hand)
-    bench = Bench(spec, period=PERIOD, threads=1)
-    trial = bench.trial(Case(scenario, load_grasp(scenario.grasp, spec), folder=path.parent))
+    bench = TrialRunner(spec, period=PERIOD, threads=1)
+    trial = bench.trial(TrialCase(scenario, load_grasp(scenario.grasp, spec), folder=path.parent))
     model = trial.backend.model
     for finger in ghosts:
         part = trial._surfaces.parts.index(finger)
         mine = trial._surfaces._part[model.geom_bodyid] == part
         model.geom_contype[mine] = model.geom_conaffinity[mine] = 0
-    (verdict,) = together([trial], [bench.controller(trial)], bench.limits, threads=1)
+    (verdict,) = run_trials([trial], [bench.controller(trial)], bench.limits, threads=1)
     return verdict.held, None if verdict.report is None else verdict.report.observed
 
 

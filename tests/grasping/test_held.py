@@ -7,9 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.verdict import Observations, Report, Rule, Window, judge, relative_motion
+from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge, relative_motion
 
-WINDOWS = (Window("squeeze", 0.0, 1.0, False), Window("hold", 1.0, 2.0, True), Window("shake", 2.0, 3.0, True))
+WINDOWS = (
+    PhaseWindow("squeeze", 0.0, 1.0, False),
+    PhaseWindow("hold", 1.0, 2.0, True),
+    PhaseWindow("shake", 2.0, 3.0, True),
+)
 T = np.arange(0, 3001) * 0.001
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -27,7 +31,7 @@ def observations(**changes: Any) -> Observations:
     return Observations(**(values | changes))
 
 
-def verdict(seen: Observations, *, throughout: bool = False) -> Report:
+def verdict(seen: Observations, *, throughout: bool = False) -> TrialReport:
     return judge(
         seen,
         WINDOWS,

@@ -13,8 +13,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import make_trial
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import grasp_names, load_grasp, load_posture, posture_names
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import grasp_names, load_grasp, load_posture, posture_names
 from allegro_twin.spec import HandSpec, Side
 
 GOOD = """

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binom, binomtest  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.statistics import Paired, draws_needed, in_words, mcnemar, paired, wilson
+from allegro_twin.grasping.statistics import PairedCounts, comparison_text, count_pairs, mcnemar, pairs_needed, wilson
 
 # Newcombe, "Two-sided confidence intervals for the single proportion", Stat. Med. 17, 1998, Table I, method 3.
 NEWCOMBE = [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)]
@@ -45,17 +45,17 @@ def test_mcnemars_test_is_the_binomial_one() -> None:
 
 
 def test_pairs_are_counted_draw_by_draw() -> None:
-    found = paired([True, True, False, False, True], [True, False, True, False, False])
-    assert found == Paired(both=1, only_first=2, only_second=1, neither=1)
+    found = count_pairs([True, True, False, False, True], [True, False, True, False, False])
+    assert found == PairedCounts(both=1, only_first=2, only_second=1, neither=1)
     assert (found.draws, found.p_value) == (5, 1.0)
     assert found.difference == pytest.approx(0.2)
-    assert math.isnan(Paired(0, 0, 0, 0).difference)
+    assert math.isnan(PairedCounts(0, 0, 0, 0).difference)
 
 
 @pytest.mark.parametrize(("only_first", "only_second", "rest"), [(12, 6, 82), (8, 2, 40), (30, 20, 50), (5, 0, 95)])
 def test_so_many_draws_show_the_difference_four_times_in_five(only_first: int, only_second: int, rest: int) -> None:
-    found = Paired(rest, only_first, only_second, 0)
-    needed = draws_needed(found)
+    found = PairedCounts(rest, only_first, only_second, 0)
+    needed = pairs_needed(found)
     assert needed is not None
     differ = (only_first + only_second) / found.draws
     power = 0.0  # Of the exact test, summed over how many draws differ, and how many of those are the first's.
@@ -72,15 +72,17 @@ def test_so_many_draws_show_the_difference_four_times_in_five(only_first: int, o
 
 def test_connors_number_of_draws_is_the_published_one() -> None:
     """ψ 0.3 and δ 0.2 at 5 % and 90 %, worked by hand: (1.95996 √0.3 + 1.28155 √0.26)² / 0.04 = 74.6."""
-    assert draws_needed(Paired(70, 25, 5, 0), power=0.9) == 75
-    assert draws_needed(Paired(70, 5, 25, 0), power=0.9) == 75
-    assert draws_needed(Paired(10, 5, 5, 0)) is None
+    assert pairs_needed(PairedCounts(70, 25, 5, 0), power=0.9) == 75
+    assert pairs_needed(PairedCounts(70, 5, 25, 0), power=0.9) == 75
+    assert pairs_needed(PairedCounts(10, 5, 5, 0)) is None
 
 
 def test_the_verdict_is_a_sentence() -> None:
-    assert in_words(Paired(10, 9, 1, 0), "A", "B") == ("A is better: of 20, 9 draws only A, 1 only B, p = 0.021")
-    assert in_words(Paired(10, 2, 2, 6), "A", "B").startswith("no difference in 20 draws")
-    assert in_words(Paired(10, 1, 3, 6), "A", "B") == (
+    assert comparison_text(PairedCounts(10, 9, 1, 0), "A", "B") == (
+        "A is better: of 20, 9 draws only A, 1 only B, p = 0.021"
+    )
+    assert comparison_text(PairedCounts(10, 2, 2, 6), "A", "B").startswith("no difference in 20 draws")
+    assert comparison_text(PairedCounts(10, 1, 3, 6), "A", "B") == (
         "not shown that B is better: of 20, 1 draws only A, 3 only B, p = 0.62; about 135 more draws would show it"
     )
 
@@ -89,8 +91,8 @@ WRONG = [
     (lambda: wilson(5, 4), "5 successes in 4 draws"),
     (lambda: wilson(1, 4, 1.0), "a confidence is between 0 and 1, not 1.0"),
     (lambda: mcnemar(-1, 4), "counts of draws are not below 0: -1, 4"),
-    (lambda: paired([True], []), "1 draws of the one and 0 of the other"),
-    (lambda: draws_needed(Paired(1, 2, 1, 0), power=1.0), "a power is between 0 and 1, not 1.0"),
+    (lambda: count_pairs([True], []), "1 draws of the one and 0 of the other"),
+    (lambda: pairs_needed(PairedCounts(1, 2, 1, 0), power=1.0), "a power is between 0 and 1, not 1.0"),
 ]
 
 

@@ -11,11 +11,11 @@ import pytest
 from allegro_twin.app import assemble
 from allegro_twin.app.simulated import scenario_config
 from allegro_twin.control.controllers import PD
-from allegro_twin.grasping.batch.trials import Bench, Case, case_of, judged
-from allegro_twin.grasping.scenario import Phase, Protocol, load_protocol
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
+from allegro_twin.grasping.scenario import Phase, TrialProtocol, load_protocol
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.uncertainty import Draw, Stream, Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
@@ -28,7 +28,7 @@ SHORT = SHORT.model_copy(
 """To the end of the lift."""
 
 
-def alone(case: Case, bench: Bench) -> Trial:
+def alone(case: TrialCase, bench: TrialRunner) -> Trial:
     """The trial in the ordinary loop, behind the guard, with the ordinary controller, run to its end."""
     trial = bench.trial(case)
     rig = assemble(scenario_config("lemon"))
@@ -41,17 +41,17 @@ def alone(case: Case, bench: Bench) -> Trial:
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return Bench(load_spec())
+def bench() -> TrialRunner:
+    return TrialRunner(load_spec())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "draw", [pytest.param(None, marks=pytest.mark.long), Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)]
+    "draw", [pytest.param(None, marks=pytest.mark.long), Perturbation(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)]
 )
-def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Draw | None, bench: Bench) -> None:
-    cases = [case_of({"scenario": name, "draw": draw and asdict(draw)}, bench.spec) for name in ("lemon", "mug")]
-    cases = [Case(c.scenario, c.grasp, c.draw, SHORT, c.folder) for c in cases]
+def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Perturbation | None, bench: TrialRunner) -> None:
+    cases = [load_case({"scenario": name, "draw": draw and asdict(draw)}, bench.spec) for name in ("lemon", "mug")]
+    cases = [TrialCase(c.scenario, c.grasp, c.draw, SHORT, c.folder) for c in cases]
     for case, verdict in zip(cases, bench.verdicts(cases), strict=True):
         report, other = alone(case, bench).report(), verdict.report
         assert other is not None
@@ -60,16 +60,16 @@ def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Draw | None, ben
         assert (report.lift, report.peak_torque, report.at_limit) == (other.lift, other.peak_torque, other.at_limit)
 
 
-def test_a_push_moves_a_body_that_nothing_holds_as_newton_says(bench: Bench) -> None:
+def test_a_push_moves_a_body_that_nothing_holds_as_newton_says(bench: TrialRunner) -> None:
     """½ a t² after t; the hand is far away."""
-    protocol = Protocol.model_validate({
+    protocol = TrialProtocol.model_validate({
         "version": 1, "floating": True, "reference": "wait", "physics": {"gravity": (0.0, 0.0, 0.0)},
         "phases": [{"name": "wait", "seconds": 0.03}, {"name": "push", "seconds": 0.3, "push": (0.0, 2.0, 0.0)}],
     })  # fmt: skip
-    case = case_of({"scenario": "lemon"}, bench.spec)
+    case = load_case({"scenario": "lemon"}, bench.spec)
     wrist = case.scenario.wrist.model_copy(update={"position": (0.0, 0.0, 0.5)})
     scenario = case.scenario.model_copy(update={"wrist": wrist})
-    trial = alone(Case(scenario, case.grasp, None, protocol), bench)
+    trial = alone(TrialCase(scenario, case.grasp, None, protocol), bench)
     body = trial.backend.data.body("lemon")
     assert trial.report().phases[0].drift == pytest.approx(0.5 * 2.0 * 0.3**2, rel=0.01)
     assert trial.mass == pytest.approx(0.029)
@@ -81,26 +81,26 @@ def test_a_phase_without_a_push_pushes_nothing() -> None:
 
 
 def test_the_same_number_is_the_same_case_for_every_object_and_however_many_are_drawn() -> None:
-    few, many = draws(Uncertainty(), 3, seed=7), draws(Uncertainty(), 10, seed=7)
+    few, many = sample_perturbations(Uncertainty(), 3, seed=7), sample_perturbations(Uncertainty(), 10, seed=7)
     assert few == many[:3]
-    assert draws(Uncertainty(), 4, seed=7, first=3) == many[3:7]
-    assert draws(Uncertainty(), 3, seed=8) != few
+    assert sample_perturbations(Uncertainty(), 4, seed=7, first=3) == many[3:7]
+    assert sample_perturbations(Uncertainty(), 3, seed=8) != few
 
 
 def test_what_is_chosen_on_some_draws_is_never_judged_on_them() -> None:
     """Streams share no draw, whatever their seeds: `plan` chose on the first twenty that `evaluate` then repeated."""
-    streams: tuple[Stream, ...] = get_args(Stream)
+    streams: tuple[SampleStream, ...] = get_args(SampleStream)
     found = [
         (each.x, each.y)
         for stream in streams
         for seed in range(5)
-        for each in draws(Uncertainty(), 50, seed, stream=stream)
+        for each in sample_perturbations(Uncertainty(), 50, seed, stream=stream)
     ]
     assert len(set(found)) == len(found) == 50 * 5 * 3
 
 
 def test_draws_fill_their_ranges_and_no_more() -> None:
-    found = draws(Uncertainty(), 500)
+    found = sample_perturbations(Uncertainty(), 500)
     for name, low, high in [("x", -0.01, 0.01), ("yaw", -0.1745, 0.1745), ("size", 0.95, 1.05), ("mass", 0.8, 1.2),
                             ("friction", 0.5, 1.0), ("torque", 0.7, 1.3)]:  # fmt: skip
         values = np.array([getattr(draw, name) for draw in found])
@@ -108,33 +108,37 @@ def test_draws_fill_their_ranges_and_no_more() -> None:
         assert high - 0.02 * (high - low) < values.max() <= high + 1e-4
 
 
-def test_a_larger_object_stands_higher_and_the_hand_stays_where_it_was(bench: Bench) -> None:
-    nominal, large = (case_of({"scenario": "mug", "draw": d}, bench.spec) for d in (None, asdict(Draw(size=1.05))))
+def test_a_larger_object_stands_higher_and_the_hand_stays_where_it_was(bench: TrialRunner) -> None:
+    nominal, large = (
+        load_case({"scenario": "mug", "draw": d}, bench.spec) for d in (None, asdict(Perturbation(size=1.05)))
+    )
     first, second = bench.trial(nominal), bench.trial(large)
     assert second.things[0].position[2] - first.things[0].position[2] == pytest.approx(0.05 * 0.041)
     assert (first.backend.model.body("palm_link").pos == second.backend.model.body("palm_link").pos).all()
     assert second.mass == first.mass
 
 
-def test_weak_motors_give_what_they_are_told_times_a_factor(bench: Bench) -> None:
-    weak = bench.trial(case_of({"scenario": "mug", "draw": asdict(Draw(torque=0.7))}, bench.spec))
+def test_weak_motors_give_what_they_are_told_times_a_factor(bench: TrialRunner) -> None:
+    weak = bench.trial(load_case({"scenario": "mug", "draw": asdict(Perturbation(torque=0.7))}, bench.spec))
     assert weak.backend.model.actuator_gear[weak.backend.model.actuator("joint_0.0").id, 0] == pytest.approx(0.7)
 
 
 @pytest.mark.long
 def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
     items = [{"scenario": "lemon", "side": "left"}, {"scenario": "mug"}, {"scenario": "lemon"}]
-    rows = judged({}, items)
+    rows = run_cases({}, items)
     assert [(row["object"], row["side"]) for row in rows] == [("lemon", "left"), ("mug", "right"), ("lemon", "right")]
-    assert judged({}, items[1:2])[0] == rows[1]
+    assert run_cases({}, items[1:2])[0] == rows[1]
 
 
 @pytest.mark.slow
 def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_further() -> None:
-    bench = Bench(load_spec(), period=0.004)
-    whole = case_of({"scenario": "lemon", "protocol": "quick"}, bench.spec)
-    missed = Case(whole.scenario, whole.grasp, Draw(0.03, 0.03, 0.0, 1.0, 1.0, 0.5, 1.0), whole.protocol, whole.folder)
-    patient, hasty = list(bench.verdicts([whole, missed])), list(bench.verdicts([whole, missed], hasty=True))
+    bench = TrialRunner(load_spec(), period=0.004)
+    whole = load_case({"scenario": "lemon", "protocol": "quick"}, bench.spec)
+    missed = TrialCase(
+        whole.scenario, whole.grasp, Perturbation(0.03, 0.03, 0.0, 1.0, 1.0, 0.5, 1.0), whole.protocol, whole.folder
+    )
+    patient, hasty = list(bench.verdicts([whole, missed])), list(bench.verdicts([whole, missed], stop_early=True))
     assert [v.held for v in patient] == [v.held for v in hasty] == [True, False]
     assert hasty[0].report is not None
     assert patient[0].report is not None

@@ -14,10 +14,10 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.errors import HandError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.grasping.trial import Trial, make_trial, too_heavy
-from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.trial import Trial, make_trial, weight_warning
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import Side
 
@@ -27,12 +27,12 @@ MORE = sorted(path.stem for path in (data_root() / "scenarios" / "more").glob("*
 
 
 @cache
-def picked(name: str, side: Side) -> Report:
+def picked(name: str, side: Side) -> TrialReport:
     """Of a trial that several tests look at."""
     return pick(name, side)[0]
 
 
-def pick(name: str, side: Side, gains: str = "default") -> tuple[Report, Trial]:
+def pick(name: str, side: Side, gains: str = "default") -> tuple[TrialReport, Trial]:
     config = scenario_config(name, side)
     assert isinstance(config.controller, PositionSettings)
     controller = config.controller.model_copy(update={"gains": gains})
@@ -153,7 +153,7 @@ def _limp() -> object:
 def weigh() -> Callable[[float], str | None]:
     spec = load_spec()
     grasp = load_grasp("quadpod", spec)
-    return lambda weight: too_heavy(weight, grasp, spec, 0.8)
+    return lambda weight: weight_warning(weight, grasp, spec, 0.8)
 
 
 def test_an_object_heavier_than_friction_can_carry_is_a_warning_with_the_numbers(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.files.templates import written
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.mjcf_import.explore import explored
+from allegro_twin.files.yaml_edit import write_settings
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.mjcf_import.explore import explore_mjcf
 from allegro_twin.spec import HandSpec
 
 GRIPPER = """
@@ -77,8 +77,8 @@ def made(name: str, folder: Path) -> Path:
     """The MJCF of a hand in a folder, and its card beside it; the card."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.xml").write_text(HANDS[name])
-    found = explored(folder / f"{name}.xml")
-    written(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
+    found = explore_mjcf(folder / f"{name}.xml")
+    write_settings(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
     return folder / f"{name}.yaml"
 
 

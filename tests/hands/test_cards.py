@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.templates import written
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.mjcf_import.adapt import read
-from allegro_twin.sim.mjcf_import.explore import explored
+from allegro_twin.files.yaml_edit import write_settings
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.mjcf_import.adapt import read_mjcf
+from allegro_twin.sim.mjcf_import.explore import explore_mjcf
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.surfaces.cli.main import app
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
@@ -36,7 +36,7 @@ def test_a_file_becomes_a_card_and_a_config_that_run(
 
 
 def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> None:
-    card = explored(_file(tmp_path, GRIPPER)).card
+    card = explore_mjcf(_file(tmp_path, GRIPPER)).card
     (motor,) = card["driven"]
     said = {"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0, "stiffness": 400.0}
     assert motor == said
@@ -47,7 +47,7 @@ def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> 
 
 
 def test_fingers_along_x_that_close_downwards_are_seen(tmp_path: Path) -> None:
-    palm = explored(_file(tmp_path, SOFT)).card["palm"]
+    palm = explore_mjcf(_file(tmp_path, SOFT)).card["palm"]
     assert palm == {"facing": [0.0, 0.0, -1.0], "fingers": [1.0, 0.0, 0.0]}
 
 
@@ -79,7 +79,7 @@ def test_a_file_that_is_no_hand_says_why(words: str, tmp_path: Path) -> None:
         assert old in text
         text = text.replace(old, new)
     with pytest.raises(ConfigError, match=words) as raised:
-        explored(_file(tmp_path, text))
+        explore_mjcf(_file(tmp_path, text))
     assert "\n" not in str(raised.value)
 
 
@@ -94,7 +94,7 @@ def test_a_file_in_degrees_is_the_hand_that_it_is_in_radians(tmp_path: Path) -> 
     models = []
     for angle, text in texts.items():
         body = f'<mujoco><compiler angle="{angle}"/><worldbody>{text}</worldbody></mujoco>'
-        spec = read(_file(tmp_path, body))
+        spec = read_mjcf(_file(tmp_path, body))
         assert not spec.compiler.degree
         models.append(spec.compile())
     for field in ("jnt_range", "qpos0", "qpos_spring", "body_quat", "body_iquat", "geom_quat", "site_quat"):
@@ -106,10 +106,10 @@ def test_two_things_that_move_need_a_root(tmp_path: Path) -> None:
     ball = '<body name="ball" pos="1 0 0"><freejoint/><geom size="0.1"/></body>'
     path = _file(tmp_path, GRIPPER.replace("</worldbody>", f"{ball}</worldbody>"))
     with pytest.raises(ConfigError, match=r"2 things that move \(base, ball\): say which with --root"):
-        explored(path)
-    assert explored(path, "base").card["root"] == "base"
+        explore_mjcf(path)
+    assert explore_mjcf(path, "base").card["root"] == "base"
     with pytest.raises(ConfigError, match="no body under the world named 'bas'; did you mean 'base'"):
-        explored(path, "bas")
+        explore_mjcf(path, "bas")
 
 
 def changed(card: dict[str, Any], **blocks: Any) -> dict[str, Any]:
@@ -135,7 +135,7 @@ CARDS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("words", CARDS)
 def test_a_card_that_does_not_fit_together_says_where(words: str, tmp_path: Path) -> None:
     path = made("gripper", tmp_path)
-    written(path, changed(yaml.safe_load(path.read_text()), **CARDS[words]), "gripper")
+    write_settings(path, changed(yaml.safe_load(path.read_text()), **CARDS[words]), "gripper")
     with pytest.raises(ConfigError, match=words):
         load_spec(str(path))
 
@@ -148,7 +148,7 @@ def test_a_card_that_names_what_its_file_does_not_have_says_the_nearest(tmp_path
         ({"root": "bass"}, "did you mean 'base'"),
         ({"followers": [{"name": "rigt", "follows": "left", "positions": [0, 1]}]}, "did you mean 'right'"),
     ):
-        written(path, content | block, "gripper")
+        write_settings(path, content | block, "gripper")
         with pytest.raises(ConfigError, match=words):
             hand_spec(load_spec(str(path)))
 

@@ -15,10 +15,10 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import guarded
 from allegro_twin.backend import position_of
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard
 from allegro_twin.sim.contact.interlock import Interlock
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Array, PositionCommand, Vector
 from tests.conftest import MakeSim
@@ -72,7 +72,7 @@ def test_a_command_into_each_other_is_refused_in_one_line_and_the_hand_is_limp(g
 
 
 def test_a_hand_that_closes_step_by_step_is_stopped_before_its_fingers_are_in_each_other(guard: Guard) -> None:
-    state, clearance = guard.reset(), Clearance(SPEC, SPEC.apart)
+    state, clearance = guard.reset(), SelfClearance(SPEC, SPEC.apart)
     with pytest.raises(CommandError):
         for share in np.linspace(0.0, 1.0, 400):
             guard.write(PositionCommand(OPEN + share * (FIST - OPEN)))
@@ -90,7 +90,7 @@ def test_thumb_and_finger_may_cross_one_after_the_other_where_there_is_room(guar
 
 def test_the_way_is_looked_at_and_not_its_end_alone() -> None:
     """Both ends are clear, and between them the thumb would go through the index finger."""
-    lock, clearance, rng = Interlock(SPEC), Clearance(SPEC, SPEC.apart), np.random.default_rng(3)
+    lock, clearance, rng = Interlock(SPEC), SelfClearance(SPEC, SPEC.apart), np.random.default_rng(3)
     postures = rng.uniform(SPEC.lower, SPEC.upper, (300, 5))
     clear = postures[clearance(postures).min(axis=1) > 0.001]
     blocked = 0
@@ -107,7 +107,7 @@ def test_the_way_is_looked_at_and_not_its_end_alone() -> None:
 
 
 def test_fingers_that_are_in_each_other_can_be_taken_apart() -> None:
-    lock, clearance = Interlock(SPEC), Clearance(SPEC, SPEC.apart)
+    lock, clearance = Interlock(SPEC), SelfClearance(SPEC, SPEC.apart)
     way = np.linspace(OPEN, FIST, 500)
     inside = way[next(k for k, row in enumerate(clearance(way)) if row.min() < -0.003)]
     lock(inside, OPEN)
@@ -120,9 +120,9 @@ def test_only_hands_whose_card_names_such_fingers_are_looked_at() -> None:
     assert SPEC.apart == (("thumb", "index"), ("thumb", "middle"))
     for name in ("leap", "model_o", "qb_softhand", "allegro"):
         assert not load_spec(name).apart
-    three = Clearance(SPEC, SPEC.apart)
+    three = SelfClearance(SPEC, SPEC.apart)
     assert {frozenset(pair) for pair in three.pairs} == {frozenset(pair) for pair in SPEC.apart}
-    every = Clearance(SPEC)
+    every = SelfClearance(SPEC)
     columns = [k for k, pair in enumerate(every.pairs) if frozenset(pair) in {frozenset(p) for p in SPEC.apart}]
     postures = np.random.default_rng(1).uniform(SPEC.lower, SPEC.upper, (20, 5))
     np.testing.assert_array_equal(np.sort(three(postures), axis=1), np.sort(every(postures)[:, columns], axis=1))

@@ -1,4 +1,5 @@
-"""docs/new_hand.md does what it says, from an empty folder, and its list of files is what the repository has."""
+"""docs/how-to/add_a_hand.md does what it says, from an empty folder, and its list of files is what the repository
+has."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "new_hand.md").read_text()
+PAGE = (ROOT / "docs" / "how-to" / "add_a_hand.md").read_text()
 FILE = re.compile(r"```\w+\n(?:<!-- |# )(\w+\.\w+)(?: -->)?\n(.*?)```", re.DOTALL)
 COMMAND = re.compile(r"^allegro-twin (.+)$", re.MULTILINE)
 SLOW = "plan "

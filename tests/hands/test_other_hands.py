@@ -13,23 +13,22 @@ import pytest
 from allegro_twin import Hand
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig, load_config
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import Library, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import Recorder
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.model.parts import part_names, parts_of
+from allegro_twin.sim.model.parts import body_parts, part_names
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import Finger, HandSpec
-from allegro_twin.surfaces.cli.performers import on_hand
+from allegro_twin.surfaces.cli.hand_override import on_hand
 from allegro_twin.types import PositionCommand, Sample
 from tests.conftest import MakeSim
 from tests.hands.models import hand
@@ -117,9 +116,9 @@ def test_a_tendon_closes_what_nothing_holds_and_the_rest_adapts(soft: HandSpec, 
 
 def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, make_sim: MakeSim) -> None:
     sim = make_sim(soft)
-    samples = list(until(4.0, run(sim, Follow(Hold(np.array([0.5]))))))
+    samples = list(until(4.0, run(sim, PositionControl(Hold(np.array([0.5]))))))
     true = [float(sim.data.joint(each.name).qpos[0]) for each in soft.followers]
-    np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
+    np.testing.assert_allclose(soft.coupled_positions(samples[-1].state.position), true, atol=0.05)
 
 
 def test_a_state_says_where_the_tendon_is_now_and_not_a_step_ago(soft: HandSpec, make_sim: MakeSim) -> None:
@@ -141,7 +140,7 @@ def test_what_carries_several_fingers_is_none_of_them() -> None:
       <body name="carpus" pos="0 0 0.02"><joint name="wrist" axis="1 0 0"/><geom size="0.01"/>
       {finger.format("one", 0.02)}{finger.format("two", -0.02)}</body></body></worldbody></mujoco>""")
     spec = replace(load_spec("model_o"), fingers=(Finger("one", (0,), "one_tip"), Finger("two", (1,), "two_tip")))
-    names, parts = part_names(spec), parts_of(model, spec)
+    names, parts = part_names(spec), body_parts(model, spec)
     told = {name: names[parts[model.body(name).id]] for name in ("palm_link", "carpus", "one", "two")}
     assert told == {"palm_link": "palm", "carpus": "palm", "one": "one", "two": "two"}
 
@@ -158,7 +157,7 @@ def test_a_linkage_moves_both_jaws_and_both_are_fingers(gripper: HandSpec, make_
         moved = tips[1][finger].position - tips[0][finger].position
         np.testing.assert_allclose(np.abs(moved).max(), abs(way), atol=1e-6)
     model, names = hand_spec(gripper).compile(), part_names(gripper)
-    parts = parts_of(model, gripper)
+    parts = body_parts(model, gripper)
     for body, part in (("palm_link", "palm"), ("left_finger", "left_finger"), ("right_finger", "right_finger")):
         assert names[parts[model.body(body).id]] == part
 
@@ -189,7 +188,7 @@ def test_a_spec_survives_the_recording_that_carries_it(name: str, tmp_path: Path
     assert (back.joints, back.commands) == (spec.joints, spec.commands)
     assert [(f.name, f.driven) for f in back.followers] == [(f.name, f.driven) for f in spec.followers]
     middle = (spec.lower + spec.upper) / 2
-    np.testing.assert_array_equal(back.followed(middle), spec.followed(middle))
+    np.testing.assert_array_equal(back.coupled_positions(middle), spec.coupled_positions(middle))
 
 
 def test_the_guard_keeps_positions_inside_the_soft_stops_and_efforts_under_the_ceiling(make_sim: MakeSim) -> None:
@@ -273,7 +272,7 @@ def test_a_recording_keeps_every_part_of_a_command(tmp_path: Path, make_sim: Mak
         for command in commands:
             recorder.add(Sample(state, command))
             state = sim.read()
-    back = [sample.command for sample in samples_of(ReplayBackend(load(path)))]
+    back = [sample.command for sample in replay_samples(ReplayBackend(load(path)))]
     for before, after in zip(commands, back, strict=True):
         assert isinstance(after, PositionCommand)
         assert (after.limp, after.duration) == (before.limp, before.duration)

@@ -9,68 +9,67 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench, case_of, hand_of
-from allegro_twin.grasping.plan.close_in_geometry import FINE, closed, units
-from allegro_twin.grasping.plan.close_in_simulation import tried
-from allegro_twin.grasping.plan.fingers import Performer
-from allegro_twin.grasping.plan.parallel import searched
+from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
+from allegro_twin.grasping.plan.close_in_geometry import FINE, close_fingers, motor_scale
+from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
+from allegro_twin.grasping.plan.parallel import run_searches
 from allegro_twin.grasping.plan.propose import Proposer
-from allegro_twin.grasping.plan.save import written
-from allegro_twin.grasping.plan.search import Budget, Effort, Search
-from allegro_twin.grasping.plan.templates import gathering, templates
-from allegro_twin.grasping.plan.validate import AS_IT_IS, Planned, Prover
+from allegro_twin.grasping.plan.save import save_grasps
+from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
+from allegro_twin.grasping.plan.templates import gathering_grasp, grasp_templates
+from allegro_twin.grasping.plan.validate import AS_IT_IS, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from tests.conftest import MakeSim
 from tests.hands.models import GRIPPER, HANDS, hand, made
 
-LITTLE = Effort(guessed=24, closed=8, drawn=3)
+LITTLE = RoundSize(guessed=24, closed=8, drawn=3)
 
 
-def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: Effort = LITTLE) -> Search:
-    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.called})
-    return Search(scenario, spec, templates(spec), effort=effort)
+def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: RoundSize = LITTLE) -> GraspSearch:
+    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.model_reference})
+    return GraspSearch(scenario, spec, grasp_templates(spec), effort=effort)
 
 
-def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> Workbench:
+def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> GraspScene:
     scenario = scenario_of(thing, "z", 1.0, None, 0.8)
-    return Workbench(spec, stage(scenario, load_protocol("table_pick"), "right", Path()))
+    return GraspScene(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 
 def test_a_step_is_as_far_as_the_fastest_joint_of_a_motor_turns() -> None:
-    np.testing.assert_array_equal(units(load_spec("leap")), np.ones(16))
+    np.testing.assert_array_equal(motor_scale(load_spec("leap")), np.ones(16))
     thumb = 2.542  # rad of its first joint, of one closure.
-    assert units(load_spec("qb_softhand"))[0] == pytest.approx(1.0 / thumb, rel=0.1)
-    spread, *fingers = units(load_spec("model_o"))
+    assert motor_scale(load_spec("qb_softhand"))[0] == pytest.approx(1.0 / thumb, rel=0.1)
+    spread, *fingers = motor_scale(load_spec("model_o"))
     assert spread == pytest.approx(1.0, rel=0.05)
     np.testing.assert_allclose(fingers, 0.0065 / 0.0066, rtol=0.05)
 
 
 def test_a_short_slide_is_closed_in_as_many_steps_as_a_joint(tmp_path: Path) -> None:
-    assert units(hand("gripper", tmp_path))[0] == pytest.approx(0.05 / 1.6)
+    assert motor_scale(hand("gripper", tmp_path))[0] == pytest.approx(0.05 / 1.6)
 
 
 @pytest.mark.parametrize("name", ["model_o", "qb_softhand"])
 def test_what_lies_beyond_a_link_that_has_met_the_ball_goes_on(name: str) -> None:
     """In the closed posture joints have stopped behind where their motor would have them, free; none is ahead."""
     spec = load_spec(name)
-    bench, known = bench_of(spec), templates(spec)
+    bench, known = bench_of(spec), grasp_templates(spec)
     proposer = Proposer(bench, known, 0.8, (0.0,), np.random.default_rng(0), step=FINE)
     candidate = next(filter(None, proposer.fresh()))
-    found, touch = closed(bench, candidate, FINE)
+    found, touch = close_fingers(bench, candidate, FINE)
     assert len(set(touch.part.tolist())) >= 2
     assert touch.depth.max() < 0.01
     behind = [
         free - float(bench.data.joint(each.name).qpos[0])
-        for each, free in zip(spec.followers, spec.followed(found.close), strict=True)
+        for each, free in zip(spec.followers, spec.coupled_positions(found.close), strict=True)
         if found.closing[each.driven] and np.ptp(each.positions) > 0.5
     ]
     assert max(behind) > 0.1
@@ -81,11 +80,11 @@ def test_what_lies_beyond_a_link_that_has_met_the_ball_goes_on(name: str) -> Non
 @pytest.mark.long
 def test_a_model_o_finds_a_grasp_that_is_written_for_it_and_judged_the_same(tmp_path: Path) -> None:
     spec = load_spec("model_o")
-    (planned,) = search_of(spec).run(1, Budget(400))
+    (planned,) = search_of(spec).run(1, SearchBudget(400))
     assert planned.margin > 0.0
-    (path,) = written([planned], "ball", tmp_path, spec)
+    (path,) = save_grasps([planned], "ball", tmp_path, spec)
     assert load_scenario(path)[0].hand == "model_o"
-    (verdict,) = Bench(spec).verdicts([case_of({"scenario": path}, spec)])
+    (verdict,) = TrialRunner(spec).verdicts([load_case({"scenario": path}, spec)])
     assert verdict.report is not None
     assert verdict.report.margin == planned.margin
 
@@ -94,7 +93,7 @@ def test_a_model_o_finds_a_grasp_that_is_written_for_it_and_judged_the_same(tmp_
 @pytest.mark.parametrize("name", ["leap", "qb_softhand"])
 def test_every_other_hand_finds_a_grasp_of_a_ball(name: str) -> None:
     spec = load_spec(name)
-    (planned,) = search_of(spec, effort=Effort(guessed=96, closed=24, drawn=4)).run(1, Budget(400))
+    (planned,) = search_of(spec, effort=RoundSize(guessed=96, closed=24, drawn=4)).run(1, SearchBudget(400))
     assert planned.margin > 0.0
 
 
@@ -107,24 +106,24 @@ def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
         "hand": "model_o", "side": "right", "kind": None, "n": 1, "budget": {"candidates": 2},
         "effort": {"guessed": 4, "closed": 2, "drawn": 1}, "region": None,
     }  # fmt: skip
-    (row,) = searched(shared, [{"seed": 0}])
+    (row,) = run_searches(shared, [{"seed": 0}])
     assert row["found"] == "[]"
     with pytest.raises(ConfigError, match="no_such_hand"):
-        searched(shared | {"hand": "no_such_hand"}, [{"seed": 0}])
+        run_searches(shared | {"hand": "no_such_hand"}, [{"seed": 0}])
 
 
 def test_a_hand_without_a_grasp_in_the_library_begins_with_what_brings_its_fingertips_together(tmp_path: Path) -> None:
     spec = hand("gripper", tmp_path)
-    (only,) = templates(spec)
+    (only,) = grasp_templates(spec)
     assert (only.preshape > only.close).all()
     assert (only.close > only.squeeze).all()
     loose = replace(spec, actuation=replace(spec.actuation, stiffness=None))
     with pytest.raises(ConfigError, match="gripper_right: its card says no `stiffness` of what is driven"):
-        templates(loose)
+        grasp_templates(loose)
     with pytest.raises(ConfigError, match="gripper_right has fewer than two fingertips: name them in its card"):
-        gathering(replace(spec, fingers=spec.fingers[:1]))
+        gathering_grasp(replace(spec, fingers=spec.fingers[:1]))
     with pytest.raises(ConfigError, match="soft_right: no motor brings its fingertips together"):
-        gathering(hand("soft", tmp_path / "soft"))
+        gathering_grasp(hand("soft", tmp_path / "soft"))
 
 
 def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its_files_find_the_card(
@@ -136,13 +135,15 @@ def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its
     search, bench, random = search_of(spec, "lemon"), bench_of(spec, "lemon"), np.random.default_rng(0)
     proposer = Proposer(bench, search.templates, 0.8, (0.0, np.pi / 2, np.pi), random)
     proposed = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(4), strict=False)]
-    performer = Performer(load_gains("default", spec), hand_kinematics(spec).gravity_torque)
-    passed = [each.candidate for each in tried(bench, proposed, performer, 0.8, random) if each.passed]
+    performer = FingerGains(load_gains("default", spec), hand_kinematics(spec).gravity_torque)
+    passed = [each.candidate for each in close_candidates(bench, proposed, performer, 0.8, random) if each.passed]
     assert passed
-    prover = Prover(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)
-    (path,) = written([Planned(passed[0], *prover.as_files(passed[0], AS_IT_IS))], "lemon", tmp_path / "plans", spec)
+    prover = GraspValidator(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)
+    (path,) = save_grasps(
+        [PlannedGrasp(passed[0], *prover.as_files(passed[0], AS_IT_IS))], "lemon", tmp_path / "plans", spec
+    )
     assert "hand: ../mine/gripper.yaml" in path.read_text()
-    assert Path(hand_of({"scenario": path})).resolve() == card.resolve()
+    assert Path(hand_name({"scenario": path})).resolve() == card.resolve()
 
 
 @pytest.mark.long
@@ -152,10 +153,10 @@ def test_a_gripper_by_its_card_plans_and_what_is_written_is_judged_the_same(
     monkeypatch.chdir(tmp_path)
     made("gripper", tmp_path / "mine")
     spec = load_spec("mine/gripper.yaml")
-    (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, Budget(400))
-    (path,) = written([planned], "lemon", tmp_path / "plans", spec)
-    again = load_spec(hand_of({"scenario": path}))
-    (verdict,) = Bench(again).verdicts([case_of({"scenario": path}, again)])
+    (planned,) = search_of(spec, "lemon", RoundSize(guessed=8, closed=4, drawn=1)).run(1, SearchBudget(400))
+    (path,) = save_grasps([planned], "lemon", tmp_path / "plans", spec)
+    again = load_spec(hand_name({"scenario": path}))
+    (verdict,) = TrialRunner(again).verdicts([load_case({"scenario": path}, again)])
     assert verdict.report is not None
     assert verdict.report.margin == planned.margin
 

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.recording.messages.frames import Frames
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.messages.frames import LinkFrames
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.viewing.skeleton import Skeleton, bodies_of
 
@@ -23,7 +23,7 @@ def test_every_link_is_drawn_where_the_simulation_has_it_when_nothing_is_in_its_
     postures = random.uniform(spec.lower, spec.upper, (5, spec.n_joints))
     places = skeleton.places(postures)
     for row, posture in enumerate(postures):
-        Posed(spec, model)(posture, data.qpos)
+        PostureMap(spec, model)(posture, data.qpos)
         mujoco.mj_kinematics(model, data)
         for body, (place, turn) in zip(skeleton.bodies[1:], places[1:], strict=True):
             np.testing.assert_allclose(place[row], data.body(body.name).xpos, atol=1e-9)
@@ -41,5 +41,5 @@ def test_a_view_is_found_by_the_ends_of_tendon_fingers(name: str) -> None:
 @pytest.mark.parametrize("name", HANDS)
 def test_frames_of_a_tendon_hand_are_those_of_all_that_moves(name: str) -> None:
     spec = load_spec(name)
-    moving = {spec.moving[frame.joint] for frame in Frames(spec).moving}
-    assert {each.name for each in spec.followers} <= moving <= set(spec.moving)
+    moving = {spec.all_joints[frame.joint] for frame in LinkFrames(spec).moving}
+    assert {each.name for each in spec.followers} <= moving <= set(spec.all_joints)

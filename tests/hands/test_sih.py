@@ -9,7 +9,7 @@ import pytest
 from allegro_twin import Hand
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import CommandError, ConfigError, SelfCollision
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import PositionCommand, TorqueCommand
@@ -40,7 +40,7 @@ def angle(sim: SimBackend, joint: str) -> float:
 
 def test_five_motors_move_eleven_hinges() -> None:
     assert SPEC.joints == ("thumb_flexion", "index", "middle", "ring_little", "thumb_rotation")
-    assert SPEC.readable == SPEC.joints  # A finger and a place would name no motor.
+    assert SPEC.joint_labels == SPEC.joints  # A finger and a place would name no motor.
     assert len(SPEC.followers) == 10  # And the rotation, which its motor turns itself.
 
 
@@ -121,12 +121,12 @@ def test_only_motors_are_sensed_and_where_the_joints_are_is_an_estimate(sim: Sim
     state = sim.read()
     assert state.position.shape == (5,)
     names = [each.name for each in SPEC.followers]
-    said = dict(zip(names, SPEC.followed(state.position), strict=True))
+    said = dict(zip(names, SPEC.coupled_positions(state.position), strict=True))
     for joint in FINGERS["index"]:
         assert said[joint] == pytest.approx(free[joint], abs=0.1)
     hold(sim, "index_0", 0.4)
     held = closed(sim, SPEC, goal)[-1]
-    said = dict(zip(names, SPEC.followed(sim.read().position), strict=True))
+    said = dict(zip(names, SPEC.coupled_positions(sim.read().position), strict=True))
     assert abs(said["index_0"] - held["index_0"]) > 0.3
 
 
@@ -162,10 +162,10 @@ def test_the_facade_moves_it_grasps_with_it_and_plans_no_fist_through_the_thumb(
 
 
 def test_a_card_cannot_say_velocity_and_is_told_what_it_can(tmp_path: object) -> None:
-    from allegro_twin.files.schema import parse
+    from allegro_twin.files.schema import parse_settings
     from allegro_twin.hands.description.card import HandCard
 
     driven = [{"name": "a", "actuator": "a", "lower": 0, "upper": 1, "effort": 1}]
     card = {"mjcf": "x.xml", "root": "palm", "commands": ["velocity"], "driven": driven}
     with pytest.raises(ConfigError, match=r"'torque', 'position', 'limited_position' or 'timed_position', not 'veloc"):
-        parse(HandCard, card, "card")
+        parse_settings(HandCard, card, "card")

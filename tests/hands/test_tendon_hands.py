@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.mjcf_import.explore import explored
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.mjcf_import.explore import explore_mjcf
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim
@@ -47,7 +47,7 @@ def hold(sim: SimBackend, joint: str, at: float) -> None:
 @pytest.mark.parametrize("name", CARDS)
 def test_what_a_card_says_of_followers_is_what_they_do(name: str) -> None:
     spec = load_spec(name)
-    found = explored(data_root() / "models" / "mjcf" / f"{name}_right.xml").card
+    found = explore_mjcf(data_root() / "models" / "mjcf" / f"{name}_right.xml").card
     true = {row["name"]: row["positions"] for row in found["followers"]}
     assert sorted(true) == sorted(each.name for each in spec.followers)
     for each in spec.followers:
@@ -93,7 +93,7 @@ def test_the_model_os_fingers_spread_to_either_side_with_one_motor(make_sim: Mak
 def test_open_fingers_of_the_model_o_never_touch_each_other_however_they_are_spread() -> None:
     spec = load_spec("model_o")
     model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/model_o_right.xml"))
-    data, posed = mujoco.MjData(model), Posed(spec, model)
+    data, posed = mujoco.MjData(model), PostureMap(spec, model)
     shapes = {f: [g for g in range(model.ngeom) if model.geom_contype[g] and _of(model, g) == f] for f in ALL}
     for spread in np.linspace(spec.lower[0], spec.upper[0], 40):
         posed(np.array([spread, 0.0, 0.0, 0.0]), data.qpos)
@@ -112,7 +112,7 @@ def test_the_model_os_pair_closes_side_by_side_on_the_thumb_or_a_quarter_of_a_tu
     """openhand_node: the spread's ends are facing the thumb, and perpendicular to it, for a pinch of the two."""
     spec = load_spec("model_o")
     model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/model_o_right.xml"))
-    data, posed = mujoco.MjData(model), Posed(spec, model)
+    data, posed = mujoco.MjData(model), PostureMap(spec, model)
     first = next(each for each in spec.followers if each.name == "forward_1")
     upright = np.interp(0.5 * np.pi, first.positions, np.linspace(0.0, spec.upper[1], len(first.positions)))
     ends = []
@@ -146,12 +146,12 @@ def test_a_finger_of_the_softhand_that_is_held_stops_and_the_others_go_on(make_s
 def test_the_softhands_free_posture_is_the_published_one() -> None:
     """S z: 0.785 a rolling hinge, spreads of 0.2 and 0.4, and 2.542 at the thumb's foot, which stops at 1.571."""
     spec, z = load_spec("qb_softhand"), 0.5
-    free = dict(zip([each.name for each in spec.followers], spec.followed(np.array([z])), strict=True))
+    free = dict(zip([each.name for each in spec.followers], spec.coupled_positions(np.array([z])), strict=True))
     for finger in ("index", "middle", "ring", "little"):
         assert sum(free[f"{finger}_{place}"] for place in range(1, 7)) == pytest.approx(6 * 0.785 * z, rel=0.03)
     assert free["little_0"] == pytest.approx(-0.4 * z, abs=0.01)
     assert free["thumb_0"] == pytest.approx(2.542 * z, abs=0.02)
-    assert spec.followed(np.array([1.0]))[[each.name for each in spec.followers].index("thumb_0")] < 1.58
+    assert spec.coupled_positions(np.array([1.0]))[[each.name for each in spec.followers].index("thumb_0")] < 1.58
 
 
 def test_opening_and_closing_go_different_ways(make_sim: MakeSim) -> None:

@@ -1,4 +1,4 @@
-"""docs/hand_values.md, the models and the cards say the same, and every joint of every hand is in it."""
+"""docs/reference/hand_values.md, the models and the cards say the same, and every joint of every hand is in it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "hand_values.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "hand_values.md"
 HANDS = ("allegro", "leap", "model_o", "qb_softhand", "sih")
 FINE = {"limit": 1e-3, "effort": 1e-3, "mass": 1e-4}
 """rad, N·m and kg to which values are written down."""

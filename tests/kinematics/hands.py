@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.solutions import Solutions
 from allegro_twin.spec import SIDES, Side

@@ -18,7 +18,7 @@ from tests.kinematics.hands import FINGERS
 INDEX, THUMB = FINGERS["right", "index"], FINGERS["right", "thumb"]
 Q = [0.1, 0.5, 0.8, 0.4]
 TIP, SPOT = INDEX.fk(Q).position.tolist(), THUMB.fk([0.8, 0.3, 0.3, 0.3]).position.tolist()
-ARM = ArmModel(arms.load_arm(arms.names()[0]))
+ARM = ArmModel(arms.load_arm_spec(arms.arm_names()[0]))
 LEVEL = np.eye(3).tolist()
 NO_TURN = [1.0, 0.0, 0.0, 0.0]
 ASKED: dict[str, tuple[Callable[[Any], Any], Any]] = {
@@ -43,14 +43,14 @@ ASKED: dict[str, tuple[Callable[[Any], Any], Any]] = {
     "matrix_from_quaternion": (orientation.matrix_from_quaternion, NO_TURN),
     "vector_from_quaternion": (orientation.vector_from_quaternion, NO_TURN),
     "quaternion_from_vector": (orientation.quaternion_from_vector, [0.1, 0.2, 0.3]),
-    "product": (lambda x: orientation.product(x, NO_TURN), NO_TURN),
-    "conjugate": (orientation.conjugate, NO_TURN),
-    "mirrored": (orientation.mirrored, NO_TURN),
+    "product": (lambda x: orientation.quaternion_product(x, NO_TURN), NO_TURN),
+    "conjugate": (orientation.quaternion_conjugate, NO_TURN),
+    "mirrored": (orientation.mirror_quaternion, NO_TURN),
     "slerp": (lambda x: orientation.slerp(x, NO_TURN, 0.5), NO_TURN),
-    "turn_about_z": (lambda x: orientation.turn_about_z(x, NO_TURN), NO_TURN),
+    "turn_about_z": (lambda x: orientation.yaw_between(x, NO_TURN), NO_TURN),
     "angle_between": (lambda x: orientation.angle_between(x, LEVEL), LEVEL),
     "angle_between_quaternions": (lambda x: orientation.angle_between_quaternions(x, NO_TURN), NO_TURN),
-    "facing": (lambda x: orientation.facing(x, [0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]),
+    "facing": (lambda x: orientation.matrix_facing(x, [0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]),
     "gravity_from_quaternion": (orientation.gravity_from_quaternion, NO_TURN),
     "quaternion_from_gravity": (orientation.quaternion_from_gravity, [0.1, 0.0, -9.8]),
 }

@@ -137,7 +137,7 @@ def at_double_roots(n: int) -> Array:
     r = link * np.sin(a[:, 2]) + tip * np.sin(a[:, 2] + a[:, 3])
     return np.asarray(
         a[np.abs(r) > 1e-8], dtype=np.float64
-    )  # Beside joint 1's axis q₁ is free: docs/kinematics.md#singularities.
+    )  # Beside joint 1's axis q₁ is free: docs/explanation/kinematics.md#singularities.
 
 
 def test_where_two_roots_of_the_quartic_meet_the_posture_is_still_found() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics import FingerKinematics, hand_kinematics
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.numeric import NumericFinger

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from allegro_twin import Hand
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.numeric import NumericFinger

@@ -110,10 +110,10 @@ def test_a_rotation_vector_survives_the_way_through_a_quaternion(vector: Array) 
 def test_a_product_of_quaternions_turns_as_the_product_of_their_matrices(p: Array, q: Array) -> None:
     matrix = orientation.matrix_from_quaternion
     both = matrix(p) @ matrix(q)
-    np.testing.assert_allclose(matrix(orientation.product(p, q)), both, atol=1e-14)
-    np.testing.assert_allclose(matrix(orientation.conjugate(p)), matrix(p).T, atol=1e-15)
+    np.testing.assert_allclose(matrix(orientation.quaternion_product(p, q)), both, atol=1e-14)
+    np.testing.assert_allclose(matrix(orientation.quaternion_conjugate(p)), matrix(p).T, atol=1e-15)
     mirror = np.diag([1.0, -1.0, 1.0])
-    np.testing.assert_allclose(matrix(orientation.mirrored(p)), mirror @ matrix(p) @ mirror, atol=1e-15)
+    np.testing.assert_allclose(matrix(orientation.mirror_quaternion(p)), mirror @ matrix(p) @ mirror, atol=1e-15)
 
 
 @settings(deadline=None)
@@ -142,10 +142,10 @@ def test_slerp_ends_where_it_should() -> None:
 @settings(deadline=None)
 @given(UNITS, VECTORS)
 def test_a_turn_in_the_worlds_axes_comes_from_the_left_and_about_z_it_is_found_again(q: Array, vector: Array) -> None:
-    turned = orientation.matrix_from_quaternion(orientation.turned_by(q, vector))
+    turned = orientation.matrix_from_quaternion(orientation.rotate_quaternion(q, vector))
     np.testing.assert_allclose(turned, pin.exp3(vector) @ orientation.matrix_from_quaternion(q), atol=1e-14)
-    about_z = orientation.turned_by(q, np.array([0.0, 0.0, vector[2]]))
-    assert orientation.turn_about_z(q, about_z) == pytest.approx(vector[2], abs=1e-12)
+    about_z = orientation.rotate_quaternion(q, np.array([0.0, 0.0, vector[2]]))
+    assert orientation.yaw_between(q, about_z) == pytest.approx(vector[2], abs=1e-12)
 
 
 @settings(deadline=None)
@@ -167,7 +167,7 @@ def test_a_palm_looks_where_it_is_told_to_with_its_fingers_as_near_as_can_be() -
     np.testing.assert_allclose(turn[:, 0], [0, 0, -1], atol=1e-15)
     np.testing.assert_allclose(turn[:, 2], [1, 0, 0], atol=1e-15)
     with pytest.raises(ConfigError, match="must not be parallel"):
-        orientation.facing((0, 0, 1), (0, 0, -2))
+        orientation.matrix_facing((0, 0, 1), (0, 0, -2))
 
 
 def test_one_orientation_and_a_batch_of_them_give_the_same_bits() -> None:
@@ -178,11 +178,12 @@ def test_one_orientation_and_a_batch_of_them_give_the_same_bits() -> None:
         (orientation.matrix_from_quaternion, (q,)), (orientation.quaternion_from_matrix, (r,)),
         (orientation.matrix_from_euler, (v,)), (orientation.euler_from_matrix, (r,)),
         (orientation.quaternion_from_euler, (v,)), (orientation.quaternion_from_vector, (v,)),
-        (orientation.vector_from_quaternion, (q,)), (orientation.product, (p, q)),
-        (orientation.turned_by, (q, v)), (orientation.turn_about_z, (p, q)), (orientation.slerp, (p, q, part)),
+        (orientation.vector_from_quaternion, (q,)), (orientation.quaternion_product, (p, q)),
+        (orientation.rotate_quaternion, (q, v)), (orientation.yaw_between, (p, q)), (orientation.slerp, (p, q, part)),
         (orientation.angle_between, (r, r[::-1])), (orientation.angle_between_quaternions, (p, q)),
         (orientation.gravity_from_quaternion, (q,)), (orientation.quaternion_from_gravity, (v,)),
-        (orientation.quaternion_facing, (v, p[:, :3])), (orientation.mirrored, (q,)), (orientation.conjugate, (q,)),
+        (orientation.quaternion_facing, (v, p[:, :3])), (orientation.mirror_quaternion, (q,)),
+        (orientation.quaternion_conjugate, (q,)),
     ]  # fmt: skip
     for call, arguments in calls:
         batch = call(*arguments)

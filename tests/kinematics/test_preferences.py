@@ -92,7 +92,7 @@ def test_best_takes_the_branch_nearest_to_the_posture_given(key: Key) -> None:
     several = solutions.within.sum(axis=1) > 1
     assert several.any()
     np.testing.assert_allclose(solutions.best(near=q).posture, q, rtol=0, atol=1e-6)
-    roomiest = solutions.best().posture
+    furthest_from_limits = solutions.best().posture
     most = np.where(solutions.within, room(finger, solutions.position), -np.inf).max(axis=1)
-    np.testing.assert_array_equal(room(finger, roomiest), most)
-    assert (np.abs(roomiest - q).max(axis=1)[several] > 1e-3).any()
+    np.testing.assert_array_equal(room(finger, furthest_from_limits), most)
+    assert (np.abs(furthest_from_limits - q).max(axis=1)[several] > 1e-3).any()

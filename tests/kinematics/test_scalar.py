@@ -10,9 +10,8 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
-from allegro_twin.kinematics.closed_form.forms.scalar_bend import Solve
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
-from allegro_twin.kinematics.closed_form.scalar import ScalarKinematics
+from allegro_twin.kinematics.closed_form.scalar import ScalarKinematics, Solve
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, SPECS, postures, solve

@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.exchange.tables import to_csv, to_parquet
 from allegro_twin.recording.reader import load
 
@@ -36,7 +36,7 @@ def test_csv_has_a_column_per_joint_by_name(recording_path: Path, tmp_path: Path
 def test_a_file_that_fails_half_way_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "kept.csv"
     path.write_text("old")
-    with pytest.raises(RecordingError, match="cannot write"), whole_file(path) as temporary:
+    with pytest.raises(RecordingError, match="cannot write"), atomic_file(path) as temporary:
         temporary.write_text("half")
         raise OSError(28, "No space left on device")
     assert path.read_text() == "old"

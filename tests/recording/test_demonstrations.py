@@ -15,11 +15,11 @@ import pytest
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.recording.exchange import lerobot
-from allegro_twin.recording.exchange.episodes import write
+from allegro_twin.recording.exchange.episodes import write_arrow
 from allegro_twin.recording.exchange.lerobot import from_lerobot, to_lerobot
 from allegro_twin.recording.exchange.minari import from_minari, to_minari
 from allegro_twin.recording.reader import Recording, load
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.surfaces.cli.main import main
 
 Pair = tuple[Callable[..., None], Callable[..., Recording]]
@@ -65,10 +65,10 @@ def test_every_episode_comes_back_as_it_was(there_and_back: Pair, episodes: list
 def test_what_comes_back_drives_a_replay(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
     there, back = there_and_back
     there(episodes, tmp_path / "set-v0")
-    write(back(tmp_path / "set-v0", 1), tmp_path / "again.arrow")
+    write_arrow(back(tmp_path / "set-v0", 1), tmp_path / "again.arrow")
     again = ReplayBackend(load(tmp_path / "again.arrow"))
     assert again.recording.complete
-    pairs = zip(samples_of(ReplayBackend(episodes[1])), samples_of(again), strict=True)
+    pairs = zip(replay_samples(ReplayBackend(episodes[1])), replay_samples(again), strict=True)
     count = 0
     for (state, command), (its, their) in pairs:
         np.testing.assert_array_equal(state.position, its.position)

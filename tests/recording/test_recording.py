@@ -21,7 +21,7 @@ from allegro_twin.errors import RecordingError
 from allegro_twin.recording import recorder as recorder_module
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import BATCH, Recorder
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, TorqueCommand
 from tests.test_safety import state
@@ -45,7 +45,7 @@ def test_every_row_comes_back_bit_for_bit(rows: int, tmp_path: Path, spec: HandS
     record(path, spec, rows)
     recording = load(path)
     assert (len(recording), recording.complete) == (rows, True)
-    for tick, (state_, command) in enumerate(samples_of(ReplayBackend(recording))):
+    for tick, (state_, command) in enumerate(replay_samples(ReplayBackend(recording))):
         expected = sample(tick)
         assert (state_.t, state_.tick) == (expected.state.t, tick)
         np.testing.assert_array_equal(state_.position, expected.state.position)
@@ -70,7 +70,7 @@ import sys, numpy as np
 from pathlib import Path
 sys.path.insert(0, {root!r})
 from tests.recording.test_recording import sample
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.recorder import Recorder
 recorder = Recorder(Path({path!r}), load_spec(), 0.003)
 tick = 0
@@ -124,7 +124,7 @@ def test_an_interruption_at_any_line_leaves_a_whole_recording_of_all_that_was_pa
     while True:
         nth += 1
         passed, interrupting = 0, Interrupting(nth)
-        samples = recorder_module.recorded(map(sample, range(8)), path, spec, 0.003)
+        samples = recorder_module.record(map(sample, range(8)), path, spec, 0.003)
         sys.settrace(interrupting)
         try:
             for _ in samples:
@@ -204,7 +204,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 from pathlib import Path
 from tests.recording.test_recording import record
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.errors import RecordingError
 try:
     record(Path({str(path)!r}), load_spec(), 10_000)

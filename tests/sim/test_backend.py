@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.control.controllers import Torque
+from allegro_twin.control.controllers import ConstantTorque
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.orientation import facing, quaternion_facing
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.orientation import matrix_facing, quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend, substeps
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -32,13 +32,13 @@ def test_any_other_period_is_refused_with_the_rule(period: float) -> None:
 
 
 def test_no_torque_exceeds_the_clip_whatever_is_commanded(spec: HandSpec, make_sim: MakeSim) -> None:
-    for sample in until(0.3, run(make_sim(spec), Torque(np.full(16, 50.0)))):
+    for sample in until(0.3, run(make_sim(spec), ConstantTorque(np.full(16, 50.0)))):
         assert (np.abs(sample.state.torque) <= spec.actuation.torque_limit + 1e-12).all()
 
 
 def test_a_motor_runs_no_faster_than_its_back_emf_allows(spec: HandSpec, make_sim: MakeSim) -> None:
     fastest = (spec.actuation.torque_limit + 0.15) / spec.actuation.damping  # 0.15 N·m: more than any gravity torque.
-    for sample in until(0.5, run(make_sim(spec), Torque(np.full(16, 50.0)))):
+    for sample in until(0.5, run(make_sim(spec), ConstantTorque(np.full(16, 50.0)))):
         assert (np.abs(sample.state.velocity) <= fastest).all()
 
 
@@ -63,7 +63,7 @@ def test_gravity_is_reported_in_the_palm_frame(
 
 def test_a_palm_cannot_look_where_its_fingers_point() -> None:
     with pytest.raises(ConfigError, match="must not be parallel"):
-        facing((0, 0, 1), (0, 0, 2))
+        matrix_facing((0, 0, 1), (0, 0, 2))
     np.testing.assert_allclose(quaternion_facing((1, 0, 0), (0, 0, 1)), [1, 0, 0, 0], atol=1e-12)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from allegro_twin.grasping.metrics.carrying import least_effort
-from allegro_twin.grasping.metrics.measure import measured, of_touch
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.contact.contacts import Touch, jacobians, touching
+from allegro_twin.grasping.metrics.trial_metrics import contact_metrics, contacts_in_scene
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.contact.contacts import SceneContacts, contact_jacobians, find_contacts
 from allegro_twin.sim.model.parts import part_names
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import Placement, Thing
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec, Side
 from tests.sim.test_foreign import menagerie_like
 
@@ -24,9 +24,9 @@ MASS = 0.1
 def on_the_palm(spec: HandSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A cube that has come to rest on a palm that looks at the sky."""
     up = np.array([0.5**0.5, 0.0, -(0.5**0.5), 0.0])  # The palm's x axis points up.
-    cube = Thing("cube", "box", (0.03, 0.03, 0.03), MASS)
+    cube = GraspObject("cube", "box", (0.03, 0.03, 0.03), MASS)
     beside = -0.03 if spec.side == "right" else 0.03  # Away from the thumb.
-    things = [Placement(cube, (0.05, beside, 0.0265), (1.0, 0.0, 0.0, 0.0))]
+    things = [PlacedObject(cube, (0.05, beside, 0.0265), (1.0, 0.0, 0.0, 0.0))]
     model = compile_scene(spec, Stage(np.zeros(3), up, things))
     data = mujoco.MjData(model)
     for _ in range(500):
@@ -34,9 +34,9 @@ def on_the_palm(spec: HandSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def seen(spec: HandSpec) -> tuple[mujoco.MjModel, mujoco.MjData, Touch]:
+def seen(spec: HandSpec) -> tuple[mujoco.MjModel, mujoco.MjData, SceneContacts]:
     model, data = on_the_palm(spec)
-    return model, data, touching(model, data, spec, "cube")
+    return model, data, find_contacts(model, data, spec, "cube")
 
 
 def test_the_forces_of_the_contacts_carry_the_weight(side: Side) -> None:
@@ -62,7 +62,7 @@ def test_tips_that_are_bodies_of_their_own_belong_to_their_finger(tmp_path: Path
     model, data = on_the_palm(spec)
     data.qpos[model.joint("cube").qposadr[0] :][:3] = data.body("mf_tip").xpos + np.array([0, 0, 0.024])
     mujoco.mj_forward(model, data)
-    assert {part_names(spec)[part] for part in touching(model, data, spec, "cube").part} == {"middle"}
+    assert {part_names(spec)[part] for part in find_contacts(model, data, spec, "cube").part} == {"middle"}
 
 
 def test_jacobians_are_how_the_contact_points_of_the_hand_move(spec: HandSpec) -> None:
@@ -70,8 +70,8 @@ def test_jacobians_are_how_the_contact_points_of_the_hand_move(spec: HandSpec) -
     tip = data.site(spec.fingers[1].tip).xpos
     data.qpos[model.joint("cube").qposadr[0] :][:3] = tip + np.array([0, 0, 0.026])
     mujoco.mj_forward(model, data)
-    touch = touching(model, data, spec, "cube")
-    found = jacobians(model, data, spec, touch)
+    touch = find_contacts(model, data, spec, "cube")
+    found = contact_jacobians(model, data, spec, touch)
     assert found.shape == (len(touch.points), 6, 16)
     place, step = int(model.joint(spec.joints[5]).qposadr[0]), 1e-6
     body = int(touch.bodies[0])
@@ -88,8 +88,8 @@ def test_contacts_that_are_only_near_are_seen_when_asked_for(spec: HandSpec) -> 
     data.qpos[model.joint("cube").qposadr[0] + 2] += 0.002
     model.geom_gap[:] = 0.01
     mujoco.mj_forward(model, data)
-    assert not len(touching(model, data, spec, "cube").points)
-    near = touching(model, data, spec, "cube", near=0.005)
+    assert not len(find_contacts(model, data, spec, "cube").points)
+    near = find_contacts(model, data, spec, "cube", near=0.005)
     assert len(near.points)
     assert (near.depth < 0).all()
     assert not near.force.any()
@@ -98,7 +98,7 @@ def test_contacts_that_are_only_near_are_seen_when_asked_for(spec: HandSpec) -> 
 def test_the_row_of_a_report_has_every_figure(spec: HandSpec) -> None:
     """A cube that lies on a palm is carried and not held: no ball of wrenches, its weight without any torque."""
     model, data, touch = seen(spec)
-    row = measured(touch, MASS, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
+    row = contact_metrics(touch, MASS, contact_jacobians(model, data, spec, touch), spec.actuation.torque_limit)
     assert row["contacts"] == len(touch.points)
     assert row["fingers"] == 1
     assert row["epsilon"] == 0.0
@@ -106,14 +106,17 @@ def test_the_row_of_a_report_has_every_figure(spec: HandSpec) -> None:
     assert row["qp"] > 0.5
     assert row["carry"] == pytest.approx(MASS * 9.81, rel=1e-3)
     assert row["torque_share"] == pytest.approx(0.0, abs=1e-9)
-    assert least_effort(of_touch(touch), np.zeros((len(touch.points), 6, 16)), np.ones(16), np.zeros(6)).share == 0.0
+    assert (
+        least_effort(contacts_in_scene(touch), np.zeros((len(touch.points), 6, 16)), np.ones(16), np.zeros(6)).share
+        == 0.0
+    )
 
 
 def test_an_object_that_nothing_touches_has_a_row_too(spec: HandSpec) -> None:
     model, data = on_the_palm(spec)
     data.qpos[model.joint("cube").qposadr[0] + 2] += 0.5
     mujoco.mj_forward(model, data)
-    touch = touching(model, data, spec, "cube")
-    row = measured(touch, MASS, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
+    touch = find_contacts(model, data, spec, "cube")
+    row = contact_metrics(touch, MASS, contact_jacobians(model, data, spec, touch), spec.actuation.torque_limit)
     assert (row["contacts"], row["epsilon"], row["carry"]) == (0, 0.0, np.inf)
     assert row["penetration_mm"] == 0.0

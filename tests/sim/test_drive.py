@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
@@ -22,7 +22,7 @@ TORQUE = np.tile([0.02, 0.1, 0.08, 0.05], 4)
 
 
 def driven(spec: HandSpec, **drive: Any) -> HandSpec:
-    return replace(spec, drive=Drive.made(drive, 16))
+    return replace(spec, drive=Drive.from_values(drive, 16))
 
 
 def moved(backend: SimBackend, periods: int, torque: np.ndarray = TORQUE) -> list[HandState]:

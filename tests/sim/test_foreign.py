@@ -13,18 +13,19 @@ import yaml
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec
 from allegro_twin.spec import Side
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
 from allegro_twin.surfaces.hand import Hand
 from tests.conftest import MakeSim
 
@@ -125,7 +126,9 @@ def test_it_goes_home_and_ends_where_our_own_hand_does(tmp_path: Path, side: Sid
     home = load_posture("home", ours)
     ends = []
     for spec in (theirs, ours):
-        controller = PD(Hold(home), load_gains("default", spec), Gravity(hand_kinematics(spec).gravity_torque))
+        controller = PD(
+            Hold(home), load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque)
+        )
         backend = make_sim(spec)
         for sample in until(1.0, run(backend, controller)):
             last = sample.state.position

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.drivetrain.backlash import able
+from allegro_twin.sim.drivetrain.backlash import allow_backlash
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import AILMENTS
 from allegro_twin.types import Array, TorqueCommand
@@ -17,7 +17,7 @@ HUNG = np.where(np.arange(16) == TIP, 0.1, 0.0)  # N·m, which press the link ag
 
 
 def test_a_loose_link_falls_from_tooth_to_tooth_from_that_moment_on(spec: HandSpec, make_sim: MakeSim) -> None:
-    backend = make_sim(able(spec, [TIP]))
+    backend = make_sim(allow_backlash(spec, [TIP]))
     play = int(backend.model.joint(f"{spec.joints[TIP]}_play").qposadr[0])
     backend.reset()
     spread = {}

@@ -13,15 +13,16 @@ import pytest
 from allegro_twin.app import assemble
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import load_protocol
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import Draw
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.model.parts import parts_of
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import Perturbation
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.model.parts import body_parts
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import Placement, Thing, add
-from allegro_twin.sim.objects.convex_decomposition import pieces_of, standing_out
-from allegro_twin.sim.objects.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, add_object
+from allegro_twin.sim.objects.convex_decomposition import convex_pieces, surface_excess
+from allegro_twin.sim.objects.meshes import TRIANGLES, Mesh, convex_hull, load_mesh, mesh_middle
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
 from allegro_twin.types import Array
 from tests.sim.test_scene import scenario
 
@@ -68,7 +69,11 @@ def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring(), unit=0.001)
     spec = mujoco.MjSpec()
-    add(spec, Placement(Thing("ring", "mesh", (), 0.1, file, 0.001), (0, 0, 0), (1, 0, 0, 0)), (0.8, 0.01, 0.0005))
+    add_object(
+        spec,
+        PlacedObject(GraspObject("ring", "mesh", (), 0.1, file, 0.001), (0, 0, 0), (1, 0, 0, 0)),
+        (0.8, 0.01, 0.0005),
+    )
     spec.delete(spec.joint("ring"))
     ball = spec.worldbody.add_body(name="ball", pos=[0.0, 0.0, 0.05])
     ball.add_freejoint()
@@ -86,8 +91,8 @@ def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not_touch(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring(9))
-    ring_ = Placement(Thing("ring", "mesh", (), 0.1, file), (0, 0, HALF), (1, 0, 0, 0))
-    ball = Placement(Thing("ball", "sphere", (0.03,), 0.01), (0, 0, 0.015), (1, 0, 0, 0))
+    ring_ = PlacedObject(GraspObject("ring", "mesh", (), 0.1, file), (0, 0, HALF), (1, 0, 0, 0))
+    ball = PlacedObject(GraspObject("ball", "sphere", (0.03,), 0.01), (0, 0, 0.015), (1, 0, 0, 0))
     far = Stage(np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0, 0.0]), (ring_, ball), table=True)
     model = compile_scene(load_spec(), far)
     data = mujoco.MjData(model)
@@ -100,7 +105,7 @@ def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not
     mujoco.mj_step(model, data, 100)
     assert data.body("ring").xpos[2] == pytest.approx(height, abs=1e-9)
     # Fingers and balls still touch the pieces, and never the hull that stands.
-    type_, with_, part = model.geom_contype, model.geom_conaffinity, parts_of(model, load_spec())[model.geom_bodyid]
+    type_, with_, part = model.geom_contype, model.geom_conaffinity, body_parts(model, load_spec())[model.geom_bodyid]
     meet = (type_[:, None] & with_) | (type_ & with_[:, None])
     standing, piece, table = (model.geom(name).id for name in ("ring/standing", "ring/0", "table"))
     assert np.flatnonzero(meet[standing]).tolist() == [table]
@@ -114,7 +119,9 @@ def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not
 def test_it_has_the_inertia_of_the_solid_and_not_of_its_hull(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     spec = mujoco.MjSpec()
-    add(spec, Placement(Thing("ring", "mesh", (), 0.1, file), (0, 0, 0), (1, 0, 0, 0)), (0.8, 0.01, 0.0005))
+    add_object(
+        spec, PlacedObject(GraspObject("ring", "mesh", (), 0.1, file), (0, 0, 0), (1, 0, 0, 0)), (0.8, 0.01, 0.0005)
+    )
     model = spec.compile()
     assert model.body("ring").mass[0] == pytest.approx(0.1)
     a, b = 2 * OUTER, 2 * INNER
@@ -128,23 +135,25 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
     corners: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = load_mesh(written(tmp_path / "ring.obj", *ring(corners)))
-    pieces = pieces_of(mesh, "ring")
+    pieces = convex_pieces(mesh, "ring")
     assert 2 <= len(pieces) <= 40
-    assert standing_out(pieces, mesh) <= 0.001
+    assert surface_excess(pieces, mesh) <= 0.001
     assert sum(piece.volume for piece in pieces) == pytest.approx(mesh.volume, rel=0.05)
     monkeypatch.setattr("coacd.run_coacd", None)
-    for again, piece in zip(pieces_of(mesh, "ring"), pieces, strict=True):
+    for again, piece in zip(convex_pieces(mesh, "ring"), pieces, strict=True):
         np.testing.assert_array_equal(again.vertices, piece.vertices)
 
 
 @pytest.mark.slow
 def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each draw of a size would cost half a minute otherwise."""
-    thing = Thing("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
+    thing = GraspObject("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
     pieces = thing.pieces()
     monkeypatch.setattr("coacd.run_coacd", None)
-    case = Draw(size=1.05, mass=1.2)
-    around = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), (Placement(thing, (0, 0, HALF), (1, 0, 0, 0)),), table=True)
+    case = Perturbation(size=1.05, mass=1.2)
+    around = Stage(
+        np.zeros(3), np.array([1.0, 0, 0, 0]), (PlacedObject(thing, (0, 0, HALF), (1, 0, 0, 0)),), table=True
+    )
     (larger,) = case.on(around).things
     for piece, one in zip(larger.thing.pieces(), pieces, strict=True):
         np.testing.assert_allclose(piece.vertices, 1.05 * one.vertices, rtol=1e-12)
@@ -160,13 +169,13 @@ def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, mon
 def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "coacd", None)
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.02
-    hull = hull_of(corners, "cube")
-    assert len(pieces_of(hull, "cube")) == 1
+    hull = convex_hull(corners, "cube")
+    assert len(convex_pieces(hull, "cube")) == 1
     with pytest.raises(
         ConfigError, match=r"ring is concave: its hull has 4\d % more volume.*pip install 'allegro-twin\["
     ):
         vertices, faces = ring()
-        pieces_of(Mesh(vertices, np.array(faces)), "ring")
+        convex_pieces(Mesh(vertices, np.array(faces)), "ring")
 
 
 def test_a_mesh_that_is_no_solid_of_a_hands_size_says_why(tmp_path: Path) -> None:
@@ -191,12 +200,12 @@ def test_a_mesh_that_is_no_solid_of_a_hands_size_says_why(tmp_path: Path) -> Non
 def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     own = {"name": "ring", "shape": "mesh", "file": str(file)}
-    (placed,) = stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).things
+    (placed,) = make_stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).things
     assert placed.position[2] == pytest.approx(HALF, abs=2e-4)
     volume = 2 * HALF * 4 * (OUTER**2 - INNER**2)
     assert placed.thing.mass == pytest.approx(500.0 * volume, rel=1e-6)
     hole = {**own, "collision": "hull"}
-    (placed,) = stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).things
+    (placed,) = make_stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).things
     assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
 
 
@@ -218,10 +227,10 @@ def test_the_middle_of_a_mesh_is_where_its_own_file_has_it(tmp_path: Path) -> No
     vertices, faces = ring()
     off = np.array([0.01, -0.02, 0.3])
     path = written(tmp_path / "ring.obj", vertices + off, faces, unit=0.001)
-    np.testing.assert_allclose(middle_of(path, 0.001), off, atol=1e-6)
+    np.testing.assert_allclose(mesh_middle(path, 0.001), off, atol=1e-6)
     mesh = load_mesh(path, 0.001)
     np.testing.assert_allclose(
-        mesh.vertices.min(axis=0) + middle_of(path, 0.001), (vertices + off).min(axis=0), atol=1e-6
+        mesh.vertices.min(axis=0) + mesh_middle(path, 0.001), (vertices + off).min(axis=0), atol=1e-6
     )
 
 
@@ -256,7 +265,7 @@ def test_an_ascii_stl_is_the_same_solid_as_the_mesh_it_was_written_from(tmp_path
     assert found.volume == pytest.approx(mesh.volume, rel=1e-5)
     np.testing.assert_allclose(found.extents, mesh.extents, rtol=1e-6)
     np.testing.assert_allclose(load_mesh(text, 0.5).extents, mesh.extents / 2, rtol=1e-6)
-    np.testing.assert_allclose(middle_of(text), 0.0, atol=1e-6)
+    np.testing.assert_allclose(mesh_middle(text), 0.0, atol=1e-6)
 
 
 def test_an_ascii_stl_that_is_cut_short_or_holds_no_numbers_is_refused_in_one_line(tmp_path: Path) -> None:

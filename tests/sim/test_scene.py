@@ -12,15 +12,21 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.timeline import plan, stage
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.grasping.timeline import make_stage, make_timeline
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.model.wrist import wrist_load, wrist_set_points
+from allegro_twin.sim.objects.catalogue import (
+    GraspObject,
+    PlacedObject,
+    load_object,
+    object_catalogue,
+    standing_orientation,
+)
 from allegro_twin.spec import SIDES, HandSpec, Side
 from allegro_twin.types import TorqueCommand
 
@@ -35,24 +41,24 @@ def scenario(**changes: Any) -> Scenario:
 
 def backend_at(settings: Scenario, folder: Path = Path(), side: Side = "right") -> SimBackend:
     spec = load_spec(side=side)
-    return SimBackend(spec, compile_scene(spec, stage(settings, load_protocol(settings.protocol), side, folder)))
+    return SimBackend(spec, compile_scene(spec, make_stage(settings, load_protocol(settings.protocol), side, folder)))
 
 
 def test_the_catalogue_has_the_22_ycb_objects() -> None:
-    things = catalogue.catalogue()
+    things = object_catalogue()
     assert len(things) == 22
     can = things["tomato_soup_can"]
     assert (can.shape, can.size, can.mass) == ("cylinder", (0.066, 0.101), 0.349)
     with pytest.raises(ConfigError, match="no object named 'tomato_can'; did you mean 'tomato_soup_can'"):
-        catalogue.named("tomato_can")
+        load_object("tomato_can")
 
 
-@pytest.mark.parametrize("name", sorted(catalogue.catalogue()))
+@pytest.mark.parametrize("name", sorted(object_catalogue()))
 def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str) -> None:
     backend = backend_at(scenario(objects=[{"name": name}]))
     backend.reset()
     body = backend.model.body(name)
-    assert body.mass[0] == pytest.approx(catalogue.named(name).mass)
+    assert body.mass[0] == pytest.approx(load_object(name).mass)
     before = backend.data.body(name).xpos.copy()
     for _ in range(100):
         backend.read()
@@ -61,7 +67,7 @@ def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str)
 
 @pytest.mark.parametrize(("up", "height"), [("x", 0.035), ("y", 0.110), ("z", 0.089)])
 def test_up_says_which_axis_of_the_object_points_at_the_sky(up: str, height: float) -> None:
-    placed = stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, "right", Path()).things[0]
+    placed = make_stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, "right", Path()).things[0]
     assert placed.position[2] == pytest.approx(height / 2, abs=2e-4)
     turned = np.empty(3)
     mujoco.mju_rotVecQuat(turned, np.eye(3)["xyz".index(up)], np.array(placed.quaternion))
@@ -70,7 +76,7 @@ def test_up_says_which_axis_of_the_object_points_at_the_sky(up: str, height: flo
 
 def test_yaw_turns_about_the_vertical() -> None:
     turned = np.empty(3)
-    mujoco.mju_rotVecQuat(turned, np.array([1.0, 0, 0]), catalogue.orientation("z", math.pi / 2))
+    mujoco.mju_rotVecQuat(turned, np.array([1.0, 0, 0]), standing_orientation("z", math.pi / 2))
     np.testing.assert_allclose(turned, [0, 1, 0], atol=1e-12)
 
 
@@ -106,7 +112,7 @@ def test_a_mesh_and_an_mjcf_of_the_users_own_become_objects(tmp_path: Path) -> N
 )
 def test_an_own_object_says_what_it_lacks(own: dict[str, Any], message: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=message):
-        stage(scenario(objects=[own]), PROTOCOL, "right", tmp_path)
+        make_stage(scenario(objects=[own]), PROTOCOL, "right", tmp_path)
 
 
 def test_an_unreadable_mjcf_is_one_line_with_its_file(tmp_path: Path) -> None:
@@ -121,9 +127,9 @@ def wrist_run(protocol: str, side: Side) -> tuple[SimBackend, Any]:
     spec = load_spec(side=side)
     settings = scenario()
     grasp = load_grasp("quadpod", spec)
-    timeline = plan(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
-    model = compile_scene(spec, stage(settings, PROTOCOL, side, Path()))
-    drive = wrist.commands(timeline.segments, Physics().timestep, wrist.load(model))
+    timeline = make_timeline(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
+    model = compile_scene(spec, make_stage(settings, PROTOCOL, side, Path()))
+    drive = wrist_set_points(timeline.segments, Physics().timestep, wrist_load(model))
     return SimBackend(spec, model, posture=grasp.preshape, drive=drive), timeline
 
 
@@ -170,10 +176,10 @@ def test_the_left_trial_is_the_mirror_image_of_the_right() -> None:
 
 def test_the_probe_weighs_an_object_that_lies_on_the_palm(spec: HandSpec) -> None:
     upward = np.array([math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0])  # The palm looks at the sky.
-    thing = catalogue.Thing("brick", "box", (0.04, 0.04, 0.02), 0.2)
-    place = catalogue.Placement(thing, (0.06, 0.0, 0.0225), (1.0, 0.0, 0.0, 0.0))
+    thing = GraspObject("brick", "box", (0.04, 0.04, 0.02), 0.2)
+    place = PlacedObject(thing, (0.06, 0.0, 0.0225), (1.0, 0.0, 0.0, 0.0))
     backend = SimBackend(spec, compile_scene(spec, Stage(np.zeros(3), upward, [place])))
-    probe = Probe(backend.model, backend.data, spec, "brick")
+    probe = ObjectProbe(backend.model, backend.data, spec, "brick")
     backend.reset()
     for _ in range(200):
         backend.write(TorqueCommand(np.zeros(16)))
@@ -185,9 +191,7 @@ def test_the_probe_weighs_an_object_that_lies_on_the_palm(spec: HandSpec) -> Non
 
 def test_a_fingertip_feels_what_it_presses(spec: HandSpec) -> None:
     """A tip that pushes on a fixed wall with a known torque reports that force."""
-    place = catalogue.Placement(
-        catalogue.Thing("wall", "box", (0.02, 0.2, 0.2), 50.0), (0.030, 0.0, 0.16), (1.0, 0, 0, 0)
-    )
+    place = PlacedObject(GraspObject("wall", "box", (0.02, 0.2, 0.2), 50.0), (0.030, 0.0, 0.16), (1.0, 0, 0, 0))
     stage_ = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), [place], physics=Physics(gravity=(0.0, 0.0, 0.0)))
     backend = SimBackend(spec, compile_scene(spec, stage_))
     backend.reset()

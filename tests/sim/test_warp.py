@@ -165,7 +165,7 @@ def test_simulations_that_do_not_step_stay_as_they_are() -> None:
     device = HandVectorEnv("Reach", 4, device="warp:cpu")
     device.reset(seed=0)
     worlds = device.engine.worlds
-    worlds.torque[:] = 0.1
+    worlds.control[:] = 0.1
     before = [worlds.state(row) for row in range(4)]
     worlds.step(np.array([0, 2]), 1)
     moved = [not np.array_equal(worlds.state(row), before[row]) for row in range(4)]

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Array, TorqueCommand
@@ -38,26 +37,26 @@ def simulated(make_sim: MakeSim, spec: HandSpec, duty: Array) -> Array:
     return np.array(found)
 
 
-def parameters(spec: HandSpec, **changed: Any) -> Parameters:
+def parameters(spec: HandSpec, **changed: Any) -> DriveParameters:
     own, one = spec.actuation, np.ones(16)
     values: dict[str, Any] = {
         "torque_constant": one, "armature": own.armature, "damping": own.damping, "frictionloss": own.frictionloss,
         "offset": 0 * one, "delay": 0 * one, "mass_scale": one, "stiction": one, "stribeck_speed": one, "bristle": one,
         "load_friction": 0 * one, "backlash": 0 * one,
     }  # fmt: skip
-    return Parameters(**values | changed)
+    return DriveParameters(**values | changed)
 
 
-def piece(player: Player, drive: Parameters, duty: Array, gravity: Array) -> Pieces:
+def piece(player: OpenLoopPlayer, drive: DriveParameters, duty: Array, gravity: Array) -> Segments:
     """One that begins at rest in the middle, carried by its motors, so that no bristle is bent."""
     player.links_only(drive.mass_scale, np.zeros(16))
     weight = player.link_torque(MIDDLE, np.zeros(16), np.zeros(16), gravity)
     push = np.broadcast_to(weight / drive.torque_constant, (1, BEFORE + 1, 16))
-    return Pieces(duty[None], gravity[None], np.zeros((1, 16)), np.zeros((1, 16)), push)
+    return Segments(duty[None], gravity[None], np.zeros((1, 16)), np.zeros((1, 16)), push)
 
 
-def played(spec: HandSpec, drive: Parameters, duty: Array, *, bristly: bool = False) -> Array:
-    player = Player(spec, 0.003, 0.001, bristly=bristly)  # The scene's time step.
+def played(spec: HandSpec, drive: DriveParameters, duty: Array, *, bristly: bool = False) -> Array:
+    player = OpenLoopPlayer(spec, 0.003, 0.001, bristly=bristly)  # The scene's time step.
     pieces = piece(player, drive, np.concatenate([np.zeros((BEFORE, 16)), duty]), np.array([0.0, 0.0, -9.81]))
     found: Array = player.play(drive, MIDDLE[None] + drive.offset, np.zeros((1, 16)), pieces)[0]
     return found
@@ -74,7 +73,7 @@ def test_half_the_command_at_twice_the_constant_is_the_same(spec: HandSpec) -> N
 
 def test_a_delay_of_a_whole_period_is_the_motion_a_period_later(spec: HandSpec, make_sim: MakeSim) -> None:
     late = parameters(spec, delay=np.full(16, 0.004))
-    truth = simulated(make_sim, replace(spec, drive=Drive.made({"delay": 0.004}, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values({"delay": 0.004}, 16)), duties())
     np.testing.assert_allclose(played(spec, late, duties()), truth, atol=4e-4)
     assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 5e-3
 
@@ -86,7 +85,7 @@ def test_an_offset_is_reported_and_the_weight_acts_at_the_true_place(spec: HandS
 
 def test_friction_that_breaks_away_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3}
-    truth = simulated(make_sim, replace(spec, drive=Drive.made(shape, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values(shape, 16)), duties())
     drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
     np.testing.assert_allclose(played(spec, drive, duties(), bristly=True), truth, atol=4e-4)
     assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 2e-3
@@ -95,14 +94,14 @@ def test_friction_that_breaks_away_is_the_same_in_both(spec: HandSpec, make_sim:
 def test_friction_that_grows_with_the_motors_torque_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
     shape = {"stiction": 1.3, "stribeck_speed": 0.15, "bristle": 1e-3}
     rows = {name: np.full(16, value) for name, value in shape.items()}
-    truth = simulated(make_sim, replace(spec, drive=Drive.made(shape | {"load_friction": 0.2}, 16)), duties())
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values(shape | {"load_friction": 0.2}, 16)), duties())
     loaded = parameters(spec, **rows, load_friction=np.full(16, 0.2))
     np.testing.assert_allclose(played(spec, loaded, duties(), bristly=True), truth, atol=6e-4)
     assert np.abs(played(spec, parameters(spec, **rows), duties(), bristly=True) - truth).max() > 2e-3
 
 
 def test_a_joint_gives_a_little_before_it_breaks_away(spec: HandSpec, make_sim: MakeSim) -> None:
-    drive = Drive.made({"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}, 16)
+    drive = Drive.from_values({"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}, 16)
     own = replace(spec, drive=drive)
     breakaway = 1.5 * spec.actuation.frictionloss[4]  # The middle finger's spread, which gravity does not pull upright.
     travel = []
@@ -118,7 +117,7 @@ def test_a_joint_that_is_held_begins_where_its_motor_has_bent_its_bristles(spec:
     """Pushed to 0.9 of what breaks it away it holds still; with other bristles it would first give by 1.8 mrad."""
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}
     drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
-    player = Player(spec, 0.003, bristly=True)
+    player = OpenLoopPlayer(spec, 0.003, bristly=True)
     push = 0.9 * 1.5 * drive.frictionloss
     resting = piece(player, drive, np.zeros((BEFORE + K, 16)), np.array([0.0, 0.0, -9.81]))
     held = resting._replace(duty=resting.push[:, :1] + push + resting.duty, push=resting.push + push)
@@ -129,7 +128,7 @@ def test_a_joint_that_is_held_begins_where_its_motor_has_bent_its_bristles(spec:
 
 @pytest.mark.parametrize("weight", [0.0, 0.05])
 def test_a_weight_at_a_tip_pulls(spec: HandSpec, weight: float) -> None:
-    player, drive = Player(spec, 0.003), parameters(spec)
+    player, drive = OpenLoopPlayer(spec, 0.003), parameters(spec)
     pieces = piece(player, drive, np.zeros((BEFORE + K, 16)), np.array([-9.81, 0.0, 0.0]))
     pieces.weight[0, 3] = weight
     start = MIDDLE[None], np.zeros((1, 16))
@@ -141,9 +140,9 @@ def test_a_weight_at_a_tip_pulls(spec: HandSpec, weight: float) -> None:
 
 def test_a_loose_link_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
     play, k, down = 0.005, slice(8, 60), np.array([0.0, 0.0, -9.81])  # The simulation begins between the teeth.
-    truth = simulated(make_sim, replace(spec, drive=Drive.made({"backlash": play}, 16)), duties())
-    drive, player = parameters(spec, backlash=np.full(16, play)), Player(spec, 0.003, 0.001, loose=True)
-    pieces = piece(Player(spec, 0.003), drive, np.concatenate([np.zeros((BEFORE, 16)), duties()]), down)
+    truth = simulated(make_sim, replace(spec, drive=Drive.from_values({"backlash": play}, 16)), duties())
+    drive, player = parameters(spec, backlash=np.full(16, play)), OpenLoopPlayer(spec, 0.003, 0.001, loose=True)
+    pieces = piece(OpenLoopPlayer(spec, 0.003), drive, np.concatenate([np.zeros((BEFORE, 16)), duties()]), down)
     lying = -play / 2.0 * np.sign(pieces.push[0, 0])
     found = player.play(drive, (MIDDLE + lying)[None], np.zeros((1, 16)), pieces)[0]
     rigid = played(spec, parameters(spec), duties())

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from studies.preemption.draws import case
 from studies.preemption.protocol import Study, load_study
 
@@ -27,7 +27,7 @@ def content(**changed: Any) -> dict[str, Any]:
 
 
 def study(**changed: Any) -> Study:
-    return parse(Study, content(**changed), "a test")
+    return parse_settings(Study, content(**changed), "a test")
 
 
 def rows(of: Study, rate: dict[str, float], seed: int = 0) -> list[dict[str, Any]]:

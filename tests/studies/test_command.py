@@ -9,7 +9,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from allegro_twin.surfaces.cli import console, ends
+from allegro_twin.surfaces.cli import console, exit_codes
 from studies.preemption.__main__ import app
 from tests.studies.small import content
 from tests.surfaces.cli.conftest import Run
@@ -24,7 +24,7 @@ def command(capsys: pytest.CaptureFixture[str]) -> Run:
         with pytest.raises(SystemExit) as ended, pytest.MonkeyPatch.context() as patch:
             for name in ("console", "errors"):
                 patch.setattr(console, name, Console(width=160, stderr=name == "errors"))
-            ends.run(app, [*map(str, arguments)], "python -m studies.preemption")
+            exit_codes.run(app, [*map(str, arguments)], "python -m studies.preemption")
         shown = capsys.readouterr()
         return int(ended.value.code or 0), shown.out, shown.err
 

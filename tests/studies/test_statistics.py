@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize  # type: ignore[import-untyped]  # SciPy has no types.
 from scipy.stats import binomtest  # type: ignore[import-untyped]  # Likewise.
 
-from allegro_twin.grasping.statistics import Paired, draws_needed
+from allegro_twin.grasping.statistics import PairedCounts, pairs_needed
 from studies.preemption.bootstrap import over_clusters
 from studies.preemption.dose_response import fit
 from studies.preemption.paired_tests import bound, holm, newcombe, not_inferior, pairs_not_inferior
@@ -21,7 +21,7 @@ from studies.preemption.paired_tests import bound, holm, newcombe, not_inferior,
 )
 def test_as_many_pairs_show_a_difference_as_were_planned(difference: float, differ: float, pairs: int) -> None:
     only = round(5000 * (differ + difference)), round(5000 * (differ - difference))
-    assert draws_needed(Paired(10_000 - sum(only), *only, 0)) == pairs
+    assert pairs_needed(PairedCounts(10_000 - sum(only), *only, 0)) == pairs
 
 
 @pytest.mark.parametrize(("margin", "differ", "pairs"), [(0.05, 0.20, 495), (0.03, 0.15, 1031)])
@@ -31,7 +31,7 @@ def test_as_many_pairs_show_that_nothing_is_lost_as_were_planned(margin: float, 
 
 def test_mcnemar_is_the_binomial_test_of_the_pairs_that_differ() -> None:
     # Approval of a prime minister, asked twice (Agresti, Categorical Data Analysis, table 10.1): 150 and 86 of 1,600.
-    found = Paired(794, 150, 86, 570)
+    found = PairedCounts(794, 150, 86, 570)
     assert found.p_value == pytest.approx(binomtest(86, 236).pvalue, rel=1e-12)
     assert found.difference == pytest.approx(0.04)
 
@@ -39,32 +39,32 @@ def test_mcnemar_is_the_binomial_test_of_the_pairs_that_differ() -> None:
 @pytest.mark.parametrize(
     ("counts", "low", "high"),
     # Newcombe, Statistics in Medicine 17 (1998) 2635-2650, table II, method 10.
-    [(Paired(36, 12, 2, 0), 0.0569, 0.3404)],
+    [(PairedCounts(36, 12, 2, 0), 0.0569, 0.3404)],
 )
-def test_newcombes_interval_is_that_of_his_paper(counts: Paired, low: float, high: float) -> None:
+def test_newcombes_interval_is_that_of_his_paper(counts: PairedCounts, low: float, high: float) -> None:
     assert newcombe(counts) == pytest.approx((low, high), abs=5e-5)
 
 
 def test_turning_the_pairs_round_turns_the_interval_round() -> None:
-    low, high = newcombe(Paired(50, 9, 4, 21))
-    assert newcombe(Paired(50, 4, 9, 21)) == pytest.approx((-high, -low))
+    low, high = newcombe(PairedCounts(50, 9, 4, 21))
+    assert newcombe(PairedCounts(50, 4, 9, 21)) == pytest.approx((-high, -low))
 
 
 def test_newcombes_interval_has_the_difference_as_often_as_it_says() -> None:
     random, inside = np.random.default_rng(3), 0
     for _ in range(2000):
-        found = Paired(*random.multinomial(200, (0.6, 0.12, 0.08, 0.2)).tolist())
+        found = PairedCounts(*random.multinomial(200, (0.6, 0.12, 0.08, 0.2)).tolist())
         low, high = newcombe(found)
         inside += low <= 0.04 <= high
     assert 0.935 <= inside / 2000 <= 0.97
 
 
 def test_p_of_not_being_inferior_is_where_the_bound_meets_the_margin() -> None:
-    found = Paired(120, 8, 10, 30)
+    found = PairedCounts(120, 8, 10, 30)
     p = not_inferior(found, 0.03)
     assert newcombe(found, 1.0 - 2.0 * p).low == pytest.approx(-0.03, abs=1e-9)
     assert not_inferior(found, 0.2) < 1e-4
-    assert not_inferior(Paired(60, 0, 60, 0), 0.03) > 0.999
+    assert not_inferior(PairedCounts(60, 0, 60, 0), 0.03) > 0.999
     assert bound(found, 0.5) == pytest.approx(found.difference, abs=1e-6)
 
 
@@ -121,7 +121,7 @@ def test_a_cliff_at_the_end_is_found_at_the_end() -> None:
 @pytest.mark.parametrize("alpha", [0.6, 0.9, 0.975, 0.9999])
 def test_a_bound_that_is_mostly_too_high_is_the_upper_end_of_an_interval(alpha: float) -> None:
     """Of the confidence 2 α - 1; and the bounds of α and of 1 - α are those of one interval."""
-    found = Paired(60, 14, 8, 18)
+    found = PairedCounts(60, 14, 8, 18)
     assert bound(found, alpha) == newcombe(found, 2.0 * alpha - 1.0).high
     assert bound(found, 1.0 - alpha) == pytest.approx(newcombe(found, 2.0 * alpha - 1.0).low, abs=1e-12)
     assert bound(found, 0.4) < bound(found, 0.5) < bound(found, alpha)

@@ -1,4 +1,4 @@
-"""The example of docs/sweeps.md runs as it stands."""
+"""The example of docs/how-to/run_a_sweep.md runs as it stands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).resolve().parents[2] / "docs/sweeps.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs/how-to/run_a_sweep.md"
 
 
 @pytest.mark.slow

@@ -181,7 +181,7 @@ def test_a_folder_with_other_things_in_it_is_refused(tmp_path: Path) -> None:
 
 def test_two_programs_do_not_sweep_into_one_folder(tmp_path: Path) -> None:
     with (
-        Store(tmp_path).opened(sweep_of()),
+        Store(tmp_path).open_for(sweep_of()),
         pytest.raises(ConfigError, match="another program sweeps into it; wait for it to end"),
     ):
         run(sweep_of(), Store(tmp_path), Local(0))

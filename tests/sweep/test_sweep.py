@@ -80,7 +80,7 @@ def test_memory_does_not_grow_with_the_rows_that_are_written(tmp_path: Path) -> 
     sweep = sweep_of("wide", 60, unit=5)
     store = Store(tmp_path / "s")
     tracemalloc.start()
-    with store.opened(sweep):
+    with store.open_for(sweep):
         pass
     with pytest.raises(KeyboardInterrupt):
         run(sweep, store, Local(0), lambda done, total: held.append(interrupted_at(done, total)))

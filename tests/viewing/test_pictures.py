@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import Sample
 from allegro_twin.viewing.camera import Camera, Picture
 from allegro_twin.viewing.films import film, filmed

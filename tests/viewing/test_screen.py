@@ -10,7 +10,7 @@ from allegro_twin import sim
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.viewing.camera import Camera
-from allegro_twin.viewing.gl_context import Screen
+from allegro_twin.viewing.gl_context import OffscreenRenderer
 
 
 def test_pictures_are_to_the_bit_and_depths_to_a_float_those_of_mujocos_renderer() -> None:
@@ -23,7 +23,7 @@ def test_pictures_are_to_the_bit_and_depths_to_a_float_those_of_mujocos_renderer
             Camera(rig.sim, width=96, height=64).close()
         except ConfigError as error:
             pytest.skip(str(error))
-        screens.append((rig.sim, Screen(rig.sim.model, 64, 96)))
+        screens.append((rig.sim, OffscreenRenderer(rig.sim.model, 64, 96)))
     eye = mujoco.MjvCamera()
     eye.distance, eye.elevation = 0.6, -20.0
     for shown, screen in screens:  # Both are open, and take turns.

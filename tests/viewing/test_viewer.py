@@ -17,7 +17,7 @@ from rerun.chunk import RrdReader
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
 from allegro_twin.viewing.rerun.columns import AT_ONCE
@@ -207,7 +207,7 @@ def test_round_objects_are_as_large_as_they_are(
 
 def test_a_recording_becomes_a_file_with_its_last_sample(recording_path: Path, tmp_path: Path) -> None:
     backend = ReplayBackend(load(recording_path))
-    write_rrd(samples_of(backend), Viewer(backend.spec), tmp_path / "a.rrd", backend.extras)
+    write_rrd(replay_samples(backend), Viewer(backend.spec), tmp_path / "a.rrd", backend.extras)
     drawn = moving(rows_of(tmp_path / "a.rrd"), "joints/position/index")
     assert drawn[-1][0] == pytest.approx(0.72, abs=0.036)
     np.testing.assert_array_equal(drawn[0][1]["scalars"], backend.recording.columns["position"][0][:4])

@@ -9,12 +9,12 @@ import pytest
 
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.appearance import hand_bodies
 from allegro_twin.spec import Side
 from allegro_twin.viewing.camera import Camera, Picture
 from allegro_twin.viewing.skeleton import Skeleton, bodies_of
-from allegro_twin.viewing.views import NAMES, View, checked, seen, size
+from allegro_twin.viewing.views import NAMES, View, aimed_view, checked, size
 from tests.conftest import MakeSim
 from tests.sim.test_foreign import menagerie_like
 
@@ -41,11 +41,11 @@ def test_a_camera_that_is_none_is_refused_with_the_names_or_the_bounds(text: str
 def test_every_name_is_another_place_and_the_left_hand_has_the_mirror_image(name: str, side: Side) -> None:
     spec = load_spec(side=side)
     tips = Skeleton(bodies_of(spec), spec).tips()
-    _, place = seen(name, side, *tips, np.eye(3))
-    others = [seen(other, side, *tips, np.eye(3))[1] for other in NAMES if other != name]
+    _, place = aimed_view(name, side, *tips, np.eye(3))
+    others = [aimed_view(other, side, *tips, np.eye(3))[1] for other in NAMES if other != name]
     assert all(place.direction() @ other.direction() < 0.98 for other in others)
     mirrored = load_spec(side="left" if side == "right" else "right")
-    _, image = seen(name, mirrored.side, *Skeleton(bodies_of(mirrored), mirrored).tips(), np.eye(3))
+    _, image = aimed_view(name, mirrored.side, *Skeleton(bodies_of(mirrored), mirrored).tips(), np.eye(3))
     np.testing.assert_allclose(place.direction(side), image.direction(mirrored.side) * [1, -1, 1], atol=1e-6)
 
 

@@ -6,7 +6,7 @@ cell = make_cell(arm, hand_spec, things=[can])
 target = Target(cell.model.pose(cell.arm.reset().position))
 for turn, sample in together((run(cell.arm, Impedance(cell.model, target)), cell.arm.period),
                              (run(cell.hand, PD(...)), cell.hand.period)):
-    ...  # `target.move(cell.flange_for(palm))`, whenever somebody decides
+    ...  # `target.move(robot.flange_for(palm))`, whenever somebody decides
 ```
 """
 
@@ -18,20 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.cell.arm.limits import limits_of
-from allegro_twin.cell.arm.tool import Bridge
-from allegro_twin.hands.description.arms import load_arm
-from allegro_twin.hands.description.mounts import Mount, load_mount
+from allegro_twin.cell.arm.limits import arm_limits
+from allegro_twin.cell.arm.tool import WrenchCompensation
+from allegro_twin.hands.description.arms import load_arm_spec
+from allegro_twin.hands.description.mounts import HandMount, load_mount
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.kinematics.pose import Pose, placed, seen_from
+from allegro_twin.kinematics.pose import Pose, compose, relative_to
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.engine.world import World
-from allegro_twin.sim.model.arm_with_hand import Mounted
+from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import HandState, Vector
@@ -41,7 +41,7 @@ BASE = (-0.55, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cell:
+class ArmWithHand:
     """Everything that moves and is felt in the scene. The world's origin is the middle of the table's top."""
 
     world: World
@@ -50,10 +50,10 @@ class Cell:
     arm_sim: SimBackend
     """Behind the guard."""
     hand_sim: SimBackend
-    mount: Mount
+    mount: HandMount
     model: ArmModel
     """Of the flange, in the base's frame."""
-    bridge: Bridge
+    compensation: WrenchCompensation
     base: Pose
     """Of the arm, in the world."""
     limits: Limits
@@ -66,26 +66,26 @@ class Cell:
 
     def flange(self, state: HandState) -> Pose:
         """Where the arm's encoders say that the flange is, in the world."""
-        return placed(self.base, self.model.pose(state.position))
+        return compose(self.base, self.model.pose(state.position))
 
     def palm(self, state: HandState) -> Pose:
         """Likewise the palm."""
-        return placed(self.flange(state), self._palm())
+        return compose(self.flange(state), self._palm())
 
     def camera(self, state: HandState) -> Pose:
         """Likewise the optical frame of the wrist's camera: z ahead, x to the right of its picture, y down."""
         mount = self.mount
-        return placed(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
+        return compose(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
 
     def flange_for(self, palm: Pose) -> Pose:
         """Where the flange is to be, in the base's frame as targets are, so that the palm is at a pose of the world."""
-        flange = seen_from(self._palm(), Pose(np.zeros(3), np.eye(3)))
-        return seen_from(self.base, placed(palm, flange))
+        flange = relative_to(self._palm(), Pose(np.zeros(3), np.eye(3)))
+        return relative_to(self.base, compose(palm, flange))
 
     def wrench(self, state: HandState) -> Vector:
         """What the world does to the hand, at the flange, in the axes of the world: force and torque, (6,)."""
         flange = self.model.pose(state.position).rotation
-        found = self.bridge.outside(state.wrench, flange, state.gravity, np.zeros(3))
+        found = self.compensation.base_wrench(state.wrench, flange, state.gravity, np.zeros(3))
         return np.concatenate([self.base.rotation @ found[:3], self.base.rotation @ found[3:]])
 
     def thing(self, name: str) -> Pose:
@@ -102,12 +102,12 @@ class Cell:
         return Pose(self.mount.position, matrix_from_quaternion(self.mount.quaternion))
 
 
-def make_cell(
+def make_arm_with_hand(
     arm: str,
     hand: HandSpec,
     *,
     mount: str | Path = "",
-    things: Sequence[Placement] = (),
+    things: Sequence[PlacedObject] = (),
     posture: Vector | None = None,
     hand_posture: Vector | None = None,
     base: tuple[float, float, float] = BASE,
@@ -116,24 +116,24 @@ def make_cell(
     physics: Physics | None = None,
     periods: tuple[float, float] = (0.001, 0.003),
     margin: float = 0.0,
-) -> Cell:
+) -> ArmWithHand:
     """The scene, compiled, and its two backends behind their guards. `periods` are the arm's and the hand's, s.
 
     Raises ConfigError for a mount of another hand, and for what MuJoCo refuses.
     """
     held = load_mount(hand, mount)
-    spec = load_arm(arm, held.load)
+    spec = load_arm_spec(arm, held.load)
     stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table)
     if physics is not None:
         stage = replace(stage, physics=physics)
-    world = World(compile_scene(spec, stage, Mounted(hand, held)))
+    world = World(compile_scene(spec, stage, MountedHand(hand, held)))
     arm_sim = SimBackend(spec, world, period=periods[0], posture=posture)
     hand_sim = SimBackend(hand, world, period=periods[1], posture=hand_posture)
-    motor, limits = hand.actuation, limits_of(spec, margin)
+    motor, limits = hand.actuation, arm_limits(spec, margin)
     open_hand = Limits(motor.torque_limit, np.full(hand.n_joints, _FAST), hand.lower, hand.upper)
-    return Cell(
+    return ArmWithHand(
         world, Guard(arm_sim, limits), Guard(hand_sim, open_hand), arm_sim, hand_sim, held, ArmModel(spec),
-        Bridge(held.load), Pose(np.array(base), np.eye(3)), limits,
+        WrenchCompensation(held.load), Pose(np.array(base), np.eye(3)), limits,
     )  # fmt: skip
 
 

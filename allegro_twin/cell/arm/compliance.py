@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.cell.arm.impedance import Stiffness, freed
-from allegro_twin.cell.arm.target import SMOOTH, Smoothing, Target, approached
-from allegro_twin.cell.arm.tool import Bridge
+from allegro_twin.cell.arm.target import SMOOTH, CartesianTarget, Smoothing, approach
+from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.arm import ArmModel, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
@@ -55,7 +55,7 @@ class Pull:
 _PULL = Pull()
 
 
-class Virtual(NamedTuple):
+class VirtualArm(NamedTuple):
     """The virtual arm after a cycle."""
 
     position: Vector
@@ -65,10 +65,10 @@ class Virtual(NamedTuple):
     """f of the last iteration, (6,), N and N·m."""
 
 
-class Led(NamedTuple):
+class ComplianceState(NamedTuple):
     """What the controller remembers."""
 
-    virtual: Virtual
+    virtual: VirtualArm
     """Where it will be when the next cycle begins."""
     reference: Vector
     """q_r, (n,), rad."""
@@ -87,15 +87,16 @@ class Compliance:
     """Lead the tool to a target, and give way to what it feels, with the stiffness of a spring."""
 
     model: ArmModel
-    target: Target
-    bridge: Bridge | None = None
+    target: CartesianTarget
+    compensation: WrenchCompensation | None = None
     """None: nothing is felt."""
     stiffness: Stiffness = _FZI
     pull: Pull = _PULL
     cycle: float = 0.01
     """s."""
     bandwidth: float = 22.0
-    """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may; docs/arm.md."""
+    """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may;
+    docs/explanation/arm_control.md."""
     lag: float = 0.05
     """rad."""
     smoothing: Smoothing | None = SMOOTH
@@ -104,38 +105,44 @@ class Compliance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "light", self.model.light())
 
-    def start(self, state: HandState) -> Led:
-        if self.bridge is not None and not state.wrench.size:
-            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge, or take the impedance")
+    def start(self, state: HandState) -> ComplianceState:
+        if self.compensation is not None and not state.wrench.size:
+            raise ConfigError(
+                f"{self.model.spec.name} reports no wrench: leave out the compensation, or take the impedance"
+            )
         q, nothing = state.position, np.zeros(len(state.position))
-        return Led(Virtual(q, nothing, np.zeros(6)), q, nothing, self.model.pose(q), state.t, state.t, np.zeros(6))
+        return ComplianceState(
+            VirtualArm(q, nothing, np.zeros(6)), q, nothing, self.model.pose(q), state.t, state.t, np.zeros(6)
+        )
 
-    def __call__(self, state: HandState, memory: Led) -> tuple[TorqueCommand, Led]:
+    def __call__(self, state: HandState, memory: ComplianceState) -> tuple[TorqueCommand, ComplianceState]:
         dt, q, v = state.t - memory.t, state.position, state.velocity
         reference, speed = memory.reference + memory.speed * dt, memory.speed
         reference = np.minimum(np.maximum(reference, q - self.lag), q + self.lag)
-        setpoint = approached(memory.setpoint, self.target.pose, dt, self.smoothing)
+        setpoint = approach(memory.setpoint, self.target.pose, dt, self.smoothing)
         virtual, due, felt = memory.virtual, memory.due, self._felt(state)
         if state.t >= due - 1e-9:
-            virtual = cycled(self, virtual._replace(position=reference), setpoint, felt + self.target.wrench)
+            virtual = advance_virtual_arm(
+                self, virtual._replace(position=reference), setpoint, felt + self.target.wrench
+            )
             speed, due = (virtual.position - reference) / self.cycle, due + self.cycle
         carried = memory.carried + (felt - memory.carried) * min(dt / _CARRIED, 1.0)
         wanted = self.bandwidth**2 * (reference - q) + 2.0 * self.bandwidth * (speed - v)
         follow = self.model.inertia(q) @ wanted
         torque = follow + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
-        return TorqueCommand(torque + freed(self.model, follow)), Led(
+        return TorqueCommand(torque + freed(self.model, follow)), ComplianceState(
             virtual, reference, speed, setpoint, state.t, due, carried
         )
 
     def _felt(self, state: HandState) -> Vector:
         """At the tool, in the axes of the base, (6,)."""
-        if self.bridge is None:
+        if self.compensation is None:
             return np.zeros(6)
         axes = self.model.flange(state.position).rotation
-        return self.bridge.outside(state.wrench, axes, state.gravity, self.model.tool.position)
+        return self.compensation.base_wrench(state.wrench, axes, state.gravity, self.model.tool.position)
 
 
-def cycled(law: Compliance, virtual: Virtual, setpoint: Pose, wrench: Vector) -> Virtual:
+def advance_virtual_arm(law: Compliance, virtual: VirtualArm, setpoint: Pose, wrench: Vector) -> VirtualArm:
     """One cycle of the virtual arm from where it is, no faster than the joints may go."""
     begin, v, last = virtual
     q = begin
@@ -143,14 +150,14 @@ def cycled(law: Compliance, virtual: Virtual, setpoint: Pose, wrench: Vector) ->
     stiffness, share = law.stiffness.diagonal(), np.repeat([pull.linear, pull.angular], 3)
     for _ in range(pull.iterations):
         place, axes, jacobian = law.model.motion(q)
-        error = np.concatenate([setpoint.position - place, turn(axes, setpoint.rotation)])
+        error = np.concatenate([setpoint.position - place, rotation_between(axes, setpoint.rotation)])
         force = stiffness * np.clip(error, -_MOST, _MOST) + wrench
         effort = pull.scale * (share * force + pull.damping * (force - last) / _STEP)
         pulled = np.linalg.solve(law.light.inertia(q), jacobian.T @ effort)
         q = np.clip(q + v * _STEP, spec.lower, spec.upper)
         v, last = _KEPT * (v + pulled * _STEP), force
     over = _too_fast(law.model, begin, (q - begin) / law.cycle)
-    return Virtual(begin + (q - begin) / over, v / over, last)
+    return VirtualArm(begin + (q - begin) / over, v / over, last)
 
 
 def _too_fast(model: ArmModel, position: Vector, speed: Vector) -> float:

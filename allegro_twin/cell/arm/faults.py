@@ -12,7 +12,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, Vector, frozen
 
 
-class InFront:
+class PassThroughBackend:
     """A backend that passes everything on."""
 
     def __init__(self, inner: HandBackend) -> None:
@@ -44,7 +44,7 @@ class InFront:
         self._inner.close()
 
 
-class Silent(InFront):
+class SilentBackend(PassThroughBackend):
     """Nothing comes from the arm from a moment on, s since its reset; it holds itself, and only a reset leads out."""
 
     def __init__(self, inner: HandBackend, at: float) -> None:
@@ -65,7 +65,7 @@ class Silent(InFront):
         return state
 
 
-class Disturbed(InFront):
+class DisturbedBackend(PassThroughBackend):
     """The flange's sensor is noisy, or wrong from a moment on. The same seed is the same noise.
 
     `noise`: standard deviations of force and torque in each sample, (6,), N and N·m; `bias`, (6,), from `at` (s) on.

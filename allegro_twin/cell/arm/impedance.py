@@ -4,7 +4,7 @@
 target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
 cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
 
-With a bridge to the flange's sensor the joints' dry friction is overcome, too: at rest the spring and what is felt
+With a force sensor on the flange the joints' dry friction is overcome, too: at rest the spring and what is felt
 cancel, and where r = Jᵀ(-K e - D J q̇ + w̄) is not nothing, friction holds it: τ_f clip(r / ε, -1, 1) is added.
 """
 
@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.cell.arm.target import SMOOTH, Smoothing, Target, approached
-from allegro_twin.cell.arm.tool import Bridge
+from allegro_twin.cell.arm.target import SMOOTH, CartesianTarget, Smoothing, approach
+from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.arm import ArmModel, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector
 
@@ -42,7 +42,7 @@ class Stiffness:
         return np.repeat([self.linear, self.angular], 3)
 
 
-class Hanging(NamedTuple):
+class ImpedanceState(NamedTuple):
     """What the controller remembers."""
 
     setpoint: Pose
@@ -61,7 +61,7 @@ class Impedance:
     """
 
     model: ArmModel
-    target: Target
+    target: CartesianTarget
     stiffness: Stiffness = Stiffness()
     null: float = 10.0
     """Stiffness of what the target leaves free, N·m/rad."""
@@ -69,7 +69,7 @@ class Impedance:
     """None: targets are set-points."""
     slack: tuple[float, float] = (0.01, 0.1)
     """How far friction may keep the tool from its target, m and rad."""
-    bridge: Bridge | None = None
+    compensation: WrenchCompensation | None = None
     """To what the flange feels, by which friction is overcome. None: it is not."""
     spring: Vector = field(init=False)
     """The stiffness along and about the axes, (6,)."""
@@ -77,23 +77,25 @@ class Impedance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "spring", self.stiffness.diagonal())
 
-    def start(self, state: HandState) -> Hanging:
-        if self.bridge is not None and not state.wrench.size:
-            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge")
-        stuck(self.model, state.position, self.stiffness, self.slack, felt=self.bridge is not None)
-        return Hanging(self.model.pose(state.position), state.position, state.t)
+    def start(self, state: HandState) -> ImpedanceState:
+        if self.compensation is not None and not state.wrench.size:
+            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the compensation")
+        stuck(self.model, state.position, self.stiffness, self.slack, felt=self.compensation is not None)
+        return ImpedanceState(self.model.pose(state.position), state.position, state.t)
 
-    def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
-        setpoint = approached(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
-        felt = None if self.bridge is None else felt_by(self.bridge, self.model, state, memory)
+    def __call__(self, state: HandState, memory: ImpedanceState) -> tuple[TorqueCommand, ImpedanceState]:
+        setpoint = approach(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
+        felt = None if self.compensation is None else smoothed_wrench(self.compensation, self.model, state, memory)
         torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null, felt)
-        return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t, felt)
+        return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, felt)
 
 
-def felt_by(bridge: Bridge, model: ArmModel, state: HandState, memory: Hanging) -> Vector:
+def smoothed_wrench(
+    compensation: WrenchCompensation, model: ArmModel, state: HandState, memory: ImpedanceState
+) -> Vector:
     """w̄ after a state: the first is taken as it is."""
     axes = model.flange(state.position).rotation
-    now = bridge.outside(state.wrench, axes, state.gravity, model.tool.position)
+    now = compensation.base_wrench(state.wrench, axes, state.gravity, model.tool.position)
     if memory.felt is None:
         return now
     smooth: Vector = memory.felt + (now - memory.felt) * min((state.t - memory.t) / _SMOOTHED, 1.0)
@@ -107,7 +109,7 @@ def hung(
     """The law above, (n,), N·m. `stiffness` has shape (6,); `felt` is w̄, (6,), or None: friction is left as it is."""
     q, v = state.position, state.velocity
     place, axes, jacobian = model.motion(q)
-    error = np.concatenate([place - setpoint.position, turn(setpoint.rotation, axes)])
+    error = np.concatenate([place - setpoint.position, rotation_between(setpoint.rotation, axes)])
     force = -stiffness * error - 2.0 * np.sqrt(stiffness) * (jacobian @ v)
     free = null * (rest - q) - 2.0 * np.sqrt(null) * v
     taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)

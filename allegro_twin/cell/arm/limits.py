@@ -14,7 +14,7 @@ _ZONE = 0.05
 """rad. Before a soft stop a torque towards it fades over this stretch: an arm is heavier than a finger."""
 
 
-def limits_of(spec: ArmSpec, margin: float = 0.0, velocity: Vector | None = None) -> Limits:
+def arm_limits(spec: ArmSpec, margin: float = 0.0, velocity: Vector | None = None) -> Limits:
     """For an arm's guard: soft stops `margin` (rad) inside the joints' limits, their speeds and no more than a
     `velocity`, (n,), rad/s."""
     motor, slowing = spec.actuation, spec.slowing

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.errors import CommandError
-from allegro_twin.kinematics.arm import turn, turned
+from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array, Vector, frozen
 
@@ -31,7 +31,7 @@ class Smoothing:
 SMOOTH = Smoothing()
 
 
-class Target:
+class CartesianTarget:
     """A pose in the base's frame that rests until it is moved; one thread may move it while a controller follows.
 
     Raises CommandError for a pose that is none, and keeps the one that it has: the arm stays where it is.
@@ -58,19 +58,19 @@ class Target:
         self._wrench = _six(wrench)
 
 
-def approached(now: Pose, goal: Pose, dt: float, smoothing: Smoothing | None) -> Pose:
+def approach(now: Pose, goal: Pose, dt: float, smoothing: Smoothing | None) -> Pose:
     """The set-point `dt` seconds later: a straight line and the shortest turn (slerp), by the lesser of the filter's
     share and the bounded step. None: at once."""
     if smoothing is None or now is goal:
         return goal
     share = 1.0 - (1.0 - smoothing.share) ** (dt / _MS)
-    way, left = goal.position - now.position, turn(now.rotation, goal.rotation)
+    way, left = goal.position - now.position, rotation_between(now.rotation, goal.rotation)
     far, wide = float(np.sqrt(way @ way)), float(np.sqrt(left @ left))
     if far < _THERE and wide < _THERE:
         return goal
     part = min(share, smoothing.speed * dt / max(far, _SHORT))
     twist = min(share, smoothing.turning * dt / max(wide, _SHORT))
-    return Pose(now.position + part * way, turned(now.rotation, twist * left))
+    return Pose(now.position + part * way, rotate(now.rotation, twist * left))
 
 
 def _checked(pose: Pose) -> Pose:

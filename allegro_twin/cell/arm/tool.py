@@ -1,4 +1,4 @@
-"""What the flange feels of a tool, and what is left when the tool's own weight is taken away: the report's bridge."""
+"""Compensation of a tool's own weight in the wrench of the flange's sensor, and how the tool is identified by it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LIKE = 1e-2  # Of the least singular value of the gravities in one column: pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bridge:
+class WrenchCompensation:
     """From the flange's sensor to what the world does to the tool.
 
     w_ext = w_meas - (m Rᵀg; c × m Rᵀg) - bias, in the flange's frame; R is the flange's orientation in the base. The
@@ -28,24 +28,24 @@ class Bridge:
     bias: Vector = field(default_factory=lambda: frozen(np.zeros(6)))
     """What the sensor shows of nothing, (6,), N and N·m."""
 
-    def felt(self, wrench: Vector, axes: Array, gravity: Vector) -> Vector:
+    def flange_wrench(self, wrench: Vector, axes: Array, gravity: Vector) -> Vector:
         """What touches the tool, at the flange in its frame, (6,), N and N·m. `gravity` is in the base, m/s²."""
-        return wrench - weight(self.load, axes, gravity) - self.bias
+        return wrench - tool_weight(self.load, axes, gravity) - self.bias
 
-    def outside(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
+    def base_wrench(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
         """The same in the axes of the base, about a point `at` of the flange's frame, (3,), m."""
-        felt = self.felt(wrench, axes, gravity)
+        felt = self.flange_wrench(wrench, axes, gravity)
         force = felt[:3]
         return np.concatenate([axes @ force, axes @ (felt[3:] - cross(at, force))])
 
-    def tared(self, felt: Sequence[Vector]) -> Bridge:
-        """The bridge by which the mean of what was `felt` is nothing. Raises ConfigError without samples."""
+    def with_tare(self, felt: Sequence[Vector]) -> WrenchCompensation:
+        """The compensation by which the mean of what was `felt` is nothing. Raises ConfigError without samples."""
         if not len(felt):
             raise ConfigError("a tare needs at least one sample: let the arm rest and take some")
         return replace(self, bias=frozen(self.bias + np.mean(felt, axis=0)))
 
 
-class Identified(NamedTuple):
+class IdentifiedTool(NamedTuple):
     """A tool as its weight shows it."""
 
     load: Load
@@ -55,13 +55,13 @@ class Identified(NamedTuple):
     """Of the force, root mean square, N."""
 
 
-def weight(load: Load, axes: Array, gravity: Vector) -> Vector:
+def tool_weight(load: Load, axes: Array, gravity: Vector) -> Vector:
     """(m Rᵀg; c × m Rᵀg), (6,), N and N·m."""
     force = load.mass * (axes.T @ gravity)
     return np.concatenate([force, cross(np.asarray(load.centre), force)])
 
 
-def identified(axes: Sequence[Array], wrenches: Sequence[Vector], gravity: Vector) -> Identified:
+def identify_tool(axes: Sequence[Array], wrenches: Sequence[Vector], gravity: Vector) -> IdentifiedTool:
     """Mass, centre and bias by least squares, from what the flange felt at rest in several orientations.
 
     With gₖ = Rₖᵀg: fₖ = m gₖ + b_f and τₖ = -[gₖ]ₓ (m c) + b_τ, linear in (m, m c, b). Raises ConfigError for poses
@@ -84,4 +84,4 @@ def identified(axes: Sequence[Array], wrenches: Sequence[Vector], gravity: Vecto
     if not found[0] > 0.0:
         raise ConfigError(f"the tool would weigh {found[0]:.3f} kg: is the sensor's force the one on the flange?")
     load = Load(float(found[0]), frozen(found[1:4] / found[0]))
-    return Identified(load, frozen(found[4:]), float(np.sqrt(np.mean(left**2))))
+    return IdentifiedTool(load, frozen(found[4:]), float(np.sqrt(np.mean(left**2))))

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.arm.arm_with_hand import Cell
+from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
 from allegro_twin.cell.arm.impedance import Impedance, Stiffness
-from allegro_twin.cell.arm.target import Target
-from allegro_twin.cell.arm.tool import Identified, identified
+from allegro_twin.cell.arm.target import CartesianTarget
+from allegro_twin.cell.arm.tool import IdentifiedTool, identify_tool
 from allegro_twin.controller import Controller
-from allegro_twin.kinematics.arm import turned
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, together
 from allegro_twin.types import Array, Sample
@@ -24,28 +24,28 @@ _STAY, _LISTEN = 2.5, 0.2
 _FIRM = Stiffness(800.0, 60.0)
 
 
-def weigh(cell: Cell, hand: Controller[Any], tilts: Sequence[Sequence[float]] = TILTS) -> Identified:
+def weigh_tool(robot: ArmWithHand, hand: Controller[Any], tilts: Sequence[Sequence[float]] = TILTS) -> IdentifiedTool:
     """Mass, centre and the sensor's bias of what hangs on the flange, while the hand does what its controller says.
 
     Raises ConfigError for tilts that do not tell them apart, and HandError.
     """
-    home = cell.model.pose(cell.arm.reset().position)
-    target = Target(home)
+    home = robot.model.pose(robot.arm.reset().position)
+    target = CartesianTarget(home)
     runs = (
-        (run(cell.arm, Impedance(cell.model, target, _FIRM)), cell.arm.period),
-        (run(cell.hand, hand), cell.hand.period),
+        (run(robot.arm, Impedance(robot.model, target, _FIRM)), robot.arm.period),
+        (run(robot.hand, hand), robot.hand.period),
     )
     samples = (sample for turn, sample in together(*runs) if turn == 0)
     axes, felt = [], []
     for number, tilt in enumerate(tilts):
-        target.move(Pose(home.position, turned(home.rotation, np.array(tilt))))
-        rotation, wrench = _listened(cell, samples, _STAY * (number + 1))
+        target.move(Pose(home.position, rotate(home.rotation, np.array(tilt))))
+        rotation, wrench = _listened(robot, samples, _STAY * (number + 1))
         axes.append(rotation)
         felt.append(wrench)
-    return identified(axes, felt, cell.arm.reset().gravity)
+    return identify_tool(axes, felt, robot.arm.reset().gravity)
 
 
-def _listened(cell: Cell, samples: Iterator[Sample], end: float) -> tuple[Array, Array]:
+def _listened(robot: ArmWithHand, samples: Iterator[Sample], end: float) -> tuple[Array, Array]:
     """The flange's axes and the mean of what it felt, (6,), in the last moments before a time."""
     heard = []
     for sample in samples:
@@ -53,4 +53,4 @@ def _listened(cell: Cell, samples: Iterator[Sample], end: float) -> tuple[Array,
             heard.append(sample.state.wrench)
         if sample.state.t >= end - 1e-9:
             break
-    return cell.model.pose(sample.state.position).rotation, np.mean(heard, axis=0)
+    return robot.model.pose(sample.state.position).rotation, np.mean(heard, axis=0)

@@ -1,19 +1,46 @@
-"""A depth camera in a scene of MuJoCo's, whatever the scene is of."""
+"""A depth camera in a simulated scene, and its pictures."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.camera.frame import Frame
-from allegro_twin.cell.camera.intrinsics import D435I_COLOUR, D435I_COLOUR_AT, Image, Intrinsics
+from allegro_twin.cell.camera.intrinsics import D435I_COLOUR, D435I_COLOUR_AT, Cloud, Image, Intrinsics
 from allegro_twin.cell.camera.mount import CameraPose
-from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.camera.stereo import Stereo
 from allegro_twin.errors import ConfigError
-from allegro_twin.viewing.camera_model import Lens
-from allegro_twin.viewing.gl_context import Screen
+from allegro_twin.viewing.gl_context import OffscreenRenderer, PinholeView
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame:
+    """What the camera tells of one moment."""
+
+    number: int
+    """Pictures since the camera was switched on; one that is skipped or repeated shows here."""
+    time: float
+    """When it was taken, s of the scene's clock."""
+    ready: float
+    """When a program can have it, s: `time` and the latency."""
+    depth: Image
+    """(rows, columns), m along z; NaN is unknown."""
+    colour: NDArray[np.uint8] | None
+    """(rows, columns, RGB) of the colour camera, which stands beside; None where none was asked for."""
+    lens: Intrinsics
+    """Of `depth`."""
+    pose: CameraPose
+    """In the world when it was taken, which on a moving wrist is not where the camera is now."""
+
+    @cached_property
+    def cloud(self) -> Cloud:
+        """A point a pixel, (rows, columns, 3), m in the camera's frame; NaN is unknown."""
+        return self.lens.cloud(self.depth)
+
 
 _HINT = (
     "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; "
@@ -21,18 +48,18 @@ _HINT = (
 )
 
 
-class Camera:
+class DepthCamera:
     """Takes pictures of one model. For one thread; `close` it. Raises ConfigError where nothing can be rendered.
 
     Its noise is drawn from `seed` and the number of the picture: the same run has the same pictures.
     """
 
-    def __init__(self, model: mujoco.MjModel, settings: CameraSettings, seed: int = 0) -> None:
+    def __init__(self, model: mujoco.MjModel, settings: DepthCameraSettings, seed: int = 0) -> None:
         self.settings, self._model, self._seed = settings, model, seed
         self._stereo = Stereo(settings.intrinsics, settings.baseline, settings.furthest)
         settings.mount.pose(model, mujoco.MjData(model))  # Its body is there, or this raises.
         self._number, self._frozen = 0, False
-        self._last: Frame | None = None
+        self._last: CameraFrame | None = None
         self._depth = _screen(model, settings.intrinsics)
         self._colour = _screen(model, D435I_COLOUR) if settings.colour else None
 
@@ -41,7 +68,7 @@ class Camera:
         """Its imagers: what it cannot see for nearness, and how far its depth scatters."""
         return self._stereo
 
-    def capture(self, data: mujoco.MjData) -> Frame:
+    def capture(self, data: mujoco.MjData) -> CameraFrame:
         """A picture of the scene as it is now; of a frozen camera its last picture, stamp and all."""
         if self._frozen and self._last is not None:
             return self._last
@@ -50,7 +77,9 @@ class Camera:
         exact = self.exact(data, pose)
         told = self._stereo.measured(exact, self.settings.noise, np.random.default_rng((self._seed, number)))
         ready = float(data.time) + self.settings.latency
-        frame = Frame(number, float(data.time), ready, told, self._picture(data, pose), self.settings.intrinsics, pose)
+        frame = CameraFrame(
+            number, float(data.time), ready, told, self._picture(data, pose), self.settings.intrinsics, pose
+        )
         self._last = frame
         return frame
 
@@ -83,19 +112,19 @@ class Camera:
         return self._colour.draw(data, _lens(D435I_COLOUR, beside))
 
 
-class Stream:
+class CameraStream:
     """A camera that runs: pictures at its rate, each there after its latency.
 
     `read` is called as often as anything else happens, with the scene as it is then.
     """
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: DepthCamera) -> None:
         self._camera, self._count = camera, -1
         self._begin: float | None = None
-        self._waiting: list[Frame] = []
-        self._newest: Frame | None = None
+        self._waiting: list[CameraFrame] = []
+        self._newest: CameraFrame | None = None
 
-    def read(self, data: mujoco.MjData) -> Frame | None:
+    def read(self, data: mujoco.MjData) -> CameraFrame | None:
         """The newest picture that is there by now, or None before the first; takes one when one is due."""
         now = float(data.time)
         if self._begin is None or now < self._begin:  # A scene that was reset begins anew.
@@ -109,14 +138,14 @@ class Stream:
         return self._newest
 
 
-def _lens(lens: Intrinsics, pose: CameraPose) -> Lens:
-    return Lens(pose.position, pose.rotation, *lens.edges())
+def _lens(lens: Intrinsics, pose: CameraPose) -> PinholeView:
+    return PinholeView(pose.position, pose.rotation, *lens.edges())
 
 
-def _screen(model: mujoco.MjModel, lens: Intrinsics) -> Screen:
+def _screen(model: mujoco.MjModel, lens: Intrinsics) -> OffscreenRenderer:
     buffer = model.vis.global_
     buffer.offwidth, buffer.offheight = max(buffer.offwidth, lens.width), max(buffer.offheight, lens.height)
     try:
-        return Screen(model, lens.height, lens.width, sites=False)
+        return OffscreenRenderer(model, lens.height, lens.width, sites=False)
     except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
         raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error

@@ -28,7 +28,7 @@ class CameraPose(NamedTuple):
         return np.asarray(points @ self.rotation.T + self.position)
 
 
-class Mount(Settings):
+class CameraMount(Settings):
     """Where a camera stands, in the frame of a body or a site; in the world where neither is named."""
 
     body: str | None = None
@@ -43,7 +43,7 @@ class Mount(Settings):
     """With `towards`: the direction in that frame that is up in the picture."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Mount:
+    def _one_way(self) -> CameraMount:
         if self.body is not None and self.site is not None:
             raise ValueError(f"camera: mount on body {self.body!r} or on site {self.site!r}, not on both")
         if (self.quaternion is None) == (self.towards is None):

@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from allegro_twin.cell.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Intrinsics
-from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.files.schema import Settings
 
 NotNegative = Annotated[float, Field(ge=0)]
 Part = Annotated[float, Field(ge=0, le=1)]
 
 
-class Noise(Settings):
+class DepthNoise(Settings):
     """What is wrong with a stereo camera's depth. Everything at zero, and `shadow` off: exact depth."""
 
     disparity: NotNegative = 0.08
@@ -34,12 +34,12 @@ class Noise(Settings):
     (estimated)."""
 
 
-class CameraSettings(Settings):
+class DepthCameraSettings(Settings):
     """A D435i: where it stands, what it tells and how late."""
 
     kind: Literal["d435i"] = "d435i"
     resolution: Literal["640x480", "848x480", "640x360", "480x270", "424x240"] = "640x480"
-    mount: Mount
+    mount: CameraMount
     rate: Literal[6, 15, 30, 60, 90] = 30
     """Pictures a second."""
     latency: NotNegative = 0.065
@@ -48,7 +48,7 @@ class CameraSettings(Settings):
     """Take a colour picture with each."""
     furthest: Annotated[float, Field(gt=0)] = 10.0
     """Beyond it nothing is known, m (datasheet: about 10 m)."""
-    noise: Noise = Noise()
+    noise: DepthNoise = DepthNoise()
 
     @property
     def intrinsics(self) -> Intrinsics:

@@ -1,6 +1,6 @@
 """What a pair of imagers makes of exact depth: all errors arise where they do in such a camera, in the disparity.
 
-Disparity is d = f·B/Z, pixels. docs/camera.md has every term with its source.
+Disparity is d = f·B/Z, pixels. docs/reference/camera.md has every term with its source.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.cell.camera.intrinsics import Image, Intrinsics
-from allegro_twin.cell.camera.settings import Noise
+from allegro_twin.cell.camera.settings import DepthNoise
 
 SEARCH = 126
 """The largest disparity that is searched for, pixels: nearest depth is f·B/126 (realsense-ros #2367)."""
@@ -37,11 +37,11 @@ class Stereo:
         """MinZ = f·B/126, m."""
         return self.lens.fx * self.baseline / SEARCH
 
-    def sigma(self, depth: float, noise: Noise) -> float:
+    def sigma(self, depth: float, noise: DepthNoise) -> float:
         """The standard deviation of depth there, σ = Z²·s/(f·B), m."""
         return depth**2 * noise.disparity / (self.lens.fx * self.baseline)
 
-    def measured(self, exact: Image, noise: Noise, draws: np.random.Generator) -> Image:
+    def measured(self, exact: Image, noise: DepthNoise, draws: np.random.Generator) -> Image:
         """The depth picture that the camera tells of an exact one (rows, columns), m along z; NaN is unknown."""
         scale = np.float32(self.lens.fx * self.baseline)
         exact = np.where(exact < self.furthest, exact, np.float32(np.inf))

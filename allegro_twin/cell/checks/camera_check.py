@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
-from allegro_twin.cell.motion.clutter import among
+from allegro_twin.cell.motion.clutter import near_points
 from allegro_twin.cell.perception.cloud import finite, pass_through
-from allegro_twin.cell.perception.clusters import clusters
-from allegro_twin.cell.perception.errors import place
-from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.clusters import find_clusters
+from allegro_twin.cell.perception.errors import position_text
+from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array
@@ -34,7 +34,7 @@ _BESIDE = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class CameraCheck:
     """What one picture says of the object that was seen before."""
 
     there: bool = False
@@ -59,10 +59,10 @@ class Sight:
         return "the camera does not see it in the hand" if self.fresh else "the camera is frozen, or its cable is out"
 
 
-def sighted(
-    frame: Frame, cloud: Cloud, before: Found, others: Array, moved: tuple[Pose, Pose], lift: float,
+def check_camera(
+    frame: CameraFrame, cloud: Cloud, before: Detection, others: Array, moved: tuple[Pose, Pose], lift: float,
     settings: PerceptionSettings,
-) -> Sight:  # fmt: skip
+) -> CameraCheck:  # fmt: skip
     """The verdict of a picture taken after the lift.
 
     `cloud` is that of `frame` without arm and hand. `before` is what was found before the grasp, `others` are points of
@@ -74,16 +74,16 @@ def sighted(
     seen = same + far
     left = ""
     if seen >= _FEW and same > _PART * seen:
-        left = f"the camera sees it where it stood, at {place(before.solid.position)}"
+        left = f"the camera sees it where it stood, at {position_text(before.solid.position)}"
     left = left or _on_table(frame, cloud, before, others, lift, settings)
     grasped, now = moved
     turn = now.rotation @ grasped.rotation.T
     carried = (before.points - grasped.position) @ turn.T + now.position
     near, beyond, _ = _depths(frame, cloud, carried, _NEAR)
-    return Sight(near >= _FEW and near > beyond, seen >= _FEW and far > (1.0 - _PART) * seen, left)
+    return CameraCheck(near >= _FEW and near > beyond, seen >= _FEW and far > (1.0 - _PART) * seen, left)
 
 
-def _depths(frame: Frame, cloud: Cloud, points: Array, near: float) -> tuple[int, int, int]:
+def _depths(frame: CameraFrame, cloud: Cloud, points: Array, near: float) -> tuple[int, int, int]:
     """Of points of the world, (n, 3), m, how many the camera sees there, within `near` along the ray; behind how many
     it sees something; and before how many. Where it knows nothing, or sees the robot, a point does not count."""
     local = (points - frame.pose.position) @ frame.pose.rotation
@@ -96,7 +96,7 @@ def _depths(frame: Frame, cloud: Cloud, points: Array, near: float) -> tuple[int
 
 
 def _on_table(
-    frame: Frame, cloud: Cloud, before: Found, others: Array, lift: float, settings: PerceptionSettings
+    frame: CameraFrame, cloud: Cloud, before: Detection, others: Array, lift: float, settings: PerceptionSettings
 ) -> str:
     """Where an object is on the table that was not there before, as a sentence; or ""."""
     thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
@@ -106,11 +106,11 @@ def _on_table(
     low &= (height > np.maximum(settings.object.above, 3.5 * before.sigma)) & (height < _LOW * lift)
     world = world[low]
     if len(others):
-        world = world[~among(world, others, _BESIDE)]
+        world = world[~near_points(world, others, _BESIDE)]
     if len(world) < settings.object.least:
         return ""
-    grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
+    grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
     if sizes.max() < settings.object.least:
         return ""
     middle = world[grid.of(world[:, :2]) == int(np.argmax(sizes)) + 1].mean(axis=0)
-    return f"the camera sees an object on the table at {place(middle)}"
+    return f"the camera sees an object on the table at {position_text(middle)}"

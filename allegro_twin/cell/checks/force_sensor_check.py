@@ -7,30 +7,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from allegro_twin.cell.checks.grasp_check import Checked, came_on
+from allegro_twin.cell.checks.grasp_check import GraspCheck, added_force
 from allegro_twin.cell.settings import ValidateSettings
 from allegro_twin.types import Array, Vector
 
 _SURE = 4.0  # Standard deviations: one in 16,000 is farther off by chance.
 
 
-def drifted(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings, others: int = 0) -> str:
+def check_drift(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings, others: int = 0) -> str:
     """What the sensor felt more before the approach than where it waited, (6,) each and touched by nothing; or "".
     `others`: so many other objects are on the table, one of which the hand may have touched."""
     if not idle or not before:
         return ""
-    off = float(np.abs(came_on(idle, before)).max())
+    off = float(np.abs(added_force(idle, before)).max())
     if off <= _allowed(len(idle), len(before), settings):
         return ""
     said = f"its zero moved by {off:.1f} N between waiting and the approach, where nothing "
     return said + (f"but one of {others} other objects can have touched the hand" if others else "touched the hand")
 
 
-def doubted(
-    found: Checked, before: Sequence[Vector], after: Sequence[Vector], axes: Array, settings: ValidateSettings
+def check_plausibility(
+    found: GraspCheck, before: Sequence[Vector], after: Sequence[Vector], axes: Array, settings: ValidateSettings
 ) -> str:
     """Why the weight cannot be right, or ""; `axes` are the flange's in the world, (3, 3)."""
-    force, most = axes @ came_on(before, after), _allowed(len(before), len(after), settings)
+    force, most = axes @ added_force(before, after), _allowed(len(before), len(after), settings)
     aside = float(np.abs(force[:2]).max())
     if aside > most:
         return f"it feels {aside:.1f} N sideways, and a weight only pulls down"
@@ -48,7 +48,7 @@ def doubted(
     return ""
 
 
-def with_doubt(found: Checked, why: str, settings: ValidateSettings) -> Checked:
+def with_doubt(found: GraspCheck, why: str, settings: ValidateSettings) -> GraspCheck:
     """The check with its doubt as a sentence that says what to do."""
     if not why:
         return found

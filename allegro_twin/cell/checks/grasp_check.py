@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.checks.camera_check import Sight
-from allegro_twin.cell.motion.empty_grasp import Nothing
+from allegro_twin.cell.checks.camera_check import CameraCheck
+from allegro_twin.cell.motion.empty_grasp import EmptyGrasp
 from allegro_twin.cell.settings import ValidateSettings
-from allegro_twin.cell.states import End, Seen
+from allegro_twin.cell.states import Observation, Outcome
 from allegro_twin.types import Array, Vector
 
 _GRAVITY = 9.81  # m/s².
@@ -21,7 +21,7 @@ _PART = 0.1  # Of the pressure: a finger that gives less does not count as one t
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class GraspCheck:
     """What force, torques, joints and camera say."""
 
     weight: float
@@ -44,13 +44,13 @@ class Checked:
     """Why the force sensor is not to be trusted; nothing where it is."""
 
 
-def tare(size: Vector, settings: ValidateSettings) -> int:
+def tare_samples(size: Vector, settings: ValidateSettings) -> int:
     """Samples before the approach to a solid of a size, (3,), m: more where `samples` may not tell it."""
     light = _LIGHT * float(np.prod(size)) < settings.least
     return max(settings.tare, settings.samples) if light else settings.samples
 
 
-def detectable(before: int, after: int, settings: ValidateSettings) -> float:
+def detectable_weight(before: int, after: int, settings: ValidateSettings) -> float:
     """The weight that so many samples before and after can tell from none, kg: less than `settings.least` only where it
     was weighed for long."""
     if after < settings.long:
@@ -59,35 +59,38 @@ def detectable(before: int, after: int, settings: ValidateSettings) -> float:
     return min(settings.least, _CHANCE * noise / _GRAVITY)
 
 
-def checked(
-    weight: float, least: float, torque: float, between: float, sight: Sight, settings: ValidateSettings
-) -> Checked:
+def check_grasp(
+    weight: float, least: float, torque: float, between: float, sight: CameraCheck, settings: ValidateSettings
+) -> GraspCheck:
     """The verdicts of all four; `least`: the weight that can be told, kg."""
     force = True if weight > least else None
     press, there = torque > settings.torque, between > settings.torque
     held = {"force": force is True, "torque": press, "fingers": there}[settings.by]
-    return Checked(weight, least, torque, between, force, press, there, sight.held, held)
+    return GraspCheck(weight, least, torque, between, force, press, there, sight.held, held)
 
 
-def weighed(before: Sequence[Vector], after: Sequence[Vector], axes: Array) -> float:
-    """kg, from what the flange felt of the world (`Bridge.felt`) at rest, (6,) each; `axes` are the flange's, (3, 3).
+def weigh(before: Sequence[Vector], after: Sequence[Vector], axes: Array) -> float:
+    """Weight, kg, from wrenches of the flange at rest, (6,) each, the tool's own taken away; `axes` are the flange's,
+    (3, 3).
 
     The mean of those before is the tare: only what came on between is weighed.
     """
-    return float(-(axes @ came_on(before, after))[2] / _GRAVITY)
+    return float(-(axes @ added_force(before, after))[2] / _GRAVITY)
 
 
-def came_on(before: Sequence[Vector], after: Sequence[Vector]) -> Vector:
+def added_force(before: Sequence[Vector], after: Sequence[Vector]) -> Vector:
     """The force that is felt after and was not before, in the flange's axes, (3,), N."""
     return np.asarray((np.mean(after, axis=0) - np.mean(before, axis=0))[:3])
 
 
-def stopped(torque: Vector, gravity: Vector, friction: Vector) -> float:
+def stopping_torque(torque: Vector, gravity: Vector, friction: Vector) -> float:
     """What the motors give, (n,), beyond the fingers' own weight and twice their dry friction, summed, N·m."""
     return float(np.maximum(np.abs(torque - gravity) - 2.0 * friction, 0.0).sum())
 
 
-def pressing(position: Vector, torque: Vector, nothing: Nothing, stiffness: Vector, friction: Vector) -> Vector:
+def pressing_torque(
+    position: Vector, torque: Vector, nothing: EmptyGrasp, stiffness: Vector, friction: Vector
+) -> Vector:
     """What keeps each joint from where it would be around nothing, beyond twice its dry friction, (n,), N·m.
 
     The least of k |q_nothing - q| and of the `torque` that pushes it there, (n,), N·m, gravity taken away: without
@@ -99,15 +102,15 @@ def pressing(position: Vector, torque: Vector, nothing: Nothing, stiffness: Vect
     return np.asarray(np.maximum(np.minimum(stiffness * np.abs(way), given) - 2.0 * friction, 0.0))
 
 
-def between(press: Vector, nothing: Nothing, meeting: NDArray[np.bool_]) -> float:
+def torque_between_fingers(press: Vector, nothing: EmptyGrasp, meeting: NDArray[np.bool_]) -> float:
     """What the telling fingers press with, summed over the joints, N·m. Fingers that are `meeting` each other, (n,), do
     not tell; where no other is left, all that would."""
     alone = nothing.telling & ~meeting
     return float(press[alone if alone.any() else nothing.telling].sum())
 
 
-def surely(
-    press: Array, nothing: Nothing, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
+def presses_surely(
+    press: Array, nothing: EmptyGrasp, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
 ) -> bool:
     """Whether the fingers press on something, whichever joint is stuck or misread, in each of k ways in which the
     hand may be misread: two of them press, and more than `least`, N·m, is left without those that may touch each other.
@@ -119,7 +122,9 @@ def surely(
     return bool((two & (np.where(meeting, 0.0, telling).sum(axis=1) > least)).all())
 
 
-def verdict(t: float, found: Checked, sight: Sight, sure: Callable[[], bool], settings: ValidateSettings) -> Seen:
+def grasp_verdict(
+    t: float, found: GraspCheck, sight: CameraCheck, sure: Callable[[], bool], settings: ValidateSettings
+) -> Observation:
     """What the state machine hears.
 
     Held is what the deciding check says and no other denies, and what something beside the hand's own joints confirms:
@@ -128,9 +133,9 @@ def verdict(t: float, found: Checked, sight: Sight, sure: Callable[[], bool], se
     sensor decides and is doubted, and where checks disagree or nothing confirms.
     """
     if found.doubt and settings.by == "force":
-        return Seen(t, fault=End("fault", "force sensor", found.doubt))
+        return Observation(t, fault=Outcome("fault", "force sensor", found.doubt))
     if not found.held or sight.left:
-        return Seen(t, held=False, doubt="; ".join(filter(None, (sight.left, found.doubt))))
+        return Observation(t, held=False, doubt="; ".join(filter(None, (sight.left, found.doubt))))
     denied = [
         f"{name} say no" for name, word in (("torques", found.by_torque), ("fingers", found.by_fingers)) if not word
     ]
@@ -139,12 +144,12 @@ def verdict(t: float, found: Checked, sight: Sight, sure: Callable[[], bool], se
             f"by {settings.by} it is held, {' and '.join(denied)}: {found.torque:.2f} N·m stop the fingers, of which "
         )
         said += f"{found.between:.2f} N·m press on something; see what the fingers do before the hand is opened"
-        return Seen(t, fault=End("fault", "checks disagree", said))
+        return Observation(t, fault=Outcome("fault", "checks disagree", said))
     if not (found.by_force or found.by_camera or (sight.fresh and sure())):
         said = (
             f"the fingers press with {found.between:.2f} N·m, and nothing confirms that on an object: it weighs "
             f"{1e3 * found.weight:.0f} g of the {1e3 * found.least:.0f} g that can be told, and {sight.hidden}; see "
             "what is in the hand before it is opened"
         )
-        return Seen(t, fault=End("fault", "not confirmed", said))
-    return Seen(t, held=True, doubt=found.doubt)
+        return Observation(t, fault=Outcome("fault", "not confirmed", said))
+    return Observation(t, held=True, doubt=found.doubt)

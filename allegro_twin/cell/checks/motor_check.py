@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.states import End
+from allegro_twin.cell.states import Outcome
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.safety import Limits, clamp
 from allegro_twin.spec import HandSpec
@@ -42,7 +42,7 @@ class MotorCheck:
         """The fingers set out from here for a goal, (n,), rad."""
         self._first = state.position, goal - state.position
 
-    def see(self, state: HandState, target: SetPoint, gravity: Vector) -> None:
+    def update(self, state: HandState, target: SetPoint, gravity: Vector) -> None:
         """One more state, where the fingers should be, and what carries them, (n,), N·m."""
         self._since = np.where(self.lacking(state, target, gravity), self._since + 1, 0)
 
@@ -69,21 +69,21 @@ class MotorCheck:
             return clamp(pull + gravity, state, self._limits)
         return np.asarray(np.minimum(np.maximum(pull, least), most))
 
-    def fault(self, state: HandState, target: SetPoint) -> End | None:
+    def fault(self, state: HandState, target: SetPoint) -> Outcome | None:
         """What is wrong with a motor, by the joint's name; None while nothing is."""
         weak = np.flatnonzero(self._since >= self._most)
         if not len(weak):
             return None
         off, limit = np.abs(target.position - state.position), self._limits.torque
         worst = int(weak[np.argmax((self._stiffness * off)[weak])])
-        names = ", ".join(self._spec.readable[joint] for joint in weak)
+        names = ", ".join(self._spec.joint_labels[joint] for joint in weak)
         said = (
-            f"{names} without torque: {self._spec.readable[worst]} is {off[worst]:.3f} rad from its goal and gives "
+            f"{names} without torque: {self._spec.joint_labels[worst]} is {off[worst]:.3f} rad from its goal and gives "
             f"{abs(state.torque[worst]):.2f} N·m of {limit[worst]:.2f}; see to the motors' power and to their driver"
         )
-        return End("fault", "hand without torque", said)
+        return Outcome("fault", "hand without torque", said)
 
-    def dead(self, state: HandState) -> End | None:
+    def dead(self, state: HandState) -> Outcome | None:
         """An encoder whose reading has not changed since `begin` while its goal went far; None where all have."""
         if self._first is None:
             return None
@@ -93,7 +93,7 @@ class MotorCheck:
             return None
         joint = int(np.argmax(np.where(still, np.abs(way), 0.0)))
         said = (
-            f"{self._spec.readable[joint]} still reads {state.position[joint]:.4f} rad after its goal went "
+            f"{self._spec.joint_labels[joint]} still reads {state.position[joint]:.4f} rad after its goal went "
             f"{abs(way[joint]):.2f} rad: its encoder is dead or the joint is stuck; see to it"
         )
-        return End("fault", "hand stuck", said)
+        return Outcome("fault", "hand stuck", said)

@@ -1,28 +1,81 @@
-"""Who looks on while the cell works: a recording, a viewer, ROS. Each hears of the same happenings, in plain data."""
+"""Observers of a cell: recordings, viewers, ROS and pages get the same events, in plain data."""
 
 from __future__ import annotations
 
+import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 
-from allegro_twin.cell.actions import Work
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.camera.frame import Frame
-from allegro_twin.cell.journal.rows import event, perceived, pictured
-from allegro_twin.cell.journal.second_camera import Lens
-from allegro_twin.cell.motion.arm_motion import Guide
-from allegro_twin.cell.perception.errors import Refused
-from allegro_twin.cell.perception.pipeline import Found
-from allegro_twin.cell.states import Now
+from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
+from allegro_twin.cell.journal.rows import perception_entry, picture_entry, state_entry
+from allegro_twin.cell.motion.arm_motion import ArmGuide
+from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.states import MachineState
 from allegro_twin.control.trajectory import Path
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
+from allegro_twin.viewing.camera import Camera
+from allegro_twin.viewing.stills import save_png
+from allegro_twin.viewing.views import View
 
 
-class Onlooker(Protocol):
+class ObserverCamera:
+    """Pictures with colour at a rate, Hz. Raises ConfigError where nothing can be rendered, or for no rate."""
+
+    def __init__(self, cell: Cell, rate: float) -> None:
+        if not 0.0 < rate <= 30.0:
+            raise ConfigError(f"pictures are taken at more than 0 and at most 30 Hz, not {rate:g}")
+        settings, world = cell.settings, cell.robot.world
+        self._data, self._rate, self._count = world.data, rate, 0
+        self._camera = DepthCamera(world.model, settings.camera.model_copy(update={"colour": True}), settings.seed)
+
+    def due(self, t: float) -> CameraFrame | None:
+        """A picture of now, s, where one is due."""
+        if t < self._count / self._rate - 1e-9:
+            return None
+        self._count = int(t * self._rate + 1e-6) + 1
+        return self._camera.capture(self._data)
+
+    def close(self) -> None:
+        """Idempotent."""
+        self._camera.close()
+
+
+PICTURES = {"ToTargetPose": "before", "ToLiftedPose": "grasp", "Done": "end"}
+"""What is taken when a state begins, by the name of the file."""
+RECORDING = "lab.arrow"
+"""What `recorded.Recorded` writes beside them."""
+_VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
+_SIZE = (640, 480)
+
+
+class StatePictures:
+    """An onlooker that writes them into a folder. Raises ConfigError where nothing can be rendered."""
+
+    def __init__(self, cell: Cell, folder: pathlib.Path) -> None:
+        self._folder = folder
+        self._camera = Camera(cell.robot.hand_sim, width=_SIZE[0], height=_SIZE[1], view=_VIEW)
+
+    def on_event(self, event: SessionEvent) -> None:
+        """Take a picture where a state begins."""
+        if isinstance(event, JournalEntry) and event.track == "states":
+            name = PICTURES.get(event.row["state"])
+            if name is not None:
+                save_png(self._camera.take(), self._folder / f"{name}.png")
+
+    def close(self) -> None:
+        """Let go of the pictures' screen."""
+        self._camera.close()
+
+
+class Observer(Protocol):
     """Somebody who looks on."""
 
     def on_event(self, event: SessionEvent) -> None:
@@ -30,48 +83,48 @@ class Onlooker(Protocol):
         ...
 
 
-class Onlookers:
+class Observers:
     """What `perform` is to call so that all of them see it. `lens`: takes their pictures; None: there are none."""
 
-    def __init__(self, room: Room, each: Sequence[Onlooker], lens: Lens | None = None) -> None:
-        self._room, self._each, self._lens = room, each, lens
-        self._beside_hand = beside_hand(room)
-        self._work: Work | None = None
-        self._guide: Guide | None = None
+    def __init__(self, cell: Cell, each: Sequence[Observer], lens: ObserverCamera | None = None) -> None:
+        self._cell, self._each, self._lens = cell, each, lens
+        self._beside_hand = hand_extras(cell)
+        self._work: CellActions | None = None
+        self._guide: ArmGuide | None = None
         self._fingers: Path | None = None
 
-    def prepared(self, work: Work) -> None:
+    def on_prepare(self, work: CellActions) -> None:
         """A run begins."""
-        self._work, work.looked = work, self.looked
+        self._work, work.on_detection = work, self.on_detection
         self._guide, self._fingers = work.guide, work.fingers
 
-    def follows(self, guide: Guide, fingers: Path) -> None:
+    def on_remote_control(self, guide: ArmGuide, fingers: Path) -> None:
         """The cell is led from outside from now on: where its arm and its fingers are to be."""
         self._guide, self._fingers = guide, fingers
         self._tell(JournalEntry("states", {"t": 0.0, "state": "Following", "tries": 1}))
 
-    def refused(self, t: float, sentence: str) -> None:
+    def on_refusal(self, t: float, sentence: str) -> None:
         """Something that was wished was not done."""
         row = {"t": t, "state": "Following", "tries": 1, "reason": "refused", "sentence": sentence}
         self._tell(JournalEntry("states", row))
 
-    def entered(self, now: Now) -> None:
+    def on_state(self, now: MachineState) -> None:
         """A state begins."""
         assert self._work is not None
-        self._tell(JournalEntry("states", event(now, self._work)))
+        self._tell(JournalEntry("states", state_entry(now, self._work)))
 
-    def looked(self, frame: Frame, seen: Found | Refused) -> None:
+    def on_detection(self, frame: CameraFrame, seen: Detection | Refusal) -> None:
         """Perception has looked at a picture."""
-        self._tell(JournalEntry("perception", perceived(frame, seen, self._room.settings.perception)))
+        self._tell(JournalEntry("perception", perception_entry(frame, seen, self._cell.settings.perception)))
 
     def arm(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """The stage of the arm."""
         for sample in samples:
             assert self._guide is not None
-            self._tell(DeviceSample("arm", sample, beside_arm(self._room, self._guide.target.pose, sample)))
+            self._tell(DeviceSample("arm", sample, arm_extras(self._cell, self._guide.target.pose, sample)))
             picture = None if self._lens is None else self._lens.due(sample.state.t)
             if picture is not None:
-                self._tell(JournalEntry("pictures", pictured(picture)))
+                self._tell(JournalEntry("pictures", picture_entry(picture)))
             yield sample
 
     def hand(self, samples: Iterable[Sample]) -> Iterator[Sample]:
@@ -87,21 +140,21 @@ class Onlookers:
             each.on_event(event)
 
 
-def beside_arm(room: Room, target: Pose, sample: Sample) -> dict[str, Array]:
+def arm_extras(cell: Cell, target: Pose, sample: Sample) -> dict[str, Array]:
     """What is known beside an arm's sample: `flange` and `tool`, the palm, by the encoders, and `goal`, where the
     flange is to go, (7,) each in the world; `force`, what the world does to the hand, (6,). `target`: in the base."""
-    cell, state = room.cell, sample.state
-    poses = {"flange": cell.flange(state), "tool": cell.palm(state), "goal": placed(cell.base, target)}
+    robot, state = cell.robot, sample.state
+    poses = {"flange": robot.flange(state), "tool": robot.palm(state), "goal": compose(robot.base, target)}
     found = {name: np.concatenate([pose.position, pose.quaternion]) for name, pose in poses.items()}
-    return found | {"force": cell.wrench(state)}
+    return found | {"force": robot.wrench(state)}
 
 
-def beside_hand(room: Room) -> Callable[[], Mapping[str, Vector]]:
+def hand_extras(cell: Cell) -> Callable[[], Mapping[str, Vector]]:
     """What only a simulation knows: `palm`, `object`, the first thing, (7,) each in the world, and `others`, of the
     rest in a row."""
-    model, data = room.cell.world.model, room.cell.world.data
-    first, *rest = (model.body(thing.name).id for thing in room.settings.objects)
-    palm = model.body(room.hand.spec.root).id
+    model, data = cell.robot.world.model, cell.robot.world.data
+    first, *rest = (model.body(thing.name).id for thing in cell.settings.objects)
+    palm = model.body(cell.hand.spec.root).id
 
     def pose(body: int) -> Vector:
         return np.concatenate([data.xpos[body], data.xquat[body]])

@@ -1,4 +1,4 @@
-"""Everything of a run in one recording: arm and hand, states, what perception said, pictures, the config."""
+"""Everything of a run in one recording: arm and hand, states, detections, pictures, shapes and the config."""
 
 from __future__ import annotations
 
@@ -7,29 +7,44 @@ import json
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.journal.rows import EVENTS, PERCEPTION, PICTURES
-from allegro_twin.cell.journal.shapes import cell_look
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.recording.arrow_writer import SharedFile
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.journal import Journal
 from allegro_twin.recording.recorder import Recorder
-from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.appearance import hand_bodies, scene_appearance, shapes_on
 from allegro_twin.version import __version__
+from allegro_twin.viewing.skeleton import bodies_of
 
 
-class Recorded:
+def cell_look(cell: Cell) -> dict[str, Any]:
+    """Links of `arm` and `hand`, `adapter` on the flange, `objects` and `fixed`; `base`: where the arm stands, m."""
+    robot, things = cell.robot, tuple(thing.name for thing in cell.settings.objects)
+    scene = scene_appearance(robot.world.model, cell.hand.spec, things)
+    adapter = shapes_on(robot.world.model, f"{robot.spec.name}_adapter")
+    return {
+        "arm": [body.to_json() for body in hand_bodies(robot.spec)],
+        "hand": [body.to_json() for body in bodies_of(cell.hand.spec)],
+        "adapter": [shape.to_json() for shape in adapter],
+        "base": [float(x) for x in robot.base.position],
+        "objects": scene["objects"],
+        "fixed": scene["fixed"],
+    }
+
+
+class SessionRecorder:
     """An onlooker that records one run into a file. Raises RecordingError for the file and the disk."""
 
-    def __init__(self, room: Room, path: Path) -> None:
-        things = tuple(thing.name for thing in room.settings.objects)
-        self._file = SharedFile(path, meta_of(room))
+    def __init__(self, cell: Cell, path: Path) -> None:
+        things = tuple(thing.name for thing in cell.settings.objects)
+        self._file = SharedFile(path, recording_meta(cell))
         fields = {"states": EVENTS, "perception": PERCEPTION, "pictures": PICTURES}
         self._journals = {name: Journal(self._file.track(name), each) for name, each in fields.items()}
         self._recorders: dict[str, Recorder] = {}
-        for name, backend in (("arm", room.arm), ("hand", room.hand)):
-            meta = {"lab": name, "look": scene_look(room.cell.world.model, backend.spec, things)}
+        for name, backend in (("arm", cell.arm), ("hand", cell.hand)):
+            meta = {"lab": name, "look": scene_appearance(cell.robot.world.model, backend.spec, things)}
             self._recorders[name] = Recorder(self._file.track(name), backend.spec, backend.period, meta)
 
     def on_event(self, event: SessionEvent) -> None:
@@ -48,11 +63,11 @@ class Recorded:
         self._file.close()
 
 
-def meta_of(room: Room) -> dict[str, Any]:
+def recording_meta(cell: Cell) -> dict[str, Any]:
     """What is said of the whole run: who made it, of what, and from which config."""
-    config = room.settings.model_dump(mode="json")
-    kept = {"allegro_twin": __version__, "lab": True, "config": config, "config_hash": config_hash(room.settings)}
-    return kept | room.cell.arm_sim.meta() | {"look": cell_look(room)}
+    config = cell.settings.model_dump(mode="json")
+    kept = {"allegro_twin": __version__, "lab": True, "config": config, "config_hash": config_hash(cell.settings)}
+    return kept | cell.robot.arm_sim.meta() | {"look": cell_look(cell)}
 
 
 def config_hash(settings: LabSettings) -> str:

@@ -6,25 +6,25 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.actions import Work
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.perception.cloud import finite
-from allegro_twin.cell.perception.errors import Refused
-from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.target import Target, target
-from allegro_twin.cell.states import Now
+from allegro_twin.cell.perception.target import GraspTarget, grasp_target
+from allegro_twin.cell.states import MachineState
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.journal import Kind
+from allegro_twin.recording.journal import FieldKind
 from allegro_twin.types import Array
 
-EVENTS: dict[str, Kind] = {
+EVENTS: dict[str, FieldKind] = {
     "t": "number", "state": "word", "tries": "count", "grasp": "word", "palm": "numbers", "before": "numbers",
     "weight": "number", "torque": "number", "end": "word", "reason": "word", "sentence": "word",
 }  # fmt: skip
 """When each state began, s, at which try; from ToTargetPose on the grasp that was chosen, where the palm is to be for
 it and before it, (7,), world; what the check said, kg and N·m; and how it ended."""
-PERCEPTION: dict[str, Kind] = {
+PERCEPTION: dict[str, FieldKind] = {
     "t": "number", "number": "count", "known": "count", "verdict": "word", "sentence": "word", "others": "count",
     "shape": "word", "pose": "numbers", "size": "numbers", "error": "number", "sigma": "number", "table": "numbers",
     "target": "numbers", "width": "number", "points": "array",
@@ -32,14 +32,14 @@ PERCEPTION: dict[str, Kind] = {
 """Of the picture taken at `t`, s: how many of its points are known; `found`, or why not; of the thing the shape, pose
 (7,), size (3,), m, the fit's error and the camera's scatter, m; the table's normal and height, (4,); the target frame
 (7,) and its width, m; the thing's own points, (k, 3), float32, m. All in the world."""
-PICTURES: dict[str, Kind] = {
+PICTURES: dict[str, FieldKind] = {
     "t": "number", "number": "count", "camera": "numbers", "lens": "numbers", "colour": "array", "depth": "array",
 }  # fmt: skip
 """Taken at `t`, s, from a pose (7,), world; fx, fy, cx, cy of the depth picture; colour (rows, columns, RGB); depth
 (rows, columns), mm as uint16, 0 unknown, as ROS has it."""
 
 
-def event(now: Now, work: Work) -> dict[str, Any]:
+def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     """A state begins."""
     way, check, end = work.way, work.checked, now.end
     row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
@@ -52,11 +52,11 @@ def event(now: Now, work: Work) -> dict[str, Any]:
     return row
 
 
-def perceived(frame: Frame, seen: Found | Refused, settings: PerceptionSettings) -> dict[str, Any]:
+def perception_entry(frame: CameraFrame, seen: Detection | Refusal, settings: PerceptionSettings) -> dict[str, Any]:
     """A picture was looked at."""
     known = int(np.count_nonzero(finite(frame.cloud)))
     row: dict[str, Any] = {"t": frame.time, "number": frame.number, "known": known}
-    if not isinstance(seen, Found):
+    if not isinstance(seen, Detection):
         return row | {"verdict": seen.reason, "sentence": seen.sentence}
     solid, table = seen.solid, seen.table
     row |= {
@@ -64,13 +64,13 @@ def perceived(frame: Frame, seen: Found | Refused, settings: PerceptionSettings)
         "pose": _seven(Pose(solid.position, solid.axes)), "sigma": seen.sigma,
         "table": np.append(table.normal, table.offset), "points": seen.points.astype(np.float32),
     }  # fmt: skip
-    frame_for = target(seen, settings.target)
-    if isinstance(frame_for, Target):
+    frame_for = grasp_target(seen, settings.target)
+    if isinstance(frame_for, GraspTarget):
         row |= {"target": _seven(Pose(frame_for.position, frame_for.rotation)), "width": frame_for.width}
     return row
 
 
-def pictured(frame: Frame) -> dict[str, Any]:
+def picture_entry(frame: CameraFrame) -> dict[str, Any]:
     """A picture was taken for whoever looks on."""
     lens = frame.lens
     return {

@@ -7,17 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.cell.arm.impedance import Hanging, felt_by, hung
-from allegro_twin.cell.arm.target import Smoothing, Target, approached
-from allegro_twin.cell.arm.tool import Bridge
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.cell.arm.impedance import ImpedanceState, hung, smoothed_wrench
+from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
+from allegro_twin.cell.arm.tool import WrenchCompensation
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.time_scaling import minimum_jerk
-from allegro_twin.kinematics.arm import ArmModel, turn, turned
+from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 _QUICK = 30.0
-"""rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in docs/arm.md."""
+"""rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in
+docs/explanation/arm_control.md."""
 
 
 class Straight(NamedTuple):
@@ -32,26 +33,26 @@ class Straight(NamedTuple):
     def at(self, t: float) -> Pose:
         """At a time, s."""
         part, _ = minimum_jerk(min(max((t - self.since) / self.seconds, 0.0), 1.0))
-        left = turn(self.begin.rotation, self.end.rotation)
+        left = rotation_between(self.begin.rotation, self.end.rotation)
         way = self.end.position - self.begin.position
-        return Pose(self.begin.position + part * way, turned(self.begin.rotation, part * left))
+        return Pose(self.begin.position + part * way, rotate(self.begin.rotation, part * left))
 
 
-class Guide:
+class ArmGuide:
     """Where the arm is to be: a posture, by a path of its joints, or a pose of the flange. Moved by the states."""
 
     def __init__(self, posture: Vector, model: ArmModel) -> None:
         self._model = model
-        self.target = Target(model.pose(posture))
+        self.target = CartesianTarget(model.pose(posture))
         """The pose, in the base's frame; of the path's end while there is one."""
-        self.path: Steering | None = Steering(posture)
+        self.path: SmoothSetpoint | None = SmoothSetpoint(posture)
         self.line: Straight | None = None
         """How the set-point goes to the target; None: smoothed."""
 
     def through_joints(self, t: float, position: Vector, posture: Vector, speed: float) -> float:
         """From rest at `position` (n,), rad, to a posture, the fastest joint at `speed`, rad/s. When it is there, s."""
         self.target.move(self._model.pose(posture))
-        self.path, self.line = Steering(position), None
+        self.path, self.line = SmoothSetpoint(position), None
         return self.path.head_for(t, posture, speed)
 
     def straight(self, t: float, flange: Pose, seconds: float) -> float:
@@ -67,7 +68,7 @@ class Guide:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Guided:
+class GuidedImpedance:
     """The controller: τ = M(ω² (q_r - q) + 2ω (q̇_r - q̇)) + C q̇ on a path, impedance off it.
 
     The spring begins where the path ended, and the elbow likes to stay as it was there. On the spring the joints' dry
@@ -75,29 +76,29 @@ class Guided:
     """
 
     model: ArmModel
-    guide: Guide
+    guide: ArmGuide
     stiffness: Vector
     """(6,), N/m and N·m/rad."""
     smoothing: Smoothing
-    bridge: Bridge
+    compensation: WrenchCompensation
     """To what the flange feels, by which friction is overcome."""
     null: float = 10.0
     """N·m/rad, as of `Impedance`."""
 
-    def start(self, state: HandState) -> Hanging:
-        return Hanging(self.model.pose(state.position), state.position, state.t)
+    def start(self, state: HandState) -> ImpedanceState:
+        return ImpedanceState(self.model.pose(state.position), state.position, state.t)
 
-    def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
+    def __call__(self, state: HandState, memory: ImpedanceState) -> tuple[TorqueCommand, ImpedanceState]:
         path, line = self.guide.path, self.guide.line
-        felt = felt_by(self.bridge, self.model, state, memory)
+        felt = smoothed_wrench(self.compensation, self.model, state, memory)
         if path is None:
             goal, dt = self.guide.target.pose, state.t - memory.t
-            setpoint = line.at(state.t) if line is not None else approached(memory.setpoint, goal, dt, self.smoothing)
+            setpoint = line.at(state.t) if line is not None else approach(memory.setpoint, goal, dt, self.smoothing)
             torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null, felt)
-            return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t, felt)
+            return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, felt)
         point = path(state.t)
         wanted = _QUICK**2 * (point.position - state.position) + 2.0 * _QUICK * (point.velocity - state.velocity)
         torque = self.model.inertia(state.position) @ wanted + self.model.coriolis(state.position, state.velocity)
-        return TorqueCommand(np.asarray(torque)), Hanging(
+        return TorqueCommand(np.asarray(torque)), ImpedanceState(
             self.model.pose(point.position), point.position, state.t, felt
         )

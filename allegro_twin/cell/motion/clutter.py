@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.perception.cloud import Mask, finite
-from allegro_twin.cell.perception.clusters import clusters
-from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.clusters import find_clusters
+from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.types import Array
 
@@ -26,7 +26,9 @@ _FEW = 12
 """Thinned points of an object; fewer are strays."""
 
 
-def beside(frame: Frame, cloud: Cloud, found: Found, settings: PerceptionSettings) -> tuple[Array, ...]:
+def other_objects(
+    frame: CameraFrame, cloud: Cloud, found: Detection, settings: PerceptionSettings
+) -> tuple[Array, ...]:
     """Points of each other object, (k, 3) in the world, m, also of those outside perception's region.
 
     `cloud`: of `frame`, without arm and hand; `found`: the chosen object. Their far sides are not seen: each object is
@@ -40,15 +42,15 @@ def beside(frame: Frame, cloud: Cloud, found: Found, settings: PerceptionSetting
     mine = height > np.maximum(settings.object.above, _SURE * found.sigma * (known[:, 2] / depth) ** 2)
     mine &= (height < _TOP) & (np.abs(world[:, :2]).max(axis=1) < _REACH)
     world = world[mine]
-    world = world[~among(world, found.points, _OWN)]
+    world = world[~near_points(world, found.points, _OWN)]
     if len(world) < _FEW:
         return ()
-    grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
+    grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
     labels = grid.of(world[:, :2])
     return tuple(_deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW))
 
 
-def box_of(points: Array) -> tuple[Array, Array]:
+def bounding_box(points: Array) -> tuple[Array, Array]:
     """The middle and the extents, (3,) each, m, of the upright box around points, (k, 3), down to the table."""
     low, high = points.min(axis=0), points.max(axis=0)
     low[2] = 0.0
@@ -68,7 +70,7 @@ def _deepened(points: Array, eye: Array) -> Array:
     return np.concatenate([points, behind])
 
 
-def among(points: Array, others: Array, within: float) -> Mask:
+def near_points(points: Array, others: Array, within: float) -> Mask:
     """Which points, (n, 3), are seen from above within about so much, m, of one of the others, (k, 3)."""
     cells = {(x + i, y + j) for x, y in {tuple(cell) for cell in np.floor(others[:, :2] / within).astype(int).tolist()}
              for i in (-1, 0, 1) for j in (-1, 0, 1)}  # fmt: skip

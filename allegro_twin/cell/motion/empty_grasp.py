@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.motion.finger_paths import Wish, fingers
-from allegro_twin.cell.settings import HandSettings
-from allegro_twin.control.steered_path import Steering
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
+from allegro_twin.cell.settings import CellHandSettings
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_gravity
 from allegro_twin.loop import run
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
@@ -36,13 +36,13 @@ _OFF = np.radians(3.0)  # Of an encoder at worst: more shows when the hand is ca
 _FINE = 0.5  # m/s². Of gravity in the palm's frame, which hardly matters: the hand carries itself.
 
 
-def squeezing(grasp: Grasp) -> float:
+def squeeze_speed(grasp: Grasp) -> float:
     """How fast the fingers go from closed to squeezed at their peak, rad/s, so that it takes `SQUEEZE`."""
     far = float(np.abs(grasp.squeeze - grasp.close).max())
     return max(_PEAK * far / SQUEEZE, 0.05)
 
 
-class Nothing(NamedTuple):
+class EmptyGrasp(NamedTuple):
     """What a close on nothing comes to."""
 
     position: Vector
@@ -52,7 +52,7 @@ class Nothing(NamedTuple):
     the others tell whether something is there. All, where every finger meets another."""
 
 
-def meeting(hand: HandSettings, postures: Array) -> NDArray[np.bool_]:
+def touching_joints(hand: CellHandSettings, postures: Array) -> NDArray[np.bool_]:
     """Which joints are of fingers that touch each other in postures, (..., n), rad → (..., n): what is between those
     two is a finger. Fingers that were brushed on the way may hook into each other that are apart around nothing."""
     spec, apart = _apart(hand.model, hand.side)
@@ -65,18 +65,18 @@ def meeting(hand: HandSettings, postures: Array) -> NDArray[np.bool_]:
     return found.reshape(postures.shape)
 
 
-def misread(position: Vector) -> Array:
+def misread_positions(position: Vector) -> Array:
     """Where a hand may be that reads a `position`, (n,), rad, with any one encoder off to either side, (2n, n)."""
     return np.asarray(position + np.concatenate([np.eye(len(position)), -np.eye(len(position))]) * _OFF)
 
 
 @cache
-def _apart(model: str, side: Side) -> tuple[HandSpec, Clearance]:
+def _apart(model: str, side: Side) -> tuple[HandSpec, SelfClearance]:
     spec = load_spec(model, side)
-    return spec, Clearance(spec)
+    return spec, SelfClearance(spec)
 
 
-def around_nothing(hand: HandSettings, grasp: str, palm: Array) -> Nothing:
+def empty_grasp(hand: CellHandSettings, grasp: str, palm: Array) -> EmptyGrasp:
     """After a grasp, of a hand whose palm is turned so in the world, (3, 3).
 
     The first time costs some 0.1 s. Raises ConfigError for an unknown grasp.
@@ -86,22 +86,22 @@ def around_nothing(hand: HandSettings, grasp: str, palm: Array) -> Nothing:
 
 
 @cache
-def _closed(model: str, side: Side, gains: str, name: str, gravity: tuple[float, ...]) -> Nothing:
+def _closed(model: str, side: Side, gains: str, name: str, gravity: tuple[float, ...]) -> EmptyGrasp:
     spec = load_spec(model, side)
     grasp = Library().grasp(name, spec)
     stage = Stage(np.array([0.0, 0.0, 1.0]), quaternion_from_gravity(gravity))
     backend = SimBackend(spec, compile_scene(spec, stage), period=PERIOD, posture=grasp.preshape)
-    path = Steering(grasp.preshape)
+    path = SmoothSetpoint(grasp.preshape)
     closed = path.head_for(0.0, grasp.close, grasp.speed)
     end = None
-    for sample in run(backend, fingers(Wish(path), gains, spec, hand_kinematics(spec))):
+    for sample in run(backend, finger_controller(SteeredReference(path), gains, spec, hand_kinematics(spec))):
         t, position = sample.state.t, sample.state.position
         if end is None and t >= closed:
-            end = path.head_for(t, grasp.squeeze, squeezing(grasp)) + _REST
+            end = path.head_for(t, grasp.squeeze, squeeze_speed(grasp)) + _REST
         if end is not None and t >= end and (np.abs(sample.state.velocity).max() < _STILL or t >= end + _LONGEST):
             break
     backend.close()
-    return Nothing(frozen(position), _telling(position, grasp, load_gains(gains, spec).kp, spec))
+    return EmptyGrasp(frozen(position), _telling(position, grasp, load_gains(gains, spec).kp, spec))
 
 
 def _telling(position: Vector, grasp: Grasp, stiffness: Vector, spec: HandSpec) -> NDArray[np.bool_]:

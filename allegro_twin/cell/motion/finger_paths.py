@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from allegro_twin.control.controllers import PD, Follow, Following, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl, ReferenceMemory
 from allegro_twin.control.trajectory import Path
 from allegro_twin.controller import Controller
 from allegro_twin.hands.library.gains import load_gains
@@ -17,7 +17,7 @@ OPENING = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wish:
+class SteeredReference:
     """A reference whose path is steered from outside."""
 
     path: Path
@@ -27,9 +27,11 @@ class Wish:
         return self.path
 
 
-def fingers(wish: Wish, gains: str, spec: HandSpec, model: HandKinematics) -> Controller[Following]:
+def finger_controller(
+    reference: SteeredReference, gains: str, spec: HandSpec, model: HandKinematics
+) -> Controller[ReferenceMemory]:
     """The controller of a hand in the cell. Raises ConfigError for gains that it does not have."""
     if "torque" in spec.commands:
-        return PD(wish, load_gains(gains, spec), Gravity(model.gravity_torque))
+        return PD(reference, load_gains(gains, spec), GravityFeedforward(model.gravity_torque))
     load_gains(gains, spec)
-    return Follow(wish)
+    return PositionControl(reference)

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.cell.perception.errors import place
+from allegro_twin.cell.perception.errors import position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import Scenario, load_scenario
-from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.objects.catalogue import Thing, catalogue
+from allegro_twin.sim.objects.catalogue import GraspObject, object_catalogue
 from allegro_twin.types import Array
 
 _ROUND = 24  # Ways to take what is round: every 15 degrees.
@@ -32,7 +32,7 @@ _MOST = 0.25  # Of the logarithm of a ratio of extents: beyond it no stored gras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class TableObject:
     """A solid on the table, whichever way it came to be known."""
 
     kind: str
@@ -46,11 +46,11 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Card:
+class StoredGrasp:
     """A stored grasp of a thing, in the frame of its middle with x along its longer level extent."""
 
     name: str
-    body: Body
+    body: TableObject
     grasp: str
     palm: Pose
     retreat: Array
@@ -58,16 +58,16 @@ class Card:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Way:
+class GraspCandidate:
     """One way to take what was seen, in the world."""
 
-    card: Card
+    card: StoredGrasp
     palm: Pose
     before: Pose
     """Where the approach begins."""
 
 
-def body_of(solid: Solid) -> Body:
+def table_object(solid: Solid) -> TableObject:
     """What perception found. What leans is as it would stand."""
     upright = int(np.argmax(np.abs(solid.axes[2])))
     level = [k for k in range(3) if k != upright]
@@ -75,19 +75,19 @@ def body_of(solid: Solid) -> Body:
     way = solid.axes[:, first]
     lying = "lying " if solid.shape in ("cylinder", "ellipsoid") and upright != 0 else ""
     extents = (solid.size[first], solid.size[second], solid.size[upright])
-    return Body(lying + solid.shape, extents, float(np.arctan2(way[1], way[0])), solid.position)
+    return TableObject(lying + solid.shape, extents, float(np.arctan2(way[1], way[0])), solid.position)
 
 
-def ways(body: Body, model: str, *, askew: bool = False) -> list[Way]:
+def grasp_candidates(body: TableObject, model: str, *, askew: bool = False) -> list[GraspCandidate]:
     """Every way to take it that symmetry leaves open; `askew`: those that are a little off one of them, of what is
     nearly round. Raises ConfigError where no stored grasp is for such a thing."""
-    fitting = [card for card in cards(model) if card.body.kind == body.kind]
-    best = min(fitting, key=lambda card: unlike(card.body, body), default=None)
-    if best is None or unlike(best.body, body) > _MOST:
+    fitting = [card for card in stored_grasps(model) if card.body.kind == body.kind]
+    best = min(fitting, key=lambda card: extent_mismatch(card.body, body), default=None)
+    if best is None or extent_mismatch(best.body, body) > _MOST:
         size = " x ".join(f"{1e3 * edge:.0f}" for edge in body.extents)
         raise ConfigError(
-            f"no grasp of {model} is for a {body.kind} of {size} mm at {place(body.position)}: put it on another side, "
-            "or add a scenario that takes it"
+            f"no grasp of {model} is for a {body.kind} of {size} mm at {position_text(body.position)}: put it on "
+            "another side, or add a scenario that takes it"
         )
     turns = _turns(body)
     if askew:
@@ -95,15 +95,15 @@ def ways(body: Body, model: str, *, askew: bool = False) -> list[Way]:
     return [_turned(best, body, body.yaw + turn) for turn in turns]
 
 
-def unlike(one: Body, other: Body) -> float:
+def extent_mismatch(one: TableObject, other: TableObject) -> float:
     """The largest logarithm of a ratio of their extents."""
     return float(np.abs(np.log(np.divide(one.extents, other.extents))).max())
 
 
 @cache
-def cards(model: str) -> tuple[Card, ...]:
+def stored_grasps(model: str) -> tuple[StoredGrasp, ...]:
     """What ships for a model of hand. Raises ConfigError where nothing does."""
-    found: dict[str, Card] = {}
+    found: dict[str, StoredGrasp] = {}
     for path in sorted((data_root() / "scenarios").glob("*/*.yaml"), key=_order):
         one = load_scenario(path)[0]
         thing = one.objects[0].name
@@ -120,27 +120,27 @@ def _order(path: Path) -> tuple[bool, Path]:
     return path.parent.name == _ON_ARM, path
 
 
-def _card(scenario: Scenario) -> Card:
+def _card(scenario: Scenario) -> StoredGrasp:
     settings, wrist = scenario.objects[0], scenario.wrist
-    thing = catalogue()[settings.name]
-    body = standing(thing, np.radians(settings.yaw))
+    thing = object_catalogue()[settings.name]
+    body = standing_object(thing, np.radians(settings.yaw))
     offset = np.array(wrist.position)
     if wrist.over is not None:
         offset[2] = max(wrist.over.table - body.extents[2] / 2.0, body.extents[2] / 2.0 + wrist.over.top)
-    back = about(-body.yaw)
-    palm = Pose(back @ offset, back @ facing(wrist.facing, wrist.fingers))
-    return Card(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
+    back = yaw_rotation(-body.yaw)
+    palm = Pose(back @ offset, back @ matrix_facing(wrist.facing, wrist.fingers))
+    return StoredGrasp(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
 
 
-def standing(thing: Thing, yaw: float) -> Body:
+def standing_object(thing: GraspObject, yaw: float) -> TableObject:
     """A thing of the catalogue with its own z up."""
     x, y, height = (2.0 * thing.half_extents()).tolist()
     lying = "lying " if thing.shape == "ellipsoid" else ""
     extents = (max(x, y), min(x, y), height)
-    return Body(lying + thing.shape, extents, yaw + (np.pi / 2.0 if y > x else 0.0), np.zeros(3))
+    return TableObject(lying + thing.shape, extents, yaw + (np.pi / 2.0 if y > x else 0.0), np.zeros(3))
 
 
-def _turns(body: Body) -> Array:
+def _turns(body: TableObject) -> Array:
     """By how much it may be turned and is as it was, rad."""
     if body.kind in ("sphere", "cylinder"):
         count = _ROUND
@@ -149,19 +149,19 @@ def _turns(body: Body) -> Array:
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
 
 
-def _askew(body: Body) -> Array:
+def _askew(body: TableObject) -> Array:
     """By how much a grasp may be off, rad."""
     nearly = body.kind == "lying ellipsoid" and body.extents[0] < _NEARLY * body.extents[1]
     return _LITTLE if nearly else np.empty(0)
 
 
-def _turned(card: Card, body: Body, yaw: float) -> Way:
-    turn = about(yaw)
+def _turned(card: StoredGrasp, body: TableObject, yaw: float) -> GraspCandidate:
+    turn = yaw_rotation(yaw)
     palm = Pose(body.position + turn @ card.palm.position, turn @ card.palm.rotation)
-    return Way(card, palm, Pose(palm.position + turn @ card.retreat, palm.rotation))
+    return GraspCandidate(card, palm, Pose(palm.position + turn @ card.retreat, palm.rotation))
 
 
-def about(angle: float) -> Array:
+def yaw_rotation(angle: float) -> Array:
     """A turn about the vertical, (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,13 +1,16 @@
-"""Clouds cut to a region and thinned; a region is an axis-aligned box."""
+"""Clouds: regions, thinning, and an organised cloud with where its camera stood."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.types import Array
+from allegro_twin.errors import ConfigError
+from allegro_twin.types import Array, Vector
 
 Points = NDArray[np.floating[Any]]
 """Points, (..., 3), m; NaN where nothing is known."""
@@ -28,14 +31,59 @@ def finite(points: Points) -> Mask:
     return np.asarray(np.isfinite(points[..., 0]) & np.isfinite(points[..., 1]) & np.isfinite(points[..., 2]))
 
 
-def voxel(points: Points, edge: float) -> Array:
-    """The mean of the points (n, 3) of each cube of `edge`, m, (k, 3). All must be known."""
-    if len(points) == 0:
-        return np.empty((0, 3))
-    cells = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
-    spans = cells.max(axis=0) + 1
-    keys = (cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2]
-    order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
-    sums = np.add.reduceat(points[order].astype(np.float64), starts, axis=0)
-    return np.asarray(sums / np.diff(starts, append=len(points))[:, None])
+_ROWS = 24  # One of so many is looked at for the focal length.
+
+
+@dataclass(frozen=True, eq=False)
+class OrganizedCloud:
+    """What the camera saw and from where. Raises ConfigError unless the shapes fit and the pose is finite."""
+
+    cloud: Points
+    """(rows, columns, 3), m, x right, y down, z ahead; NaN is unknown."""
+    position: Vector
+    """Of the camera in the world, (3,), m."""
+    rotation: Array
+    """Its axes in the world, columns of (3, 3)."""
+    robot: Array | None = None
+    """Balls around what is the robot's own: middle in the world and radius, (k, 4), m."""
+
+    def __post_init__(self) -> None:
+        if self.cloud.ndim != 3 or self.cloud.shape[2] != 3 or not np.issubdtype(self.cloud.dtype, np.floating):
+            raise ConfigError(f"cloud: (rows, columns, 3) floats, not {self.cloud.shape} of {self.cloud.dtype}")
+        if self.position.shape != (3,) or self.rotation.shape != (3, 3):
+            raise ConfigError(f"camera pose: (3,) and (3, 3), not {self.position.shape} and {self.rotation.shape}")
+        if self.robot is not None and (self.robot.ndim != 2 or self.robot.shape[1] != 4):
+            raise ConfigError(f"robot: balls (k, 4), middle and radius, not {self.robot.shape}")
+        if not (np.isfinite(self.position).all() and np.isfinite(self.rotation).all()):
+            raise ConfigError("camera pose: not finite; give the pose in which the picture was taken")
+
+    def world(self, points: Points) -> Points:
+        """Of the camera's frame, (n, 3), in the world."""
+        kind = points.dtype
+        with np.errstate(invalid="ignore"):  # What is infinite becomes unknown.
+            return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
+
+    def not_robot(self, points: Points) -> Mask:
+        """Which points of the world, (n, 3), are not the robot's own, (n,)."""
+        if self.robot is None:
+            return np.ones(len(points), np.bool_)
+        away = np.linalg.norm(points[:, None] - self.robot[None, :, :3], axis=-1)
+        return np.asarray((away > self.robot[:, 3]).all(axis=1))
+
+    @cached_property
+    def focal(self) -> float:
+        """Of the camera, pixels, by two known points of one row. Raises ConfigError for a cloud without order."""
+        rows = self.cloud[::_ROWS]
+        known = finite(rows) & (rows[..., 2] > 0.0)
+        if np.count_nonzero(known, axis=1).max() < 2:  # Hardly anything is known: look at all.
+            rows = self.cloud
+            known = finite(rows) & (rows[..., 2] > 0.0)
+        row = int(np.argmax(np.count_nonzero(known, axis=1)))
+        columns = np.flatnonzero(known[row])
+        if len(columns) < 2:
+            return float("inf")
+        first, last = rows[row, columns[0]], rows[row, columns[-1]]
+        slope = last[0] / last[2] - first[0] / first[2]
+        if not slope > 0.0:
+            raise ConfigError("cloud: x/z does not grow along its rows; give it as the camera's picture is ordered")
+        return float((columns[-1] - columns[0]) / slope)

@@ -17,7 +17,7 @@ Labels = NDArray[np.int_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grid:
+class ClusterGrid:
     """Square cells over a plane and the cluster of each: 0 is none."""
 
     corner: Array
@@ -34,11 +34,11 @@ class Grid:
         found[inside] = self.labels[cells[inside, 0], cells[inside, 1]]
         return found
 
-    def spread(self) -> Grid:
+    def spread(self) -> ClusterGrid:
         """Each cluster with the free cells around it, for the points that were not looked at before."""
         inner = np.pad(self.labels, 1)
         wider = image_functions().maximum_filter(inner, 3)
-        return Grid(self.corner - self.cell, self.cell, np.where(inner > 0, inner, wider))
+        return ClusterGrid(self.corner - self.cell, self.cell, np.where(inner > 0, inner, wider))
 
 
 def image_functions() -> ModuleType:
@@ -51,7 +51,7 @@ def image_functions() -> ModuleType:
     return found
 
 
-def clusters(places: Points, cell: float) -> tuple[Grid, Labels]:
+def find_clusters(places: Points, cell: float) -> tuple[ClusterGrid, Labels]:
     """The grid over places (n, 2), m, and how many of them each cluster has, from cluster 1 on, (k,)."""
     corner = places.min(axis=0)
     cells = np.floor((places - corner) / cell).astype(np.int_)
@@ -59,4 +59,4 @@ def clusters(places: Points, cell: float) -> tuple[Grid, Labels]:
     filled[cells[:, 0], cells[:, 1]] = True
     labels, count = image_functions().label(filled, _TOUCHING)
     sizes = np.bincount(labels[cells[:, 0], cells[:, 1]], minlength=count + 1)[1:]
-    return Grid(corner, cell, labels.astype(np.int_)), sizes
+    return ClusterGrid(corner, cell, labels.astype(np.int_)), sizes

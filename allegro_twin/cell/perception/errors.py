@@ -12,7 +12,7 @@ Reason = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class Refusal:
     """What was seen is nothing that an arm should move for."""
 
     reason: Reason
@@ -23,16 +23,16 @@ class Refused:
         return self.sentence
 
 
-def stale(taken: float, now: float, most: float) -> Refused | None:
+def check_age(taken: float, now: float, most: float) -> Refusal | None:
     """Whether a picture is too old to act on: taken at one time, looked at at another, s of one clock."""
     if now - taken <= most:
         return None
     said = (
         f"camera: the newest picture is {now - taken:.2f} s old, more than {most} s: it is frozen, or its cable is out"
     )
-    return Refused("stale", f"{said}; stand still and switch it off and on")
+    return Refusal("stale", f"{said}; stand still and switch it off and on")
 
 
-def place(values: Iterable[float]) -> str:
+def position_text(values: Iterable[float]) -> str:
     """A place for a sentence."""
     return "(" + ", ".join(f"{value:.3f}" for value in values) + ")"

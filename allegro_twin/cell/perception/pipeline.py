@@ -6,30 +6,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from allegro_twin.cell.perception.cloud import Points
+from allegro_twin.cell.perception.cloud import OrganizedCloud, Points
 from allegro_twin.cell.perception.clusters import image_functions
-from allegro_twin.cell.perception.errors import Refused, place
-from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.fits.sample import sample
-from allegro_twin.cell.perception.fits.solids import fitted
-from allegro_twin.cell.perception.plane import Plane
-from allegro_twin.cell.perception.segmentation import Cluster, largest, scatter
+from allegro_twin.cell.perception.errors import Refusal, position_text
+from allegro_twin.cell.perception.fits.model import Solid, sample_points
+from allegro_twin.cell.perception.fits.solids import fit_solids
+from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, depth_scatter, largest_object
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.view import View
 from allegro_twin.types import Array, Vector
 
 _LEVEL = 10
 """Degrees below which a camera does not see a thing's top, and so not how deep it is."""
 _STEEP = 30
-"""Degrees from which a camera sees enough of a thing's top, docs/perception.md."""
+"""Degrees from which a camera sees enough of a thing's top, docs/reference/perception.md."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Detection:
     """The largest thing on the table, in the world."""
 
     solid: Solid
-    table: Plane
+    table: TablePlane
     points: Array
     """Its own, (n, 3), m."""
     sigma: float
@@ -38,14 +35,16 @@ class Found:
     """Things beside it."""
 
 
-class Pipeline:
+class PerceptionPipeline:
     """Looks at pictures, each for itself: the same picture has the same answer. Raises ConfigError without SciPy."""
 
     def __init__(self, settings: PerceptionSettings, seed: int = 0) -> None:
         image_functions()  # SciPy is there, or this raises.
         self.settings, self._seed = settings, seed
 
-    def look(self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None) -> Found | Refused:
+    def detect(
+        self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
+    ) -> Detection | Refusal:
         """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown.
 
         `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:
@@ -53,35 +52,37 @@ class Pipeline:
         ConfigError for other shapes and a pose that is not finite.
         """
         draws = np.random.default_rng(self._seed)
-        view = View(cloud, position, rotation, robot)
-        cluster = largest(view, self.settings, draws)
-        if isinstance(cluster, Refused):
+        view = OrganizedCloud(cloud, position, rotation, robot)
+        cluster = largest_object(view, self.settings, draws)
+        if isinstance(cluster, Refusal):
             return cluster
-        sigma = scatter(view, self.settings) * cluster.depth**2
+        sigma = depth_scatter(view, self.settings) * cluster.depth**2
         middle = cluster.points.mean(axis=0) * [1.0, 1.0, 0.0]
-        solids = fitted(sample(cluster.points - middle, cluster.pixel, sigma, cluster.elevation), draws)
+        solids = fit_solids(sample_points(cluster.points - middle, cluster.pixel, sigma, cluster.elevation), draws)
         level = np.array([0.0, 0.0, cluster.plane.offset])
         placed = [_placed(solid, middle + level, cluster) for solid in solids]
         points = (cluster.points + level) @ cluster.axes
         refused = self._doubt(placed, points, sigma, cluster.elevation)
-        return refused or Found(placed[0], cluster.plane, points, sigma, cluster.others)
+        return refused or Detection(placed[0], cluster.plane, points, sigma, cluster.others)
 
-    def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> Refused | None:
-        limits, where = self.settings.object, place(points.mean(axis=0))
+    def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> Refusal | None:
+        limits, where = self.settings.object, position_text(points.mean(axis=0))
         most = max(limits.best, limits.error * sigma)
         if elevation < np.radians(_LEVEL):
             said = f"of the thing at {where} the top is not seen, from {np.degrees(elevation):.0f}° above it"
-            return Refused("unclear", f"{said}; raise the camera: from {_STEEP}° it tells how deep a thing is")
+            return Refusal("unclear", f"{said}; raise the camera: from {_STEEP}° it tells how deep a thing is")
         if not solids or solids[0].error > most:
             off = f"{solids[0].error * 1e3:.1f} mm off a {solids[0].shape}, the best" if solids else "nothing fits"
             said = f"the thing at {where} is no ball, egg, cylinder or box: {off}, and {most * 1e3:.1f} mm are allowed"
             low = f"; it is seen from {np.degrees(elevation):.0f}° above, look from {_STEEP}° or more"
             way = low if elevation < np.radians(_STEEP) else "; where two things touch, move them 2 cm apart"
-            return Refused("unclear", said + way)
+            return Refusal("unclear", said + way)
         at, space = solids[0].position, self.settings.workspace
         if not (np.all(at >= space.lower) and np.all(at <= space.upper)):
-            said = f"the {solids[0].shape} at {place(at)} is outside the workspace {space.lower} to {space.upper}"
-            return Refused("outside", f"{said}; move it there, or set `workspace` to what the arm reaches")
+            said = (
+                f"the {solids[0].shape} at {position_text(at)} is outside the workspace {space.lower} to {space.upper}"
+            )
+            return Refusal("outside", f"{said}; move it there, or set `workspace` to what the arm reaches")
         return None
 
 

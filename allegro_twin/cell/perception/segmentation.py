@@ -1,4 +1,4 @@
-"""From a view to the points of the largest thing on the table, or why there are none."""
+"""Segmentation: from an organised cloud to the points of the largest object on the table, or why there are none."""
 
 from __future__ import annotations
 
@@ -7,13 +7,75 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.perception.cloud import Mask, Points, pass_through
-from allegro_twin.cell.perception.clusters import Grid, clusters
-from allegro_twin.cell.perception.errors import Refused, place
-from allegro_twin.cell.perception.plane import Plane, find_plane
+from allegro_twin.cell.perception.cloud import Mask, OrganizedCloud, Points, pass_through
+from allegro_twin.cell.perception.clusters import ClusterGrid, find_clusters
+from allegro_twin.cell.perception.errors import Refusal, position_text
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.view import View
 from allegro_twin.types import Array
+
+_SAMPLE = 600  # Points by which the drawn planes are judged.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TablePlane:
+    """All points p with normal · p = offset."""
+
+    normal: Array
+    """Unit, out of the table, (3,)."""
+    offset: float
+    """m."""
+    part: float
+    """Of the points that were looked at, those that lie on it."""
+
+    def height(self, points: Points) -> Array:
+        """Above it, (..., 3) → (...), m."""
+        return np.asarray(points @ self.normal - self.offset)
+
+    def axes(self, towards: Array) -> Array:
+        """Rows of (3, 3): x along the plane as `towards` (3,) goes, y, and z the normal."""
+        along = towards - (towards @ self.normal) * self.normal
+        if np.linalg.norm(along) < 1e-6:  # Straight down: any direction will do.
+            along = np.cross(self.normal, np.eye(3)[np.argmin(np.abs(self.normal))])
+        x = along / np.linalg.norm(along)
+        return np.stack([x, np.cross(self.normal, x), self.normal])
+
+
+def find_plane(
+    points: Points, up: Array, draws: np.random.Generator, *, near: float, tilt: float, tries: int = 64
+) -> TablePlane | None:
+    """The plane on which most points (n, 3) lie within `near`, m, its normal within `tilt`, rad, of `up` (3,).
+
+    None where no three of the drawn points span one. Its `part` says whether it is a table.
+    """
+    if len(points) < 3:
+        return None
+    sample = points[draws.integers(len(points), size=_SAMPLE)].astype(np.float64)
+    a, b, c = sample[draws.integers(_SAMPLE, size=(3, tries))]
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    normals *= np.copysign(1.0 / np.maximum(lengths, 1e-12), normals @ up)[:, None]
+    level = (lengths > 1e-6) & (normals @ up > np.cos(tilt))
+    if not level.any():
+        return None
+    normals, offsets = normals[level], np.add.reduce(normals * a, axis=1)[level]
+    hits = np.count_nonzero(np.abs(sample @ normals.T - offsets) < near, axis=0)
+    best = int(np.argmax(hits))
+    return _refined(points, TablePlane(normals[best], float(offsets[best]), 0.0), near)
+
+
+def _refined(points: Points, plane: TablePlane, near: float) -> TablePlane:
+    """Least squares over the points near it, twice: the second time nearer."""
+    for reach in (near, near / 2.0):
+        on = points[np.abs(plane.height(points)) < reach].astype(np.float64)
+        if len(on) < 3:
+            return plane
+        middle = on.mean(axis=0)
+        normal = np.linalg.eigh((on - middle).T @ (on - middle))[1][:, 0]
+        normal *= np.copysign(1.0, normal @ plane.normal)
+        plane = TablePlane(normal, float(normal @ middle), 0.0)
+    part = np.count_nonzero(np.abs(plane.height(points)) < near) / len(points)
+    return TablePlane(plane.normal, plane.offset, part)
+
 
 _ENOUGH = 200
 """Thinned points in the region without which there is no use in looking for a plane."""
@@ -36,7 +98,7 @@ class Cluster:
     """(n, 3), m, in `axes` from the world's origin, but heights above the table."""
     axes: Array
     """Rows of (3, 3) in the world: x away from the camera along the table, y, and z its normal."""
-    plane: Plane
+    plane: TablePlane
     """In the world."""
     depth: float
     """Of its points, the median, m."""
@@ -56,18 +118,18 @@ class _Found:
     """Row and column in the thinned picture, (2, n)."""
     points: Points
     """(n, 3), m, in the world."""
-    grid: Grid
+    grid: ClusterGrid
     label: int
     members: Mask
     others: int
 
 
-def scatter(view: View, settings: PerceptionSettings) -> float:
+def depth_scatter(view: OrganizedCloud, settings: PerceptionSettings) -> float:
     """Depth's standard deviation at 1 m, s/(f·B), m; at z it is z² as much."""
     return settings.disparity / (view.focal * settings.baseline)
 
 
-def largest(view: View, settings: PerceptionSettings, draws: np.random.Generator) -> Cluster | Refused:
+def largest_object(view: OrganizedCloud, settings: PerceptionSettings, draws: np.random.Generator) -> Cluster | Refusal:
     """The largest thing's points."""
     thin = view.cloud[:: settings.stride, :: settings.stride]
     flat = thin.reshape(-1, 3)
@@ -81,13 +143,15 @@ def largest(view: View, settings: PerceptionSettings, draws: np.random.Generator
     if plane is None or plane.part < table.part:
         part = 0.0 if plane is None else plane.part
         said = f"no table: the largest level plane has {part:.0%} of {len(world)} points, and {table.part:.0%} make one"
-        return Refused("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
+        return Refusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
     axes = plane.axes(view.rotation[:, 2])
-    above = plane.height(world) > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * depths**2)
-    above[above] = view.foreign(world[above])
+    above = plane.height(world) > np.maximum(
+        settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2
+    )
+    above[above] = view.not_robot(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
-    if isinstance(found, Refused):
+    if isinstance(found, Refusal):
         return found
     cut = _cut_off(found, thin.shape, settings)
     return cut if cut is not None else _closely(view, found, plane, axes, settings)
@@ -97,16 +161,16 @@ def _bounds(settings: PerceptionSettings) -> tuple[Array, Array]:
     return np.array(settings.region.lower), np.array(settings.region.upper)
 
 
-def _empty(flat: Points, left: int, settings: PerceptionSettings) -> Refused:
+def _empty(flat: Points, left: int, settings: PerceptionSettings) -> Refusal:
     seen = np.count_nonzero(np.isfinite(flat[:, 2]))
     if seen < _ENOUGH:
         said = f"the cloud is empty: {seen} of {len(flat)} points are known"
-        return Refused("empty", f"{said}; move the camera back from what it looks at, or uncover its lens")
+        return Refusal("empty", f"{said}; move the camera back from what it looks at, or uncover its lens")
     said = f"no table: {left} of {seen} points are in the region {settings.region.lower} to {settings.region.upper}"
-    return Refused("no_plane", f"{said}; turn the camera towards it, or set `region` around the table")
+    return Refusal("no_plane", f"{said}; turn the camera towards it, or set `region` around the table")
 
 
-def _cell(view: View, depths: Points, plane: Plane, settings: PerceptionSettings) -> float:
+def _cell(view: OrganizedCloud, depths: Points, plane: TablePlane, settings: PerceptionSettings) -> float:
     """Edge of the grid's cells, m: no less than what lies on the table between one looked at pixel and the next."""
     if len(depths) == 0:
         return settings.object.gap
@@ -116,29 +180,29 @@ def _cell(view: View, depths: Points, plane: Plane, settings: PerceptionSettings
 
 def _gathered(
     pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
-) -> _Found | Refused:
+) -> _Found | Refusal:
     nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
     if len(points) == 0:
-        return Refused("no_object", f"{nothing}; put a thing into the region")
+        return Refusal("no_object", f"{nothing}; put a thing into the region")
     places = points @ axes[:2].T.astype(points.dtype)
-    grid, sizes = clusters(places, cell)
+    grid, sizes = find_clusters(places, cell)
     label = int(np.argmax(sizes)) + 1
     if sizes[label - 1] < settings.object.least:
-        return Refused("no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region")
+        return Refusal("no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region")
     others = int(np.count_nonzero(sizes >= settings.object.least)) - 1
     return _Found(pixels, points, grid, label, grid.of(places) == label, others)
 
 
-def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> Refused | None:
+def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> Refusal | None:
     """A thing of which a part may not have been seen has no middle."""
     rows, columns = found.pixels[:, found.members]
     ends = (columns.min() == 0, rows.min() == 0, columns.max() == shape[1] - 1, rows.max() == shape[0] - 1)
     points = found.points[found.members]
-    middle = place(points.mean(axis=0))
+    middle = position_text(points.mean(axis=0))
     if any(ends):
         side = _SIDES[ends.index(True)]
         said = f"the thing at {middle} reaches the picture's {side} edge"
-        return Refused("cut_off", f"{said}; turn the camera towards it, or move it back")
+        return Refusal("cut_off", f"{said}; turn the camera towards it, or move it back")
     lower, upper = _bounds(settings)
     gap = settings.object.gap
     over = points.max(axis=0) > upper - gap
@@ -146,11 +210,13 @@ def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings
     if over.any():
         axis = "xyz"[int(np.argmax(over))]
         said = f"the thing at {middle} reaches the end of `region` along {axis}"
-        return Refused("cut_off", f"{said}; move it, or make `region` larger")
+        return Refusal("cut_off", f"{said}; move it, or make `region` larger")
     return None
 
 
-def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: PerceptionSettings) -> Cluster | Refused:
+def _closely(
+    view: OrganizedCloud, found: _Found, plane: TablePlane, axes: Array, settings: PerceptionSettings
+) -> Cluster | Refusal:
     """All of its pixels, or as many as are enough."""
     stride, (rows, columns) = settings.stride, found.pixels[:, found.members]
     step = max(1, int(np.sqrt(len(rows) * stride**2 / _MOST)))
@@ -161,13 +227,15 @@ def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: Per
     world = view.world(near)
     points = world @ axes.T.astype(near.dtype)
     points[:, 2] -= plane.offset
-    mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * near[:, 2] ** 2)
+    mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * depth_scatter(view, settings) * near[:, 2] ** 2)
     mine &= found.grid.spread().of(points[:, :2]) == found.label
-    mine[mine] = view.foreign(world[mine])
+    mine[mine] = view.not_robot(world[mine])
     count = np.count_nonzero(mine)
     if count < settings.object.least:
-        said = f"of the thing at {place(found.points[found.members].mean(axis=0))} {count} points are known, and "
-        return Refused("unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface")
+        said = (
+            f"of the thing at {position_text(found.points[found.members].mean(axis=0))} {count} points are known, and "
+        )
+        return Refusal("unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface")
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)

@@ -12,7 +12,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 Part = Annotated[float, Field(gt=0, lt=1)]
 
 
-class Region(Settings):
+class BoxRegion(Settings):
     """A box along the world's axes."""
 
     lower: Vector3
@@ -20,7 +20,7 @@ class Region(Settings):
     upper: Vector3
 
     @model_validator(mode="after")
-    def _not_empty(self) -> Region:
+    def _not_empty(self) -> BoxRegion:
         if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
             raise ValueError(f"a region from {self.lower} to {self.upper} is empty: every upper bound is the greater")
         return self
@@ -37,7 +37,7 @@ class TableSettings(Settings):
     """Of the points in the region, at least so many are on it."""
 
 
-class ObjectSettings(Settings):
+class DetectionSettings(Settings):
     """What counts as a thing on it."""
 
     above: Positive = 0.006
@@ -53,7 +53,7 @@ class ObjectSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """Where the hand goes, docs/perception.md#target."""
+    """Where the hand goes, docs/reference/perception.md#target."""
 
     offset: NotNegative = 0.05
     """From the thing's surface to the hand's frame, m."""
@@ -66,7 +66,7 @@ class TargetSettings(Settings):
 
 
 class SteadySettings(Settings):
-    """When a target is worth moving for."""
+    """When a target stands still enough to move for."""
 
     smooth: NotNegative = 0.1
     """Time constant of the low-pass, s."""
@@ -89,9 +89,9 @@ class SteadySettings(Settings):
 class PerceptionSettings(Settings):
     """The whole pipeline."""
 
-    region: Region
+    region: BoxRegion
     """What is looked at: everything else, the arm and the room, is cut off."""
-    workspace: Region
+    workspace: BoxRegion
     """Where the middle of a thing must be for the arm to go there."""
     disparity: NotNegative = 0.08
     """The camera's scatter, pixels: what errors are measured by. As `noise.disparity` of the camera."""
@@ -102,6 +102,7 @@ class PerceptionSettings(Settings):
     oldest: Positive = 0.3
     """A picture older than this is not acted on, s."""
     table: TableSettings = TableSettings()
-    object: ObjectSettings = ObjectSettings()
+    object: DetectionSettings = DetectionSettings()
     target: TargetSettings = TargetSettings()
-    steady: SteadySettings = SteadySettings()
+    steady: SteadySettings | None = None
+    """The cell looks until the target stands still; None: the first picture counts."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.perception.errors import Refused, place
+from allegro_twin.cell.perception.errors import Refusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import TargetSettings
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
 from allegro_twin.types import Array, Vector
@@ -19,7 +19,7 @@ _EQUAL = 0.93
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
+class GraspTarget:
     """A frame for the hand in the world: y along the thing's main axis, z towards its middle, x across."""
 
     position: Vector
@@ -37,7 +37,9 @@ class Target:
         return quaternion_from_matrix(self.rotation)
 
 
-def target(found: Found, settings: TargetSettings, before: Target | None = None) -> Target | Refused:
+def grasp_target(
+    found: Detection, settings: TargetSettings, before: GraspTarget | None = None
+) -> GraspTarget | Refusal:
     """The frame as the report makes it.
 
     y is the main axis; z is the world's vertical, projected onto the plane across y, normalised and reversed, or the
@@ -55,10 +57,10 @@ def target(found: Found, settings: TargetSettings, before: Target | None = None)
     at = found.solid.position - (half + settings.offset) * z
     above = float(found.table.height(at))
     if above < settings.clearance:
-        said = f"the target {place(at)} for the {found.solid.shape} is {above:.3f} m above the table"
+        said = f"the target {position_text(at)} for the {found.solid.shape} is {above:.3f} m above the table"
         way = f"{settings.clearance} m are needed: turn the thing so that it can be grasped from above"
-        return Refused("in_table", f"{said}, and {way}, or lower `target.clearance`")
-    return Target(at, np.stack([x, y, z], axis=1), 2.0 * half_width(found.solid, x), 2.0 * half)
+        return Refusal("in_table", f"{said}, and {way}, or lower `target.clearance`")
+    return GraspTarget(at, np.stack([x, y, z], axis=1), 2.0 * half_width(found.solid, x), 2.0 * half)
 
 
 def main_axis(solid: Solid, near: Vector) -> Vector:

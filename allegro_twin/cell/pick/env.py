@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from allegro_twin.cell.pick.episode import Episodes
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.errors import CommandError, ConfigError, HandFault
-from allegro_twin.files.schema import parse
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.views import View
@@ -40,7 +40,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")
-        self.settings = parse(PickSettings, kwargs, "environment")
+        self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)
         self._camera: Camera | None = None
@@ -51,14 +51,14 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         super().reset(seed=seed)
-        asked = parse(PickOptions, options or {}, "options")
+        asked = parse_settings(PickOptions, options or {}, "options")
         self.episodes.begin(self.np_random, asked)
         self._over, self._high = False, 0.0
         if self._camera is not None:
             self._camera.close()
             self._camera = None
         now = self.episodes
-        info = {"object": now.stand.name, "at": now.at.tolist(), "yaw": now.yaw, "error": now.error}
+        info = {"object": now.scene.name, "at": now.at.tolist(), "yaw": now.yaw, "error": now.error}
         return self._seen(), info
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
@@ -75,7 +75,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         self._high = self._high + now.seconds if rise >= _HIGH else 0.0
         success = self._high >= _LONG - 1e-9
         lost = rise < -_LOST or (away > _LOST and rise < _HIGH)
-        if now.stand.stuck() and not stopped:
+        if now.scene.stuck() and not stopped:
             stopped = "a joint of the arm is at its end"
         over = now.count >= now.limit
         self._over = over or lost or bool(stopped)
@@ -90,7 +90,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
             return None
         if self._camera is None:
             width, height = self._size
-            self._camera = Camera(self.episodes.stand.cell.hand_sim, width=width, height=height, view=_VIEW)
+            self._camera = Camera(self.episodes.scene.robot.hand_sim, width=width, height=height, view=_VIEW)
         return self._camera.take()
 
     def close(self) -> None:
@@ -102,7 +102,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
     def _terms(self, action: Vector) -> dict[str, float]:
         """What the reward is made of."""
         now = self.episodes
-        one, both = now.stand.touched()
+        one, both = now.scene.touched()
         return {
             "reach": 0.1 * float(np.exp(-now.apart() / 0.1)),
             "contact": 0.05 * one + 0.15 * both,
@@ -111,14 +111,14 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         }
 
     def _seen(self) -> Floats:
-        now, stand = self.episodes, self.episodes.stand
-        arm, hand, palm, spec = stand.arm, stand.hand, stand.palm, self.episodes.spec
-        thing, mine = now.track.pose, stand.cell.spec
+        now, scene = self.episodes, self.episodes.scene
+        arm, hand, palm, spec = scene.arm, scene.hand, scene.palm, self.episodes.spec
+        thing, mine = now.track.pose, scene.robot.spec
         parts: list[Array] = [
             _part(arm.position, mine.lower, mine.upper), arm.velocity / 2.0,
-            _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (stand.path.goal - hand.position) / 0.3,
-            palm.position / 0.5, palm.quaternion, (stand.aim.position - palm.position) / 0.06,
-            turn(palm.rotation, stand.aim.rotation) / 0.3,
+            _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (scene.path.goal - hand.position) / 0.3,
+            palm.position / 0.5, palm.quaternion, (scene.aim.position - palm.position) / 0.06,
+            rotation_between(palm.rotation, scene.aim.rotation) / 0.3,
             thing.position / 0.5, palm.rotation.T @ (thing.position - palm.position) / 0.2, thing.quaternion,
             np.array(now.body.extents) / 0.2, np.array([now.closed - 1.0, now.count / now.limit]),
         ]  # fmt: skip

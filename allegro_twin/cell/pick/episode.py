@@ -1,28 +1,82 @@
-"""Episodes of `ArmPick`: what is drawn, how it begins, and what a decision does."""
+"""Episodes of `ArmPick`: how one begins, what is observed, what an action does, and what it earns."""
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
+
 import numpy as np
 
-from allegro_twin.cell.assembly import waiting
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.motion.grasp_selection import Body, Way
-from allegro_twin.cell.perception.pipeline import Pipeline
-from allegro_twin.cell.pick.observation import Track, pictured, told
-from allegro_twin.cell.pick.scene import Stand
+from allegro_twin.cell.assembly import waiting_pose
+from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.motion.grasp_selection import (
+    GraspCandidate,
+    TableObject,
+    standing_object,
+    table_object,
+    yaw_rotation,
+)
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
+from allegro_twin.cell.pick.scene import PickScene
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
-from allegro_twin.cell.reachability import best_of
+from allegro_twin.cell.reachability import nearest_grasp
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
+from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.sim.objects.catalogue import object_catalogue
 from allegro_twin.types import Vector
+
+_ROUND = ("sphere", "cylinder")
+
+
+def known_object(scene: PickScene, yaw: float) -> TableObject:
+    """The thing as it stands, turned by `yaw`, rad."""
+    return _plain(replace(standing_object(scene.thing, yaw), position=scene.there.position))
+
+
+def detected_object(scene: PickScene, camera: DepthCamera, pipeline: PerceptionPipeline) -> TableObject | None:
+    """The thing as a picture shows it now; None where perception refuses."""
+    frame = camera.capture(scene.robot.world.data)
+    seen = pipeline.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
+    return _plain(table_object(seen.solid)) if isinstance(seen, Detection) else None
+
+
+class ObjectTracker:
+    """The thing's frame over an episode: x along its longer level extent and z up while it stands, carried along."""
+
+    def __init__(self, scene: PickScene, body: TableObject) -> None:
+        settings, there = scene.settings, scene.there
+        self._scene, self._fixed = scene, settings.perception
+        self.pose = Pose(body.position, yaw_rotation(body.yaw))
+        self._own = there.rotation.T @ self.pose.rotation
+        self._noise = (settings.camera_shift, settings.camera_turn)
+        self._past = deque([self.pose], maxlen=settings.camera_delay + 1)
+
+    def update(self, draws: np.random.Generator) -> None:
+        """A decision comes: what is known now."""
+        if self._fixed:
+            return
+        there = self._scene.there
+        self._past.append(Pose(there.position, there.rotation @ self._own))
+        known, (shift, twist) = self._past[0], self._noise
+        self.pose = Pose(
+            known.position + shift * draws.uniform(-1.0, 1.0, 3) if shift else known.position,
+            rotate(known.rotation, twist * draws.uniform(-1.0, 1.0, 3)) if twist else known.rotation,
+        )
+
+
+def _plain(body: TableObject) -> TableObject:
+    """Of the turns that look the same, one: of what is round none, else within a quarter turn."""
+    yaw = 0.0 if body.kind in _ROUND else float((body.yaw + np.pi / 2.0) % np.pi - np.pi / 2.0)
+    return replace(body, yaw=yaw)
+
 
 _TRIES = 40
 """Placements that are drawn until the arm reaches a grasp of one."""
@@ -36,18 +90,18 @@ class Episodes:
 
     def __init__(self, settings: PickSettings) -> None:
         for name in settings.objects:
-            if name not in catalogue():
-                raise ConfigError(unknown("object", name, catalogue()))
+            if name not in object_catalogue():
+                raise ConfigError(unknown("object", name, object_catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
         self._model, self._library = hand_kinematics(self.spec), Library()
-        self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
-        self._stands: dict[str, Stand] = {}
-        self._cameras: dict[str, Camera] = {}
-        self._pipeline = Pipeline(self._lab.perception) if settings.perception else None
+        self._lab = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
+        self._scenes: dict[str, PickScene] = {}
+        self._cameras: dict[str, DepthCamera] = {}
+        self._pipeline = PerceptionPipeline(self._lab.perception) if settings.perception else None
         self._wait: Vector | None = None
         self.count, self.closed = 0, 0.0
-        self.stand = self._of(settings.objects[0])
-        self.numbers = 2 * self.stand.cell.spec.n_joints + 3 * self.spec.n_joints + _OTHERS
+        self.scene = self._of(settings.objects[0])
+        self.numbers = 2 * self.scene.robot.spec.n_joints + 3 * self.spec.n_joints + _OTHERS
         """In an observation."""
         self.seconds = settings.period * settings.decimation
         """Between two decisions."""
@@ -57,7 +111,7 @@ class Episodes:
     def begin(self, draws: np.random.Generator, asked: PickOptions) -> None:
         """The next episode. Raises ConfigError where the arm reaches no grasp of what is asked for."""
         name = asked.object or self.settings.objects[int(draws.integers(len(self.settings.objects)))]
-        self.stand, self._draws = self._of(name), draws
+        self.scene, self._draws = self._of(name), draws
         why = ""
         for _ in range(_TRIES):
             place = draws.uniform(-self.settings.place, self.settings.place, 2)
@@ -80,69 +134,69 @@ class Episodes:
             self.closed = float(np.clip(self.closed + settings.close * action[6], 0.0, 2.0))
             posture = posture_at(grasp, self.closed)
         else:
-            posture = self.stand.path.goal + settings.turn * action[6:]
+            posture = self.scene.path.goal + settings.turn * action[6:]
         self.count += 1
-        self.stand.move(settings.step * action[:3], settings.turn * action[3:6], posture)
+        self.scene.move(settings.step * action[:3], settings.turn * action[3:6], posture)
         for _ in range(settings.decimation):
-            self.stand.pass_time()
-        self.track.look(self._draws)
+            self.scene.pass_time()
+        self.track.update(self._draws)
 
     def moved(self) -> tuple[float, float]:
         """How much higher the thing is than it was, and how far along the table, m."""
-        way = self.stand.there.position - self._first
+        way = self.scene.there.position - self._first
         return float(way[2]), float(np.hypot(way[0], way[1]))
 
     def apart(self) -> float:
         """From the middle of the fingertips to the thing's middle, m."""
-        tips = self._model.fingertips(self.stand.hand.position).values()
+        tips = self._model.fingertips(self.scene.hand.position).values()
         middle = np.mean([tip.position for tip in tips], axis=0)
-        palm = self.stand.palm
-        return float(np.linalg.norm(palm.position + palm.rotation @ middle - self.stand.there.position))
+        palm = self.scene.palm
+        return float(np.linalg.norm(palm.position + palm.rotation @ middle - self.scene.there.position))
 
     def close(self) -> None:
         """Let go of everything; idempotent."""
         for camera in self._cameras.values():
             camera.close()
-        for stand in self._stands.values():
-            stand.close()
+        for scene in self._scenes.values():
+            scene.close()
 
     def _start(self, at: Vector, yaw: float, off: Vector) -> None:
-        stand, wait = self.stand, self._waiting()
-        stand.rest(at, yaw, wait, self.spec.rest)
-        body: Body | None = told(stand, yaw)
+        scene, wait = self.scene, self._waiting()
+        scene.rest(at, yaw, wait, self.spec.rest)
+        body: TableObject | None = known_object(scene, yaw)
         if self._pipeline is not None:
-            eye = self._eye(stand)
+            eye = self._eye(scene)
             eye.restart(int(self._draws.integers(2**31)))
-            body = pictured(stand, eye, self._pipeline)
+            body = detected_object(scene, eye, self._pipeline)
         if body is None:
             raise ConfigError("perception refuses the picture")
-        reached = best_of(body, stand.cell, wait, _LIFT)
-        self.way: Way = reached.way
+        reached = nearest_grasp(body, scene.robot, wait, _LIFT)
+        self.way: GraspCandidate = reached.way
         self.grasp: Grasp = self._library.grasp(self.way.card.grasp, self.spec)
         palm = Pose(self.way.before.position + off, self.way.before.rotation)
-        posture = stand.cell.model.reach(stand.cell.flange_for(palm), reached.through[-1], _NEAR)
-        stand.rest(at, yaw, posture, self.grasp.preshape)
-        stand.begin()
+        posture = scene.robot.model.reach(scene.robot.flange_for(palm), reached.through[-1], _NEAR)
+        scene.rest(at, yaw, posture, self.grasp.preshape)
+        scene.begin()
         self.body, self.at, self.yaw = body, at, yaw
-        self.error = float(np.linalg.norm(body.position - stand.there.position))
-        self.track, self._first = Track(stand, body), stand.there.position
+        self.error = float(np.linalg.norm(body.position - scene.there.position))
+        self.track, self._first = ObjectTracker(scene, body), scene.there.position
         self.count, self.closed = 0, 0.0
 
     def _waiting(self) -> Vector:
         if self._wait is None:
-            self._wait = waiting(self.stand.cell, self._lab.security)[1]
+            self._wait = waiting_pose(self.scene.robot, self._lab.security)[1]
         return self._wait
 
-    def _of(self, name: str) -> Stand:
-        if name not in self._stands:
+    def _of(self, name: str) -> PickScene:
+        if name not in self._scenes:
             arm = self.settings.arm or self._lab.arm.model
-            self._stands[name] = Stand(self.settings, arm, self.spec, self._model, name)
-        return self._stands[name]
+            self._scenes[name] = PickScene(self.settings, arm, self.spec, self._model, name)
+        return self._scenes[name]
 
-    def _eye(self, stand: Stand) -> Camera:
-        if stand.name not in self._cameras:
-            self._cameras[stand.name] = Camera(stand.cell.world.model, self._lab.camera)
-        return self._cameras[stand.name]
+    def _eye(self, scene: PickScene) -> DepthCamera:
+        if scene.name not in self._cameras:
+            self._cameras[scene.name] = DepthCamera(scene.robot.world.model, self._lab.camera)
+        return self._cameras[scene.name]
 
 
 def posture_at(grasp: Grasp, closed: float) -> Vector:

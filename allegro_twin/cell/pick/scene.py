@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.arm.arm_with_hand import Cell, make_cell
-from allegro_twin.cell.arm.impedance import Hanging, Impedance, Stiffness
+from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
+from allegro_twin.cell.arm.impedance import Impedance, ImpedanceState, Stiffness
 from allegro_twin.cell.arm.limits import at_limit
-from allegro_twin.cell.arm.target import Smoothing, Target
-from allegro_twin.cell.motion.finger_paths import Wish, fingers
+from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
+from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.pick.settings import PickSettings
-from allegro_twin.control.controllers import Following
+from allegro_twin.control.controllers import ReferenceMemory
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.kinematics.arm import turn, turned
+from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.contacts import touching
-from allegro_twin.sim.objects.catalogue import Placement, named, orientation
+from allegro_twin.sim.contact.contacts import find_contacts
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 
@@ -27,7 +27,7 @@ _LOWER, _UPPER = np.array([-0.35, -0.4, 0.02]), np.array([0.3, 0.4, 0.6])
 _AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 
-class Line:
+class LinearPath:
     """A path that goes from goal to goal in straight lines, one a decision."""
 
     def __init__(self, position: Vector, seconds: float) -> None:
@@ -44,84 +44,84 @@ class Line:
         return SetPoint(self._before + part * way, way / self._seconds if part < 1.0 else np.zeros_like(way))
 
 
-class Stand:
+class PickScene:
     """For one kind of thing; an episode begins with `begin`."""
 
     def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandKinematics, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model
-        self.thing = named(name)
-        placed = Placement(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
-        self.cell: Cell = make_cell(
+        self.thing = load_object(name)
+        placed = PlacedObject(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
+        self.robot: ArmWithHand = make_arm_with_hand(
             arm, spec, things=[placed], friction=settings.friction, periods=(settings.period,) * 2
         )
-        self._place = int(self.cell.world.model.joint(name).qposadr[0])
+        self._place = int(self.robot.world.model.joint(name).qposadr[0])
         self.arm: HandState
         self.hand: HandState
 
     def rest(self, at: Vector, yaw: float, arm: Vector, hand: Vector) -> None:
         """Begin anew with the thing at a place (2,), m, turned by `yaw`, rad, and both at these postures, rad."""
-        cell = self.cell
-        first = cell.world.model.qpos0[self._place : self._place + 7]
-        first[:2], first[3:] = at, orientation("z", yaw)
-        cell.arm_sim.posture, cell.hand_sim.posture = arm, hand
-        self.arm, self.hand = cell.arm.reset(), cell.hand.reset()
+        robot = self.robot
+        first = robot.world.model.qpos0[self._place : self._place + 7]
+        first[:2], first[3:] = at, standing_orientation("z", yaw)
+        robot.arm_sim.posture, robot.hand_sim.posture = arm, hand
+        self.arm, self.hand = robot.arm.reset(), robot.hand.reset()
 
     def begin(self) -> None:
         """The controllers begin where arm and hand are."""
         settings = self.settings
-        self.path = Line(self.hand.position, settings.period * settings.decimation)
-        self.target = Target(self.cell.model.pose(self.arm.position))
+        self.path = LinearPath(self.hand.position, settings.period * settings.decimation)
+        self.target = CartesianTarget(self.robot.model.pose(self.arm.position))
         self.aim = self.palm
         self._law = Impedance(
-            self.cell.model, self.target, Stiffness(settings.stiffness, settings.angular_stiffness),
+            self.robot.model, self.target, Stiffness(settings.stiffness, settings.angular_stiffness),
             smoothing=Smoothing(0.4, 1.6),
         )  # fmt: skip
-        self._grip = fingers(Wish(self.path), settings.gains, self.spec, self._hand_model)
-        self._hanging: Hanging = self._law.start(self.arm)
-        self._following: Following = self._grip.start(self.hand)
+        self._grip = finger_controller(SteeredReference(self.path), settings.gains, self.spec, self._hand_model)
+        self._hanging: ImpedanceState = self._law.start(self.arm)
+        self._following: ReferenceMemory = self._grip.start(self.hand)
 
     @property
     def palm(self) -> Pose:
         """Where the encoders say that it is, in the world."""
-        return self.cell.palm(self.arm)
+        return self.robot.palm(self.arm)
 
     @property
     def there(self) -> Pose:
         """The thing, in the world, as it is."""
-        return self.cell.thing(self.name)
+        return self.robot.thing(self.name)
 
     def move(self, step: Vector, twist: Vector, posture: Vector) -> None:
         """Displace the palm's set-point, (3,), m, and turn it, (3,), rad, in the world's axes; fingers to a posture."""
         palm = self.palm
         ahead = np.clip(self.aim.position + step, _LOWER, _UPPER) - palm.position
-        wide = turn(palm.rotation, turned(self.aim.rotation, twist))
-        self.aim = Pose(palm.position + _short(ahead, _LEASH[0]), turned(palm.rotation, _short(wide, _LEASH[1])))
-        self.target.move(self.cell.flange_for(self.aim))
+        wide = rotation_between(palm.rotation, rotate(self.aim.rotation, twist))
+        self.aim = Pose(palm.position + _short(ahead, _LEASH[0]), rotate(palm.rotation, _short(wide, _LEASH[1])))
+        self.target.move(self.robot.flange_for(self.aim))
         self.path.head_for(self.hand.t, np.clip(posture, self.spec.lower, self.spec.upper))
 
     def pass_time(self) -> None:
         """One control period of both. Raises HandFault where a guard stops one."""
         arm, self._hanging = self._law(self.arm, self._hanging)
         hand, self._following = self._grip(self.hand, self._following)
-        self.cell.arm.write(arm)
-        self.cell.hand.write(hand)
-        self.arm, self.hand = self.cell.arm.read(), self.cell.hand.read()
+        self.robot.arm.write(arm)
+        self.robot.hand.write(hand)
+        self.arm, self.hand = self.robot.arm.read(), self.robot.hand.read()
 
     def touched(self) -> tuple[bool, bool]:
         """Whether a finger touches the thing, and whether its last finger, the thumb, and another do."""
-        world = self.cell.world
-        parts = set(touching(world.model, world.data, self.spec, self.name).part.tolist())
+        world = self.robot.world
+        parts = set(find_contacts(world.model, world.data, self.spec, self.name).part.tolist())
         thumb = len(self.spec.fingers) - 1
         others = any(part < thumb for part in parts)
         return others or thumb in parts, others and thumb in parts
 
     def stuck(self) -> bool:
         """Whether a joint of the arm is at its end."""
-        return at_limit(self.arm, self.cell.spec, self.cell.limits) is not None
+        return at_limit(self.arm, self.robot.spec, self.robot.limits) is not None
 
     def close(self) -> None:
         """Let go of it."""
-        self.cell.close()
+        self.robot.close()
 
 
 def _short(vector: Vector, most: float) -> Vector:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.motion.empty_grasp import squeezing
+from allegro_twin.cell.motion.empty_grasp import squeeze_speed
 from allegro_twin.cell.pick.env import ArmPick, Floats
 from allegro_twin.cell.pick.episode import posture_at
-from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Vector
 
@@ -17,7 +17,7 @@ _HELD = 0.2  # s. After the squeeze.
 _UP = 0.15  # m.
 
 
-class Script:
+class ScriptedPick:
     """Of one episode; made after its reset, and asked before every step."""
 
     def __init__(self, env: ArmPick) -> None:
@@ -28,7 +28,7 @@ class Script:
 
     def __call__(self) -> Floats:
         """The next action."""
-        palm = self._now.stand.palm
+        palm = self._now.scene.palm
         if self._left and _there(palm, self._left[0]):
             self._left.pop(0)
         way = self._now.way
@@ -47,25 +47,28 @@ class Script:
         if self._closed < 1.0:
             speed, far = grasp.speed, grasp.close - grasp.preshape
         else:
-            speed, far = squeezing(grasp), grasp.squeeze - grasp.close
+            speed, far = squeeze_speed(grasp), grasp.squeeze - grasp.close
         most = self._settings.close if self._settings.control == "grasp" else np.inf
         return min(self._now.seconds * speed / max(float(np.abs(far).max()), 1e-6), most)
 
     def _action(self, palm: Pose, closed: float) -> Floats:
-        settings, stand = self._settings, self._now.stand
-        aim = stand.aim
+        settings, scene = self._settings, self._now.scene
+        aim = scene.aim
         way = palm.position - aim.position
         far = float(np.linalg.norm(way))
         step = way * min(1.0, _SPEED * self._now.seconds / max(far, 1e-9))
-        twist = turn(aim.rotation, palm.rotation)
+        twist = rotation_between(aim.rotation, palm.rotation)
         if settings.control == "grasp":
             fingers: Vector = np.array([(closed - self._now.closed) / settings.close])
         else:
-            fingers = (posture_at(self._now.grasp, closed) - stand.path.goal) / settings.turn
+            fingers = (posture_at(self._now.grasp, closed) - scene.path.goal) / settings.turn
         action = np.concatenate([step / settings.step, twist / settings.turn, fingers])
         return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
 
 
 def _there(palm: Pose, goal: Pose) -> bool:
-    off, wide = np.linalg.norm(palm.position - goal.position), np.linalg.norm(turn(palm.rotation, goal.rotation))
+    off, wide = (
+        np.linalg.norm(palm.position - goal.position),
+        np.linalg.norm(rotation_between(palm.rotation, goal.rotation)),
+    )
     return bool(off < _NEAR[0] and wide < _NEAR[1])

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 
-from allegro_twin.cell.arm.target import Target
-from allegro_twin.cell.assembly import Room
-from allegro_twin.control.timed_path import Timed
-from allegro_twin.control.trajectory import FASTEST
+from allegro_twin.cell.arm.target import CartesianTarget
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.control.trajectory import FASTEST, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.kinematics.arm import turn, turned
-from allegro_twin.kinematics.pose import Pose, placed
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.kinematics.arm import rotate, rotation_between
+from allegro_twin.kinematics.pose import Pose, compose
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.types import Array, Vector
 
 _STEP, _TURN = 0.05, 0.3
@@ -27,17 +26,17 @@ _IN_A_LEG = 4  # Moments of every leg, however short: a fast one must not lie be
 _GIVES = 0.002  # m. As `hand.ways`: so deep in each other fingers may be asked to be.
 
 
-class Fence:
+class WorkspaceLimits:
     """Refuses with CommandError, in a sentence; what it lets through the cell can do."""
 
-    def __init__(self, room: Room) -> None:
-        self._room, self._bounds = room, room.settings.follow
-        self._apart = Clearance(room.hand.spec)
+    def __init__(self, cell: Cell) -> None:
+        self._cell, self._bounds = cell, cell.settings.follow
+        self._apart = SelfClearance(cell.hand.spec)
 
-    def arm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
+    def check_palm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
         """The palm's pose, in the world, checked: the arm gets there from `here`, on a straight line, with its joints
         at first at `now` (n,), rad, and the hand, in a posture (n,), rad, is over the table then."""
-        cell, palm = self._room.cell, Target(palm).pose
+        robot, palm = self._cell.robot, CartesianTarget(palm).pose
         low, high = np.array(self._bounds.lower), np.array(self._bounds.upper)
         if (palm.position < low).any() or (palm.position > high).any():
             raise CommandError(
@@ -45,20 +44,20 @@ class Fence:
                 "stays; ask for a place inside, or set `follow`"
             )
         self._over(palm, fingers, "target")
-        way, left, at = palm.position - here.position, turn(here.rotation, palm.rotation), now
+        way, left, at = palm.position - here.position, rotation_between(here.rotation, palm.rotation), now
         parts = math.ceil(max(float(np.linalg.norm(way)) / _STEP, float(np.linalg.norm(left)) / _TURN, 1.0))
         for part in np.linspace(0.0, 1.0, min(parts, _MOST) + 1)[1:]:
-            pose = Pose(here.position + part * way, turned(here.rotation, part * left))
+            pose = Pose(here.position + part * way, rotate(here.rotation, part * left))
             try:
-                at = cell.model.reach(cell.flange_for(pose), at, _NEAR)
+                at = robot.model.reach(robot.flange_for(pose), at, _NEAR)
             except ConfigError as error:
                 raise CommandError(f"target {_place(palm.position)}: the arm stays: {error}") from error
             self._joints(at, palm)
         return palm
 
-    def fingers(self, path: Timed, palm: Pose) -> None:
+    def check_fingers(self, path: TimedPath, palm: Pose) -> None:
         """Look at a path of the fingers, with the palm at a pose of the world."""
-        spec = self._room.hand.spec
+        spec = self._cell.hand.spec
         legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()
         count = min(max(int(path.seconds / _TICK), 2), _LONGEST)
         times = np.unique(np.concatenate([legs, np.linspace(0.0, path.seconds, count)]))
@@ -69,7 +68,7 @@ class Fence:
         rows = np.array([point.position for point in points])
         least, most = np.minimum(spec.lower, rows[0]), np.maximum(spec.upper, rows[0])
         for row in rows[1:]:  # A joint that rests beyond its limit comes back.
-            if said := spec.beyond(row, least, most, 1e-9):
+            if said := spec.limit_violation(row, least, most, 1e-9):
                 raise CommandError(f"fingers: {said}")
         thin = math.ceil(len(rows) / _LONGEST)
         rows, times = rows[::-thin][::-1], times[::-thin][::-1]
@@ -83,20 +82,20 @@ class Fence:
             self._over(palm, row, "fingers")
 
     def _joints(self, at: Vector, palm: Pose) -> None:
-        spec = self._room.cell.spec
-        room = np.minimum(at - spec.lower, spec.upper - at)
-        if room.min() < _ROOM:
-            joint = spec.joints[int(room.argmin())]
+        spec = self._cell.robot.spec
+        cell = np.minimum(at - spec.lower, spec.upper - at)
+        if cell.min() < _ROOM:
+            joint = spec.joints[int(cell.argmin())]
             raise CommandError(
                 f"target {_place(palm.position)}: on the way {joint} would come to its end: the arm stays; ask for one "
                 "nearer, or turned less"
             )
 
     def _over(self, palm: Pose, fingers: Vector, what: str) -> None:
-        model = self._room.model
+        model = self._cell.model
         parts = {"the palm": Pose(np.zeros(3), np.eye(3)), **model.links(fingers)}
         tips = {f"the tip of {name}": pose for name, pose in model.fingertips(fingers).items()}
-        heights = {name: float(placed(palm, pose).position[2]) for name, pose in (parts | tips).items()}
+        heights = {name: float(compose(palm, pose).position[2]) for name, pose in (parts | tips).items()}
         lowest = min(heights, key=lambda name: heights[name])
         short = self._bounds.clearance - heights[lowest]
         if short > 0.0:

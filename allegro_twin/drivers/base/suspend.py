@@ -41,7 +41,7 @@ class SuspendWatch:
             return None
         return HandFault(
             f"this computer was suspended for {slept:.1f} s while it drove the hand, which pushed on meanwhile; reset "
-            "to go on, and see docs/safety.md on suspend"
+            "to go on, and see docs/explanation/safety.md on suspend"
         )
 
 

@@ -1,4 +1,4 @@
-"""The backend block of a hand on a CAN bus, real or virtual: docs/protocol.md."""
+"""The backend block of a hand on a CAN bus, real or virtual: docs/reference/can_protocol.md."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FaultEvent(Settings):
     which: Annotated[int, Field(ge=0, le=15)] = 0
     """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
     amount: float | None = None
-    """Of what goes wrong with the hand itself; docs/twin.md."""
+    """Of what goes wrong with the hand itself; docs/explanation/identification.md."""
 
 
 class FaultSettings(Settings):
@@ -45,7 +45,7 @@ class FaultSettings(Settings):
 
 
 class FirmwareSettings(Settings):
-    """Where sources disagree on what a hand does; for virtual hands. docs/protocol.md"""
+    """Where sources disagree on what a hand does; for virtual hands. docs/reference/can_protocol.md"""
 
     servo: Literal["required", "ignored"] = "required"
     """`ignored`: torques act and reports come without "servo on", as notes on a real v4 say."""
@@ -73,9 +73,11 @@ class CanSettings(BackendSettings):
     timeout: Positive = 0.05
     """s without a whole report after which the hand counts as silent."""
     deadman: Positive | None = 0.3
-    """s without a call from the program after which the hand is cut off; null: never. docs/safety.md says why 0.3."""
+    """s without a call from the program after which the hand is cut off; null: never. docs/explanation/safety.md says
+    why 0.3."""
     keeper: bool = True
-    """Have a process of its own watch, which also leaves the hand limp when the program dies; docs/safety.md."""
+    """Have a process of its own watch, which also leaves the hand limp when the program dies;
+    docs/explanation/safety.md."""
     velocity_cutoff: Positive = 30.0
     """Hz, of the low-pass behind joint velocities."""
     gravity: Vector3 | None = None

@@ -23,7 +23,7 @@ from allegro_twin.drivers.can.virtual.hidden_truth import loosened, truth_of
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.wiring import NOTHING, load_wiring
+from allegro_twin.hands.description.calibration import NOTHING, load_wiring
 from allegro_twin.hands.settings import HandSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.spec import HandSpec
@@ -121,9 +121,9 @@ def _serial(hand: HandSettings, codec: Codec) -> str:
 
 
 def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    from allegro_twin.sim.engine.fingertip_pressure import FingertipPressure
+    from allegro_twin.sim.engine.fingertip_pressure import PressureSensors
 
-    return FingertipPressure(sim)
+    return PressureSensors(sim)
 
 
 KIND = BackendKind(CanSettings, open_can)

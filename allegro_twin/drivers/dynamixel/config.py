@@ -1,4 +1,4 @@
-"""The backend block of a hand made of DYNAMIXEL servos: docs/dynamixel.md."""
+"""The backend block of a hand made of DYNAMIXEL servos: docs/reference/dynamixel.md."""
 
 from __future__ import annotations
 

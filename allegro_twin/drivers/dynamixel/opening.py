@@ -17,8 +17,8 @@ from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.drivers.dynamixel.virtual.faults import Event, FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root, find, read_yaml
-from allegro_twin.files.schema import parse
+from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.settings import HandSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.spec import HandSpec
@@ -84,13 +84,13 @@ def _port_opener(settings: DynamixelSettings, context: BackendContext) -> Callab
 
 def _described(model: str, serial: str) -> ServoSettings:
     """The block `servos` of the hand's own file, or of its model's."""
-    own = find(serial, "hand", "conf/hands") if serial else None
+    own = find_file(serial, "hand", "conf/hands") if serial else None
     card = Path(model)
     nominal = card if card.suffix == ".yaml" else data_root() / "conf" / "hands" / f"{model}.yaml"
     for path in (own, nominal if nominal.is_file() else None):
         block = read_yaml(path).get("servos") if path is not None else None
         if block is not None:
-            return parse(ServoSettings, block, f"{path}: servos")
+            return parse_settings(ServoSettings, block, f"{path}: servos")
     raise ConfigError(f"backend.servos is missing, and no file of {model} in conf/hands describes its servos")
 
 

@@ -1,4 +1,4 @@
-"""The backend blocks of hands that answer when they are asked: docs/hands.md#wires."""
+"""The backend blocks of hands that answer when they are asked: docs/reference/serial_protocols.md."""
 
 from __future__ import annotations
 

@@ -84,4 +84,4 @@ class PolledDriver:
         worst = int(np.argmax(excess))
         if excess[worst] > _FAR:
             where = f"{position[worst]:.2f} rad, far outside [{spec.lower[worst]:.2f}, {spec.upper[worst]:.2f}]"
-            raise ConfigError(f"{spec.readable[worst]} would be at {where}: its zero is wrong, or it lost a turn")
+            raise ConfigError(f"{spec.joint_labels[worst]} would be at {where}: its zero is wrong, or it lost a turn")

@@ -20,7 +20,7 @@ from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.drivers.polled.wire import Wire
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec
 
@@ -108,7 +108,7 @@ def _described(model: str) -> float | list[float]:
     block = read_yaml(path).get("line")
     if block is None:
         raise ConfigError(f"backend.torque_per_ampere is missing, and {path} has no block `line` that says it")
-    return parse(LineSettings, block, f"{path}: line").torque_per_ampere
+    return parse_settings(LineSettings, block, f"{path}: line").torque_per_ampere
 
 
 def _plan(settings: PolledFaultSettings | None) -> FaultPlan | None:

@@ -1,7 +1,7 @@
 """Packets of qb devices: `3A 3A | id | length | command, payload … | LRC`, and numbers of 16 bits, the high byte first.
 
 Source: qbAPI (qbmove_communications.cpp) and the firmware's command_processing.c, read for their facts. The length is
-that of command, payload and checksum; the LRC is the XOR of command and payload. docs/hands.md#wires
+that of command, payload and checksum; the LRC is the XOR of command and payload. docs/reference/serial_protocols.md
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The backend block of a hand of qb electronics: docs/hands.md#wires."""
+"""The backend block of a hand of qb electronics: docs/reference/serial_protocols.md."""
 
 from __future__ import annotations
 

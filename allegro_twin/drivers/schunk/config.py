@@ -1,4 +1,4 @@
-"""The backend block of a Schunk hand on our layout of its frames: docs/hands.md#wires."""
+"""The backend block of a Schunk hand on our layout of its frames: docs/reference/serial_protocols.md."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class SchunkWire:
         if (said.layout, said.actuators) != (LAYOUT, ACTUATORS):
             raise ConfigError(
                 f"{self._exchange.who} on {self._exchange.port.name} has {said.actuators} actuators and speaks layout "
-                f"{said.layout}; here are {ACTUATORS} and layout {LAYOUT}: docs/hands.md"
+                f"{said.layout}; here are {ACTUATORS} and layout {LAYOUT}: docs/reference/serial_protocols.md"
             )
 
     def go(self, ticks: list[int]) -> None:

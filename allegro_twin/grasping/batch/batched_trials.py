@@ -9,14 +9,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from allegro_twin.controller import Controller
-from allegro_twin.grasping.batch.position_control import Goals
-from allegro_twin.grasping.batch.torque_control import Torques
+from allegro_twin.grasping.batch.batched_control import BatchedControllers
+from allegro_twin.grasping.batch.trial_loop import TrialLoop, in_layouts, stacked
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.verdict import Observations, Report, moved
+from allegro_twin.grasping.verdict import Observations, TrialReport, relative_displacement
 from allegro_twin.safety import Limits, violation
-from allegro_twin.sim.batch.simulations import Rows, Simulations, layout
-from allegro_twin.sim.contact.probe import Probe
-from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10
@@ -27,7 +25,7 @@ LOOK = 10
 class Verdict:
     """How a trial ended."""
 
-    report: Report | None
+    report: TrialReport | None
     """None where it could not go on."""
     stopped: str = ""
     """Why."""
@@ -45,29 +43,27 @@ Measure: TypeAlias = Callable[[Trial, Any], Mapping[str, float]]
 """Told a trial and MuJoCo's data of it at the end of the first phase that checks."""
 
 
-def together(
+def run_trials(
     trials: Sequence[Trial],
     controllers: Sequence[Controller[Any]],
     limits: Limits,
     *,
     threads: int = 0,
     measure: Measure | None = None,
-    hasty: bool = False,
+    stop_early: bool = False,
 ) -> list[Verdict]:
     """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
-    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits. `hasty`: a trial ends
-    where its object has left the limits at a check, and has no report; for those who only want what holds."""
-    groups: dict[tuple[int, ...], list[int]] = {}
-    for index, trial in enumerate(trials):
-        groups.setdefault(layout(trial.backend.model), []).append(index)
-    found: dict[int, Verdict] = {}
-    for indices in groups.values():
-        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure, hasty)
-        found |= dict(zip(indices, group.run(), strict=True))
-    return [found[index] for index in range(len(trials))]
+    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits. `stop_early`: a trial
+    ends where its object has left the limits at a check, and has no report; for those who only want what holds."""
+
+    def of_layout(indices: list[int]) -> list[Verdict]:
+        group = [trials[i] for i in indices], [controllers[i] for i in indices]
+        return _JudgedTrials(*group, limits, threads, measure, stop_early).verdicts()
+
+    return in_layouts([trial.backend.model for trial in trials], of_layout)
 
 
-class _Group:
+class _JudgedTrials(TrialLoop):
     """Trials of one layout."""
 
     def __init__(
@@ -77,139 +73,106 @@ class _Group:
         limits: Limits,
         threads: int,
         measure: Measure | None,
-        hasty: bool,
+        stop_early: bool,
     ) -> None:
-        backends = [trial.backend for trial in trials]
-        self.trials, self.limits, self.n = trials, limits, len(trials)
-        self.spec, self.period = backends[0].spec, backends[0].period
-        self.steps = substeps(self.period, backends[0].model.opt.timestep)
-        self.sims = sims = Simulations(self.spec, [backend.model for backend in backends], threads, self.period)
+        backends, names = [trial.backend for trial in trials], [trial.scenario.objects[0].name for trial in trials]
+        super().__init__(backends[0].spec, [each.model for each in backends], names, backends[0].period, threads)
+        self.trials, self.limits = trials, limits
         self.periods = np.array([round(trial.seconds / self.period) for trial in trials])
         most = int(self.periods.max()) + 1
-        self._drive = _lasting([backend.drive for backend in backends], most * self.steps)
+        self._drive = stacked([backend.drive for backend in backends], most * self.steps)
         self._push = np.zeros((self.n, most, 3))
         for row, backend in enumerate(backends):
             if backend.pushing is not None:
                 self._push[row, : len(backend.pushing.force)] = backend.pushing.force
-        self._bodies = np.array([t.backend.model.body(t.scenario.objects[0].name).id for t in trials])
-        self._palm = backends[0].model.body("palm_link").id
-        sims.place(np.array([backend.posture for backend in backends]))
-        sims.begin(self._drive[:, 0])
-        states = [self._state(row, 0) for row in range(self.n)]
-        self._told = (
-            Torques(controllers, states, limits)
-            if sims.servos is None
-            else Goals(controllers, states, limits, self.spec)
-        )
-        self._scratch = backends[0].data
-        self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
-                        for b, t in zip(backends, trials, strict=True)]  # fmt: skip
+        self.sims.place(self.running, np.array([backend.posture for backend in backends]))
+        self.sims.begin(self._drive[:, 0])
+        states = [self._state(row) for row in range(self.n)]
+        self._controllers = BatchedControllers(controllers, states, limits, self.sims)
         self._looks = [{last, *(round(w.end / self.period) for w in trial.windows)}
                        for last, trial in zip(self.periods.tolist(), trials, strict=True)]  # fmt: skip
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
         self._begin = np.array([round(trial.begin / self.period) for trial in trials])
-        self._judged = [_checked(trial, self.period) if hasty else frozenset[int]() for trial in trials]
+        self._judged = [_checked(trial, self.period) if stop_early else frozenset[int]() for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
-        self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
-        self.torque = np.empty((self.n, most, self.spec.n_joints))
-        self.seen: list[list[dict[str, Array]]] = [[] for _ in trials]
+        self._poses = np.empty((2, self.n, most, 7))
+        """Of palms and objects."""
+        self._torque = np.empty((self.n, most, self.spec.n_joints))
+        self._seen: list[list[dict[str, Array]]] = [[] for _ in trials]
 
-    def run(self) -> list[Verdict]:
-        stopped = [""] * self.n
-        alive = np.arange(self.n)
-        tick = 0
-        while True:
-            self._keep(alive, tick)
-            alive = self._going_on(alive, tick, stopped)
-            if not len(alive):
-                break
-            self._advance(alive, tick)
-            tick += 1
-            wrong = self._wrong(alive)
-            if len(wrong):
-                for row in wrong.tolist():
-                    stopped[row] = self._stopped(row)
-                alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
+    def verdicts(self) -> list[Verdict]:
+        self.run()
         return [
-            Verdict(
-                None if stopped[row] else self.trials[row].judged(self._observed(row)),
-                stopped[row],
-                self.trials[row].mass,
-                self._measured[row],
-            )
-            for row in range(self.n)
+            Verdict(None if why else trial.judged(self._observed(row)), why, trial.mass, self._measured[row])
+            for row, (trial, why) in enumerate(zip(self.trials, self.why, strict=True))
         ]
 
-    def _going_on(self, rows: Rows, tick: int, stopped: list[str]) -> Rows:
-        """Those that are not at their end yet, and not lost where somebody asked for haste."""
-        rows = rows[self.periods[rows] > tick]
-        judged = [row for row in rows.tolist() if tick in self._judged[row]]
-        if judged:
-            for row, why in zip(judged, self._lost(np.array(judged), tick), strict=True):
-                stopped[row] = why
-            rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
-        return rows
+    def observe(self) -> None:
+        """Keep what a verdict needs; stop what is at its end, and what is lost where somebody wants to know early."""
+        rows, tick = self.running, self.tick
+        self._poses[:, rows, tick] = self.poses(rows)
+        self._torque[rows, tick] = self.sims.applied_torque[rows]
+        for row in rows.tolist():
+            if tick in self._looks[row] or (tick % LOOK == 0 and tick >= self._begin[row]):
+                self._look(row)
+        self.running = rows[self.periods[rows] > tick]
+        if judged := [row for row in self.running.tolist() if tick in self._judged[row]]:
+            lost = zip(judged, self._lost(np.array(judged)), strict=True)
+            self.stop({row: why for row, why in lost if why})
 
-    def _advance(self, rows: Rows, tick: int) -> None:
-        told = self._told(rows, tick * self.period, self.sims, lambda row: self._state(row, tick))
-        first = tick * self.steps
-        self.sims.push[rows, self._bodies[rows], :3] = self._push[rows, tick]
-        self.sims.advance(rows, told, self._drive[rows, first : first + self.steps], self.steps)
+    def control(self) -> Array:
+        return self._controllers(self.running, self.tick * self.period, self._state)
 
-    def _wrong(self, rows: Rows) -> Rows:
-        """Of some rows those that may have to stop."""
+    def set_points(self) -> Array:
+        rows, first = self.running, self.tick * self.steps
+        self.sims.push[rows, self.bodies[rows], :3] = self._push[rows, self.tick]
+        return self._drive[rows, first : first + self.steps]
+
+    def check(self) -> None:
+        """Stop what has diverged or is too fast."""
+        rows = self.running
         position, velocity = self.sims.position[rows], self.sims.velocity[rows]
         if np.isfinite(position.sum()) and (np.abs(velocity) <= self.limits.velocity).all():
-            return rows[:0]
+            return
         fine = np.isfinite(position).all(axis=1) & (np.abs(velocity) <= self.limits.velocity).all(axis=1)
-        wrong: Rows = rows[~fine]
-        return wrong
+        self.stop({row: why for row in rows[~fine].tolist() if (why := self._stopped(row))})
+
+    def _look(self, row: int) -> None:
+        self._seen[row].append(self.touch(row) | {"tick": np.array([self.tick])})
+        self.trials[row].feel(self.tick * self.period, self.sims.scratch)
+        if self._measure is not None and self.tick == self._moment[row]:
+            self._measured[row] |= self._measure(self.trials[row], self.sims.scratch)
 
     def _stopped(self, row: int) -> str:
         if not np.isfinite(self.sims.position[row].sum()):
             return "the simulation diverged"
         if (np.abs(self.sims.velocity[row]) > self.limits.velocity).any():
-            return violation(self._state(row, 0), self.limits, self.spec) or ""
+            return violation(self._state(row), self.limits, self.spec) or ""
         return ""
 
-    def _lost(self, rows: Rows, tick: int) -> list[str]:
+    def _lost(self, rows: Rows) -> list[str]:
         """Why each of some trials cannot be held any more; empty where it may be."""
-        rules = [self.trials[row].rule for row in rows]
-        palm, thing, start = self.palm, self.thing, self._begin[rows]
-        drift, rotation = moved(palm[rows, start], thing[rows, start], palm[rows, tick], thing[rows, tick])
+        rules, (palm, body) = [self.trials[row].rule for row in rows], self._poses
+        start = self._begin[rows]
+        drift, rotation = relative_displacement(
+            palm[rows, start], body[rows, start], palm[rows, self.tick], body[rows, self.tick]
+        )
         return [
             f"moved {d * 1000:.1f} mm and {r:.1f}° in the hand" if d > rule.drift or r > rule.rotation else ""
             for d, r, rule in zip(drift, rotation, rules, strict=True)
         ]
 
-    def _state(self, row: int, tick: int) -> HandState:
+    def _state(self, row: int) -> HandState:
         sims = self.sims
         unknown = frozen(np.full(self.spec.n_actuators, np.nan))
         return HandState(
-            tick * self.period, tick, frozen(sims.position[row]), frozen(sims.velocity[row]), frozen(sims.torque[row]),
-            unknown, frozen(sims.gravity[row]),
+            self.tick * self.period, self.tick, frozen(sims.position[row]), frozen(sims.velocity[row]),
+            frozen(sims.applied_torque[row]), unknown, frozen(sims.gravity[row]),
         )  # fmt: skip
 
-    def _keep(self, rows: Rows, tick: int) -> None:
-        sims = self.sims
-        self.palm[rows, tick, :3] = sims.body_position[rows, self._palm]
-        self.palm[rows, tick, 3:] = sims.body_quaternion[rows, self._palm]
-        self.thing[rows, tick, :3] = sims.body_position[rows, self._bodies[rows]]
-        self.thing[rows, tick, 3:] = sims.body_quaternion[rows, self._bodies[rows]]
-        self.torque[rows, tick] = sims.torque[rows]
-        for row in rows.tolist():
-            if tick not in self._looks[row] and (tick % LOOK or tick < self._begin[row]):
-                continue
-            sims.look(row, self._scratch)
-            self.seen[row].append(self._probes[row].touch() | {"tick": np.array([tick])})
-            self.trials[row].feel(tick * self.period, self._scratch)
-            if self._measure is not None and tick == self._moment[row]:
-                self._measured[row] |= self._measure(self.trials[row], self._scratch)
-
     def _observed(self, row: int) -> Observations:
-        count = int(self.periods[row]) + 1
-        looks = self.seen[row]
+        count, looks = int(self.periods[row]) + 1, self._seen[row]
         last = np.searchsorted([int(look["tick"][0]) for look in looks], np.arange(count), side="right") - 1
         last = np.maximum(last, 0)  # Before the first nobody asks.
 
@@ -217,15 +180,11 @@ class _Group:
             return np.array([look[name] for look in looks])[last]
 
         t: Array = self.period * np.arange(count, dtype=np.float64)
+        palm, body = self._poses[:, row, :count]
         return Observations(
-            t, self.palm[row, :count], self.thing[row, :count], column("contact_force"),
-            column("on_table")[:, 0], column("contacts")[:, 0], column("penetration")[:, 0], self.torque[row, :count],
+            t, palm, body, column("contact_force"), column("on_table")[:, 0], column("contacts")[:, 0],
+            column("penetration")[:, 0], self._torque[row, :count],
         )  # fmt: skip
-
-
-def _lasting(drives: Sequence[Array], steps: int) -> Array:
-    """The set-points of so many steps, (n, steps, 6); after its last one each wrist stays."""
-    return np.stack([drive[np.minimum(np.arange(steps), len(drive) - 1)] for drive in drives])
 
 
 def _checked(trial: Trial, period: float) -> frozenset[int]:

@@ -9,22 +9,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.control.controllers import PD, Follow, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, together
-from allegro_twin.grasping.controller import Timed, performer
-from allegro_twin.grasping.interchange.to_trial import foreign
-from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
-from allegro_twin.grasping.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario, object_of
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
+from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
+from allegro_twin.grasping.interchange.read import import_grasp
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
+from allegro_twin.grasping.scenario import (
+    Scenario,
+    TrialProtocol,
+    load_protocol,
+    load_scenario,
+    parse_object,
+    turn_pushes,
+)
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.uncertainty import Draw
-from allegro_twin.grasping.verdict import Report
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.uncertainty import Perturbation
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
@@ -41,13 +48,13 @@ WIDTH = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class TrialCase:
     """One trial that is to be made."""
 
     scenario: Scenario
     grasp: Grasp
-    draw: Draw | None = None
-    protocol: Protocol | None = None
+    draw: Perturbation | None = None
+    protocol: TrialProtocol | None = None
     """None: the scenario's."""
     folder: Path = Path()
     """Where the scenario's own files are looked for."""
@@ -55,19 +62,19 @@ class Case:
     """The protocol's name, where it is not the scenario's."""
 
     @property
-    def ruled(self) -> Protocol:
+    def ruled(self) -> TrialProtocol:
         """The protocol that it is tried under."""
         return load_protocol(self.scenario.protocol) if self.protocol is None else self.protocol
 
-    def directions(self) -> list[Case]:
+    def directions(self) -> list[TrialCase]:
         """The trials that it takes: one, or one for each axis and sign."""
         protocol = self.ruled
         if protocol.directions == 1:
             return [self]
-        return [replace(self, protocol=in_direction(protocol, *way)) for way in AXES.values()]
+        return [replace(self, protocol=turn_pushes(protocol, *way)) for way in AXES.values()]
 
 
-class Bench:
+class TrialRunner:
     """Makes trials of one hand: under PD at one set of gains, as their grasp controls force, or in its own loop."""
 
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
@@ -75,20 +82,22 @@ class Bench:
         self.spec, self.period, self._threads = spec, period, threads
         self._model = hand_kinematics(spec)
         self.gains = load_gains(gains, spec)
-        self._gravity = Gravity(self._model.gravity_torque)
+        self._gravity = GravityFeedforward(self._model.gravity_torque)
         self.limits = hand_limits(LimitSettings(), spec)
 
     def verdicts(
-        self, cases: Sequence[Case], measure: Measure | None = None, *, hasty: bool = False
+        self, cases: Sequence[TrialCase], measure: Measure | None = None, *, stop_early: bool = False
     ) -> Iterator[Verdict]:
-        """One a case, in order. `hasty`: what is lost has no report. Raises ConfigError for a scene that cannot be
+        """One a case, in order. `stop_early`: what is lost has no report. Raises ConfigError for a scene that cannot be
         built."""
         for first in range(0, len(cases), WIDTH):
             trials = [self.trial(case) for case in cases[first : first + WIDTH]]
             controllers = [self.controller(trial) for trial in trials]
-            yield from together(trials, controllers, self.limits, threads=self._threads, measure=measure, hasty=hasty)
+            yield from run_trials(
+                trials, controllers, self.limits, threads=self._threads, measure=measure, stop_early=stop_early
+            )
 
-    def trial(self, case: Case) -> Trial:
+    def trial(self, case: TrialCase) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
         return Trial(
             case.scenario, self.spec, case.grasp, folder=case.folder, period=self.period, protocol=case.protocol,
@@ -100,74 +109,74 @@ class Bench:
         if "torque" not in self.spec.commands:
             if trial.grasp.grip is not None:
                 raise ConfigError(f"grasp {trial.grasp.name} controls force by torques; {self.spec.name} takes none")
-            return Follow(trial.reference)
+            return PositionControl(trial.reference)
         if trial.grasp.grip is None:
             return PD(trial.reference, self.gains, self._gravity)
-        timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
-        return performer(trial.grasp, timed, self.spec, self.gains, self._gravity, self._model)
+        timed = TimedGrasp(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
+        return make_grasp_controller(trial.grasp, timed, self.spec, self.gains, self._gravity, self._model)
 
 
-_BENCHES: dict[tuple[object, ...], Bench] = {}
+_RUNNERS: dict[tuple[object, ...], TrialRunner] = {}
 _KEPT = 8
 
 
-def _bench(spec: HandSpec, gains: str, period: float, threads: int) -> Bench:
+def _runner(spec: HandSpec, gains: str, period: float, threads: int) -> TrialRunner:
     """A process has many units of a hand. One whose files have changed since is another."""
     key = hand_fingerprint(spec), fingerprint(load_gains(gains, spec)), gains, period, threads
-    if key not in _BENCHES:
-        while len(_BENCHES) >= _KEPT:
-            del _BENCHES[next(iter(_BENCHES))]
-        _BENCHES[key] = Bench(spec, gains, period, threads)
-    return _BENCHES[key]
+    if key not in _RUNNERS:
+        while len(_RUNNERS) >= _KEPT:
+            del _RUNNERS[next(iter(_RUNNERS))]
+        _RUNNERS[key] = TrialRunner(spec, gains, period, threads)
+    return _RUNNERS[key]
 
 
-def hand_of(item: Mapping[str, Any]) -> str:
+def hand_name(item: Mapping[str, Any]) -> str:
     """The model of hand that an item is of: its `hand`, its scenario's, or, of a file, that of such files."""
     if "hand" in item:
         return str(item["hand"])
     return HAND if "file" in item else load_scenario(item["scenario"])[0].hand
 
 
-def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def run_cases(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of a sweep. `shared`: `serial`, `gains`, `threads`, `metrics` (true: those of the contacts at the end of
     the first phase that checks; NaN where there is a draw). An item: `scenario` (a name or a path), and where they
     differ from its own `hand`, `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them,
-    `row`, `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
+    `row`, `object` and `protocol`; `draw`, the fields of a `Perturbation`. A flat row for each."""
     rows: dict[int, dict[str, Any]] = {}
-    groups: dict[tuple[str, Side, str, float], list[tuple[int, Case]]] = {}
+    groups: dict[tuple[str, Side, str, float], list[tuple[int, TrialCase]]] = {}
     specs: dict[tuple[str, Side], HandSpec] = {}
     serial = shared.get("serial", "")
     for index, item in enumerate(items):
-        hand, side = hand_of(item), item.get("side", "right")
+        hand, side = hand_name(item), item.get("side", "right")
         spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
-        case = case_of(item, spec)
-        gains = ruled(case.ruled.gains or shared.get("gains"), spec)
+        case = load_case(item, spec)
+        gains = protocol_gains(case.ruled.gains or shared.get("gains"), spec)
         groups.setdefault((hand, side, gains, case.ruled.period or PERIOD), []).append((index, case))
     for (hand, side, gains, period), members in groups.items():
-        bench = _bench(specs[hand, side], gains, period, shared.get("threads", 0))
+        bench = _runner(specs[hand, side], gains, period, shared.get("threads", 0))
         split = [case.directions() for _, case in members]
         measure = _nominal if shared.get("metrics") else None
         verdicts = bench.verdicts([case for cases in split for case in cases], measure)
         for (index, case), cases in zip(members, split, strict=True):
-            rows[index] = row_of(case, side, [next(verdicts) for _ in cases], metrics=measure is not None)
+            rows[index] = result_row(case, side, [next(verdicts) for _ in cases], metrics=measure is not None)
     return [rows[index] for index in range(len(items))]
 
 
-def case_of(item: Mapping[str, Any], spec: HandSpec) -> Case:
+def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
     """From plain data. Raises ConfigError."""
     protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
-    draw = None if item.get("draw") is None else Draw(**item["draw"])
+    draw = None if item.get("draw") is None else Perturbation(**item["draw"])
     if "file" in item:
-        made = foreign(Path(item["file"]), item["row"], spec, item.get("object"))
-        return Case(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
+        made = import_grasp(Path(item["file"]), item["row"], spec, item.get("object"))
+        return TrialCase(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
-        scenario = scenario.model_copy(update={"objects": (object_of(item["object"]), *scenario.objects[1:])})
+        scenario = scenario.model_copy(update={"objects": (parse_object(item["object"]), *scenario.objects[1:])})
     grasp = load_grasp(item.get("grasp") or scenario.grasp, spec)
-    return Case(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
+    return TrialCase(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
 
 
-def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool = False) -> dict[str, Any]:
+def result_row(case: TrialCase, side: str, verdicts: Sequence[Verdict], *, metrics: bool = False) -> dict[str, Any]:
     """The verdicts of one case, one a direction, as one flat row: the worst of them; NaN for what a trial that was
     stopped has not shown. `type` is the one that its contacts show, `claimed` the grasp's own.
     `metrics`: with those of the contacts, of the first direction that has them."""
@@ -196,10 +205,10 @@ def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool 
 
 def _nominal(trial: Trial, data: Any) -> Mapping[str, float]:
     """Metrics cost up to 0.4 s a grasp, so those of draws are left out."""
-    return {} if trial.draw is not None else metrics_of(trial, data)
+    return {} if trial.draw is not None else trial_metrics(trial, data)
 
 
-def _strength(case: Case, verdict: Verdict) -> float:
+def _strength(case: TrialCase, verdict: Verdict) -> float:
     """The largest push that it held, N: that of the last phase before the first one in which it did not."""
     mass = case.ruled.mass
     held = 0.0
@@ -213,7 +222,7 @@ def _strength(case: Case, verdict: Verdict) -> float:
     return held * (verdict.mass if mass is None else mass)
 
 
-def _numbers(report: Report | None) -> dict[str, float]:
+def _numbers(report: TrialReport | None) -> dict[str, float]:
     nan = float("nan")
     if report is None:
         names = ("drift_mm", "rotation_deg", "margin", "lift_mm", "penetration_mm", "contacts", "torque_share", "stall")

@@ -9,16 +9,78 @@ from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.grasping.batch.trials import Case, case_of, hand_of
-from allegro_twin.grasping.evaluation.inputs import InputsOf
-from allegro_twin.grasping.interchange.to_trial import grasps_in
-from allegro_twin.grasping.scenario import load_protocol, load_scenario
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.grasping.batch.trials import TrialCase, hand_name, load_case
+from allegro_twin.grasping.interchange.read import load_grasps
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
+from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
+from allegro_twin.sim.model.scene import compile_scene
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.spec import HandSpec, Side
 
-JUDGE = "allegro_twin.grasping.batch.trials:judged"
+Inputs = dict[str, str]
+"""Fingerprints by name."""
+
+
+SCENE = "scene of"
+"""How the name of a compiled scene begins: what changes one is mostly named by another input, too."""
+
+
+class InputFingerprints:
+    """The inputs of many trials: what they share is looked at once."""
+
+    def __init__(self) -> None:
+        self._scenes: dict[str, str] = {}
+
+    def __call__(self, case: TrialCase, spec: HandSpec, name: str, file: Path | None = None) -> Inputs:
+        """Of the trial of that name. `file`: of many grasps, of which its grasp and the palm's place are; those of one
+        file share their scene. Raises ConfigError for a scene that cannot be built."""
+        scenario, protocol = case.scenario, case.ruled
+        gains = protocol_gains(protocol.gains, spec)
+        found = {
+            f"hand {spec.serial or spec.name}": hand_fingerprint(spec),
+            f"gains {gains} of {spec.model}": fingerprint(load_gains(gains, spec)),
+            f"protocol {Path(case.rules or scenario.protocol).stem}": fingerprint(protocol),
+        }
+        found |= {f"object {each.name}": object_fingerprint(each, case.folder) for each in scenario.objects}
+        if file is None:
+            found |= {
+                f"scenario {name}": scenario_fingerprint(scenario),
+                f"grasp {case.grasp.name}": fingerprint(case.grasp),
+            }
+        else:
+            found |= {f"grasps {file.name}": fingerprint(file, scenario_fingerprint(scenario), case.grasp)}
+        where = name if file is None else file.name
+        alike = {key: digest for key, digest in found.items() if file is None or not key.startswith("grasps")}
+        return found | {f"{SCENE} {spec.name} at {where}": self._scene(case, spec, fingerprint(alike, file))}
+
+    def _scene(self, case: TrialCase, spec: HandSpec, parts: str) -> str:
+        """The compiled model: the net under the list above, for what a description includes."""
+        if parts not in self._scenes:
+            scene = make_stage(case.scenario, case.ruled, spec.side, case.folder)
+            self._scenes[parts] = model_fingerprint(compile_scene(spec, scene))
+        return self._scenes[parts]
+
+
+def scenario_fingerprint(scenario: Scenario) -> str:
+    """Of what a scenario says; where its files lie does not count, nor its description."""
+    objects = [each.model_copy(update={"file": None}) for each in scenario.objects]
+    named_by = {"grasp": Path(scenario.grasp).stem, "hand": Path(scenario.hand).stem, "objects": tuple(objects)}
+    return fingerprint(scenario.model_copy(update=named_by | {"description": ""}))
+
+
+def object_fingerprint(settings: ScenarioObject, folder: Path) -> str:
+    """Of one object: its file, or what the catalogue says of that name. Raises ConfigError."""
+    if settings.file is not None:
+        return fingerprint(folder / settings.file, settings.model_copy(update={"file": None}))
+    return fingerprint(settings, load_object(settings.name) if settings.shape is None else None)
+
+
+JUDGE = "allegro_twin.grasping.batch.trials:run_cases"
 FLOATING = "fc"
 """What grasps of a file are tried under unless something else is said: they know of no table."""
 _NAMED = 30
@@ -26,7 +88,7 @@ _NAMED = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class TargetOptions:
     """What holds for all targets; None: as each target says."""
 
     protocol: str | None = None
@@ -36,7 +98,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class SamplingSettings:
     """Draws for every target, the same for all."""
 
     n: int = 0
@@ -45,13 +107,13 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
+class EvaluationTarget:
     """One grasp on one object with one hand."""
 
     name: str
     item: dict[str, Any]
     """Of `build.trials.judged`, without a draw."""
-    case: Case
+    case: TrialCase
     spec: HandSpec
 
     @property
@@ -70,11 +132,11 @@ class Campaign(NamedTuple):
     """Of each item: all that its trial reads, by name and fingerprint."""
 
 
-def targets_of(paths: Iterable[Path], asked: Asked = Asked()) -> list[Target]:
+def find_targets(paths: Iterable[Path], asked: TargetOptions = TargetOptions()) -> list[EvaluationTarget]:
     """A target for every scenario and every grasp of a file, and each side. Raises ConfigError, also for targets that
     are under different protocols: their results do not compare."""
     found = [target for path in paths for target in _targets(path.resolve(), asked)]
-    one_protocol(found)
+    check_one_protocol(found)
     places = [(str(target.item.get("scenario")), target.item.get("row"), target.side) for target in found]
     twice = next((t.name for t, place in zip(found, places, strict=True)
                   if "scenario" in t.item and places.count(place) > 1), None)  # fmt: skip
@@ -83,7 +145,7 @@ def targets_of(paths: Iterable[Path], asked: Asked = Asked()) -> list[Target]:
     return found
 
 
-def one_protocol(targets: Iterable[Target]) -> None:
+def check_one_protocol(targets: Iterable[EvaluationTarget]) -> None:
     """Raises ConfigError for targets under different ones."""
     rules = {target.case.rules or target.case.scenario.protocol: target.name for target in targets}
     if len(rules) > 1:
@@ -91,20 +153,20 @@ def one_protocol(targets: Iterable[Target]) -> None:
         raise ConfigError(f"results under different protocols do not compare: {said}; say --protocol")
 
 
-def campaign_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = False) -> Campaign:
+def make_campaign(targets: Sequence[EvaluationTarget], noise: SamplingSettings, *, metrics: bool = False) -> Campaign:
     """A trial without a draw of every target and one for each draw, in that order. Other targets, another protocol,
     seed or uncertainty make another sweep; more draws go on with the same one; changed inputs are tried again. Raises
     ConfigError."""
-    each = [None, *(asdict(draw) for draw in draws(noise.uncertainty, noise.n, noise.seed))]
+    each = [None, *(asdict(draw) for draw in sample_perturbations(noise.uncertainty, noise.n, noise.seed))]
     items = [target.item | {"draw": draw} for target in targets for draw in each]
-    inputs_of, inputs = InputsOf(), list[Mapping[str, str]]()
+    inputs_of, inputs = InputFingerprints(), list[Mapping[str, str]]()
     for target in targets:
         file = Path(target.item["file"]) if "file" in target.item else None
         inputs += [inputs_of(target.case, target.spec, target.name, file)] * len(each)
     return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise), inputs)
 
 
-def _targets(path: Path, asked: Asked) -> Iterator[Target]:
+def _targets(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
     if path.suffix == ".npy" or "grasps" in read_yaml(path):
         yield from _of_file(path, asked)
         return
@@ -112,11 +174,11 @@ def _targets(path: Path, asked: Asked) -> Iterator[Target]:
     named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
     for side in asked.sides or (scenario.side,):
         item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
-        spec = load_spec(hand_of(item), side)
-        yield Target(path.stem, item, case_of(item, spec), spec)
+        spec = load_spec(hand_name(item), side)
+        yield EvaluationTarget(path.stem, item, load_case(item, spec), spec)
 
 
-def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
+def _of_file(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
     if asked.sides is not None and len(asked.sides) > 1:
         raise ConfigError(f"{path}: its grasps are of one hand; say --side right or --side left")
     if asked.grasp is not None:
@@ -126,13 +188,13 @@ def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
         raise ConfigError(f"{path}: its grasps know of no table, which {protocol} has: say --protocol fc or strength")
     side = asked.sides[0] if asked.sides else "right"
     spec = load_spec(side=side)
-    for row in range(len(grasps_in(path, spec))):
+    for row in range(len(load_grasps(path, spec))):
         item = {"file": str(path), "row": row, "side": side, "protocol": protocol}
         item |= {} if asked.object is None else {"object": asked.object}
-        yield Target(f"{path.stem}_{row}", item, case_of(item, spec), spec)
+        yield EvaluationTarget(f"{path.stem}_{row}", item, load_case(item, spec), spec)
 
 
-def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
+def _stamps(targets: Sequence[EvaluationTarget], noise: SamplingSettings) -> dict[str, str]:
     rules = targets[0].case
     return {
         "targets": _named(targets),
@@ -142,7 +204,7 @@ def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
     }
 
 
-def _named(targets: Sequence[Target]) -> str:
+def _named(targets: Sequence[EvaluationTarget]) -> str:
     """Each as it was asked for; of many, how many and their fingerprint."""
     names = []
     for target in targets:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.evaluation.campaign import Target
-from allegro_twin.grasping.statistics import Paired, paired, wilson
-from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.evaluation.campaign import EvaluationTarget
+from allegro_twin.grasping.statistics import PairedCounts, count_pairs, wilson
+from allegro_twin.grasping.uncertainty import Perturbation
 
 Row = Mapping[str, Any]
 _OWN = ("key", "error")
@@ -28,11 +28,11 @@ class Rate(NamedTuple):
         return f"{self.held} of {self.n} ({100 * self.low:.0f}–{100 * self.high:.0f} %)"
 
 
-def rate(name: str, held: int, n: int) -> Rate:
+def make_rate(name: str, held: int, n: int) -> Rate:
     return Rate(name, held, n, *wilson(held, n))
 
 
-def outcomes(targets: Sequence[Target], trials: Sequence[Row]) -> list[dict[str, Any]]:
+def summarise(targets: Sequence[EvaluationTarget], trials: Sequence[Row]) -> list[dict[str, Any]]:
     """A row for each target from the rows of the trials of a `Campaign`: that of the trial without a draw, and under
     draws `n`, `success` (a share) and its interval `low` to `high`. A trial that could not be made is not held, and a
     draw that could not be is not counted. Raises ConfigError where not one could be, of all or of a target's draws."""
@@ -51,28 +51,28 @@ def outcomes(targets: Sequence[Target], trials: Sequence[Row]) -> list[dict[str,
             made = [bool(trial["held"]) for trial in drawn if trial["error"] is None]
             if not made:
                 raise ConfigError(f"{target.name}: no draw could be tried: {drawn[0]['error']}")
-            of = rate(target.name, sum(made), len(made))
+            of = make_rate(target.name, sum(made), len(made))
             row |= {"success": of.held / of.n, "n": of.n, "low": of.low, "high": of.high}
         found.append(row)
     return found
 
 
-def rate_of(row: Row) -> Rate:
+def row_rate(row: Row) -> Rate:
     """Of one target under draws."""
-    return rate(str(row["target"]), round(row["success"] * row["n"]), row["n"])
+    return make_rate(str(row["target"]), round(row["success"] * row["n"]), row["n"])
 
 
 def rates(rows: Sequence[Row], column: str) -> list[Rate]:
     """Of the targets with the same `object`, say, all draws together; of those without draws whether they held."""
     found: dict[str, list[int]] = {}
     for row in rows:
-        held, n = (rate_of(row).held, row["n"]) if "n" in row else (int(row["held"]), 1)
+        held, n = (row_rate(row).held, row["n"]) if "n" in row else (int(row["held"]), 1)
         total = found.setdefault(str(row[column]), [0, 0])
         total[0], total[1] = total[0] + held, total[1] + n
-    return [rate(name, held, n) for name, (held, n) in found.items()]
+    return [make_rate(name, held, n) for name, (held, n) in found.items()]
 
 
-def pairs(trials: Sequence[Row]) -> Paired:
+def compare_pairs(trials: Sequence[Row]) -> PairedCounts:
     """The first target against the second, draw by draw, of two whose trials were made together. Raises ConfigError
     for a trial that could not be made."""
     for row in trials:
@@ -80,16 +80,16 @@ def pairs(trials: Sequence[Row]) -> Paired:
             raise ConfigError(str(row["error"]))
     half = len(trials) // 2
     first, second = ([bool(row["held"]) for row in part[1:]] for part in (trials[:half], trials[half:]))
-    return paired(first, second)
+    return count_pairs(first, second)
 
 
-def with_draws(targets: Sequence[Target], items: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def sample_columns(targets: Sequence[EvaluationTarget], items: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Columns that say which trial a row is of: target, number of the draw (none: without), and the draw itself."""
     each = len(items) // len(targets)
     columns: dict[str, list[Any]] = {
         "target": [target.name for target in targets for _ in range(each)],
         "draw": [number - 1 if number else None for _ in targets for number in range(each)],
     }
-    for name in Draw.__dataclass_fields__:
+    for name in Perturbation.__dataclass_fields__:
         columns[f"draw_{name}"] = [None if item["draw"] is None else item["draw"][name] for item in items]
     return columns

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.verdict import Observations, Report, Rule, Window, judge
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
+from allegro_twin.version import __version__
 
 
-def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> Report | None:
+def rejudge(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> TrialReport | None:
     """The same as at the end of the trial; None where none was recorded, to its end, with what a verdict needs."""
     rule = meta.get("judged")
     if rule is None:
         return None
-    windows = [Window(*row) for row in rule["windows"]]
+    windows = [PhaseWindow(*row) for row in rule["windows"]]
     if not len(columns["t"]) or columns["t"][-1] < windows[-1].end - 1e-9:
         return None
     unseen = np.full((len(columns["t"]), 1), np.nan)  # Older recordings do not say it.
@@ -27,16 +33,17 @@ def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, A
     )  # fmt: skip
     return judge(
         seen, windows, Rule(**{key: rule[key] for key in rule if key != "windows"}),
-        parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+        parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.joint_labels,
+        torque_limit=spec.actuation.torque_limit,
     )  # fmt: skip
 
 
-def checks(report: Report) -> dict[str, bool]:
+def phase_results(report: TrialReport) -> dict[str, bool]:
     """Held or not in each phase that was checked."""
     return {phase.name: phase.held for phase in report.phases if phase.check}
 
 
-def in_words(report: Report) -> str:
+def report_markdown(report: TrialReport) -> str:
     """A few lines of Markdown."""
     lines = ["**held**" if report.held else f"**not held**: {report.reason}", ""]
     for phase in report.phases:
@@ -45,11 +52,22 @@ def in_words(report: Report) -> str:
                 f"- {phase.name}: {'held' if phase.held else 'not held'}, moved {phase.drift * 1000:.1f} mm and "
                 f"{phase.rotation:.1f}° in the hand, {100 * phase.margin:.0f} % of the limits left"
             )
-    lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled(report)}")
+    lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled_joints(report)}")
     return "\n".join([*lines, f"- at most {report.penetration * 1000:.1f} mm in each other"])
 
 
-def stalled(report: Report, share: float = 0.5) -> str:
+def stalled_joints(report: TrialReport, share: float = 0.5) -> str:
     """The joints that push at their limit for more than a share of the time."""
     found = [f"{joint} {100 * part:.0f} %" for joint, part in report.at_limit.items() if part > share]
     return f"at its limit for most of the time: {', '.join(found)}" if found else "no joint stays at its limit"
+
+
+def write_reports(path: Path, reports: dict[str, TrialReport]) -> None:
+    """All verdicts with their margins as one JSON file."""
+    content = {
+        "allegro_twin": __version__,
+        "engine": ENGINE,
+        "trials": {name: asdict(report) for name, report in reports.items()},
+    }
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, default=dict))

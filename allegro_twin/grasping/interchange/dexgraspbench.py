@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Frame, Grasps, checked
-from allegro_twin.grasping.interchange.orders import by_name, menagerie_order, ordered, orders
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps, PalmFrame, check_grasps
+from allegro_twin.grasping.interchange.orders import joint_orders, menagerie_order, order_by_name, reorder_joints
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -21,8 +21,8 @@ _QPOS = ("pregrasp_qpos", "grasp_qpos", "squeeze_qpos")
 _OBJECT = ("obj_path", "obj_code", "obj_name", "object_code", "scene_path")
 
 
-def from_record(
-    record: Mapping[str, Any], spec: HandSpec, source: Path, *, order: Order = None, frame: Frame | None = None
+def read_record(
+    record: Mapping[str, Any], spec: HandSpec, source: Path, *, order: Order = None, frame: PalmFrame | None = None
 ) -> Grasps:
     """The grasps of a file's dictionary: `robot_pose` (BODex: of its URDF's palm), or the three `*_qpos` and perhaps
     `approach_qpos` (DexGraspBench: of Menagerie's world). Raises ConfigError."""
@@ -32,21 +32,21 @@ def from_record(
     if stages.shape[-1] < 8:
         raise ConfigError(f"{where}: {stages.shape[-1]} numbers a grasp: a pose of 7 and one a joint are needed")
     if "joint_names" in record and order is None:
-        order = by_name(_texts(record["joint_names"], where), spec, where)
+        order = order_by_name(_texts(record["joint_names"], where), spec, where)
     if order is None and not raw:
         order = menagerie_order(spec)
-    return checked(
-        spec, stages[..., :7], ordered(stages[..., 7:], spec, where, order),
+    return check_grasps(
+        spec, stages[..., :7], reorder_joints(stages[..., 7:], spec, where, order),
         _of_object(record, "obj_pose", (1, 0, 0, 0), len(stages), where), _scale(record, len(stages), where),
         thing=next((str(record[key]) for key in _OBJECT if key in record), source.parent.name),
         frame=frame or (PALM if raw else MENAGERIE), source=where,
     )  # fmt: skip
 
 
-def to_record(grasps: Grasps) -> dict[str, Any]:
+def make_record(grasps: Grasps) -> dict[str, Any]:
     """The dictionary of DexGraspBench: of one grasp as its own tools take it, of more with one row a grasp."""
     there, spec = grasps.in_frame(MENAGERIE), load_spec(side=grasps.side, serial=f"menagerie_{grasps.side}")
-    order = list(orders(spec)[menagerie_order(spec)])
+    order = list(joint_orders(spec)[menagerie_order(spec)])
     rows = np.concatenate([there.hand, there.joints[..., order]], axis=-1)
     names = spec.foreign.joints if spec.foreign is not None else spec.joints
     record: dict[str, Any] = {
@@ -66,8 +66,8 @@ def to_record(grasps: Grasps) -> dict[str, Any]:
 
 def write_dexgraspbench(path: Path, grasps: Grasps) -> None:
     """A `.npy` that DexGraspBench reads; its own tools want one grasp a file. Raises RecordingError."""
-    with whole_file(path) as temporary:
-        np.save(temporary, np.array(to_record(grasps), dtype=object), allow_pickle=True)
+    with atomic_file(path) as temporary:
+        np.save(temporary, np.array(make_record(grasps), dtype=object), allow_pickle=True)
 
 
 def _robot_pose(record: Mapping[str, Any], where: str) -> Array:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.interchange.grasps import PALM, Grasps, checked
-from allegro_twin.grasping.interchange.orders import by_name, names_of, ordered, rearranged
+from allegro_twin.grasping.interchange.grasps import PALM, Grasps, check_grasps
+from allegro_twin.grasping.interchange.orders import joint_names, order_by_name, permute_joints, reorder_joints
 from allegro_twin.kinematics.orientation import quaternion_from_euler
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -20,18 +20,18 @@ OPENED, PRESSED = 0.9, 1.1
 """Of the joints: the pre-shape and the squeeze that these entries do not have, as DexGraspBench makes them."""
 
 
-def from_entries(entries: Sequence[Mapping[str, Any]], spec: HandSpec, source: Path) -> Grasps:
+def read_entries(entries: Sequence[Mapping[str, Any]], spec: HandSpec, source: Path) -> Grasps:
     """The grasps of a file, whose object lies at the origin, scaled. Raises ConfigError."""
     where = str(source)
     if not len(entries):
         raise ConfigError(f"{where}: holds no grasp")
-    known = names_of(spec)
+    known = joint_names(spec)
     rows = [_row(entry, spec, f"{where}: grasp {number}", known) for number, entry in enumerate(entries)]
     pose, joints, scale = (np.array(column) for column in zip(*rows, strict=True))
     postures = np.stack([OPENED * joints, joints, PRESSED * joints], axis=1)
     added = f"{where} (pre-shape and squeeze: {OPENED} and {PRESSED} times the joints)"
-    ordered(postures, spec, where)
-    return checked(
+    reorder_joints(postures, spec, where)
+    return check_grasps(
         spec, np.repeat(pose[:, None], 3, axis=1), postures, [0, 0, 0, 1, 0, 0, 0], scale,
         thing=str(entries[0].get("object_code", source.stem)), frame=PALM, source=added,
     )  # fmt: skip
@@ -46,11 +46,11 @@ def _row(entry: Mapping[str, Any], spec: HandSpec, where: str, known: Mapping[st
     if missing:
         raise ConfigError(f"{where}: qpos has no {', '.join(missing)}")
     names = [str(name) for name in found if name not in (*_POSITION, *_TURN)]
-    order = by_name(names, spec, where, known)
+    order = order_by_name(names, spec, where, known)
     values = {str(name): _number(value, f"{where}: {name}") for name, value in found.items()}
     turn = quaternion_from_euler([values[name] for name in _TURN])
     pose = np.concatenate([[values[name] for name in _POSITION], turn])
-    joints = rearranged(np.array([values[name] for name in names]), order)
+    joints = permute_joints(np.array([values[name] for name in names]), order)
     return pose, joints, _number(entry.get("scale", 1.0), f"{where}: scale")
 
 

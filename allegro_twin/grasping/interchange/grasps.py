@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_conjugate, quaternion_product
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector, frozen
 
@@ -21,7 +21,7 @@ _UNIT = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class PalmFrame:
     """Which frame of the hand a format gives the pose of."""
 
     name: str
@@ -29,9 +29,9 @@ class Frame:
     """Our palm in it: a turn about its origin, w x y z."""
 
 
-PALM = Frame("palm", (1.0, 0.0, 0.0, 0.0))
+PALM = PalmFrame("palm", (1.0, 0.0, 0.0, 0.0))
 """Ours, and the root of the manufacturer's URDF: x out of the palm, z to the fingertips. BODex, DexGraspNet."""
-MENAGERIE = Frame("menagerie", (0.0, 0.5**0.5, 0.0, 0.5**0.5))
+MENAGERIE = PalmFrame("menagerie", (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 """The world of Menagerie's file, in which its palm is turned (`quat="0 1 0 1"`): z out of the palm, x to the
 fingertips. DexGraspBench hangs that world on a free joint, and what follows it does the same."""
 FRAMES = {frame.name: frame for frame in (PALM, MENAGERIE)}
@@ -40,7 +40,7 @@ FRAMES = {frame.name: frame for frame in (PALM, MENAGERIE)}
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasps:
     """k grasps in s ≥ 3 stages: an approach, if there is one, then `STAGES`. Poses are positions, m, and quaternions
-    w x y z. Raises ConfigError, in a line, for what cannot be: see `checked`."""
+    w x y z. Raises ConfigError, in a line, for what cannot be: see `check_grasps`."""
 
     hand: Array
     """Of the `frame` in the file's world, (k, s, 7)."""
@@ -53,7 +53,7 @@ class Grasps:
     object: str
     """Its file or name, as it was written."""
     side: Side
-    frame: Frame
+    frame: PalmFrame
     source: str
     """The file that they are from, and what was added to it."""
 
@@ -63,11 +63,13 @@ class Grasps:
     @property
     def palm(self) -> Array:
         """Our palm in the frame of the object's file, (k, s, 7)."""
-        back = conjugate(_unit(self.object_pose[:, None, 3:]))
+        back = quaternion_conjugate(_unit(self.object_pose[:, None, 3:]))
         turn = matrix_from_quaternion(back)
         position = np.einsum("koij,ksj->ksi", turn, self.hand[..., :3] - self.object_pose[:, None, :3])
-        hand = product(np.broadcast_to(back, self.hand[..., 3:].shape), _unit(self.hand[..., 3:]))
-        return np.concatenate([position, product(hand, np.broadcast_to(self.frame.palm, hand.shape))], axis=-1)
+        hand = quaternion_product(np.broadcast_to(back, self.hand[..., 3:].shape), _unit(self.hand[..., 3:]))
+        return np.concatenate(
+            [position, quaternion_product(hand, np.broadcast_to(self.frame.palm, hand.shape))], axis=-1
+        )
 
     def palm_from(self, middle: ArrayLike) -> Array:
         """The palm from another origin in the object, (3,), m, in its file's axes: from the middle of its mesh
@@ -110,18 +112,18 @@ class Grasps:
         """The same with every joint inside its limits: what a position controller can be asked for."""
         return replace(self, joints=np.clip(self.joints, spec.lower, spec.upper))
 
-    def in_frame(self, frame: Frame) -> Grasps:
+    def in_frame(self, frame: PalmFrame) -> Grasps:
         """The same with the hand's poses in another of its frames; nothing is rounded where it is that one already."""
         if frame == self.frame:
             return self
-        turn = product(np.array(self.frame.palm), conjugate(np.array(frame.palm)))
-        turned = product(self.hand[..., 3:], np.broadcast_to(turn, self.hand[..., 3:].shape))
+        turn = quaternion_product(np.array(self.frame.palm), quaternion_conjugate(np.array(frame.palm)))
+        turned = quaternion_product(self.hand[..., 3:], np.broadcast_to(turn, self.hand[..., 3:].shape))
         return replace(self, hand=np.concatenate([self.hand[..., :3], turned], axis=-1), frame=frame)
 
 
-def checked(
+def check_grasps(
     spec: HandSpec, hand: ArrayLike, joints: ArrayLike, object_pose: ArrayLike, scale: ArrayLike, *,
-    thing: str, frame: Frame, source: str,
+    thing: str, frame: PalmFrame, source: str,
 ) -> Grasps:  # fmt: skip
     """Grasps from arrays that fit each other; one pose and one scale of the object stand for all.
 

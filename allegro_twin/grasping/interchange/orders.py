@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.types import Array
 
@@ -17,7 +17,7 @@ _HANDS = {22: "a Shadow Hand's, as in DexGraspNet and BODex", 12: "a Barrett or 
 """By their number of joints."""
 
 
-def orders(spec: HandSpec) -> dict[str, tuple[int, ...]]:
+def joint_orders(spec: HandSpec) -> dict[str, tuple[int, ...]]:
     """The orders in which others list this hand's joints, as indices of the spec's."""
     fingers = list(spec.fingers)
     in_tree = sorted(fingers, key=lambda finger: spec.joints[finger.joints[0]])
@@ -37,12 +37,12 @@ def menagerie_order(spec: HandSpec) -> str:
     return "fingers" if spec.side == "right" else "mirrored"
 
 
-def by_name(
+def order_by_name(
     names: Sequence[str], spec: HandSpec, where: str, known: Mapping[str, int] | None = None
 ) -> tuple[int, ...]:
     """Where in the spec's order each of a file's joints is. Raises ConfigError for names of another hand, and joints
-    that are missing or come twice. `known`: `names_of` the spec, for whoever asks often."""
-    known = names_of(spec) if known is None else known
+    that are missing or come twice. `known`: `joint_names` of the spec, for whoever asks often."""
+    known = joint_names(spec) if known is None else known
     found = []
     for name in names:
         bare = name.rsplit("/", 1)[-1].rsplit(":", 1)[-1]
@@ -50,56 +50,60 @@ def by_name(
             raise ConfigError(f"{where}: {name!r} is no joint of {spec.name}: is it another hand's grasp?")
         found.append(known[bare])
     if sorted(found) != list(range(spec.n_joints)):
-        missing = [spec.readable[j] for j in range(spec.n_joints) if found.count(j) != 1]
+        missing = [spec.joint_labels[j] for j in range(spec.n_joints) if found.count(j) != 1]
         raise ConfigError(f"{where}: each joint of {spec.name} once; missing or twice: {', '.join(missing)}")
     return tuple(found)
 
 
-def ordered(joints: Array, spec: HandSpec, where: str, order: str | tuple[int, ...] | None = None) -> Array:
+def reorder_joints(joints: Array, spec: HandSpec, where: str, order: str | tuple[int, ...] | None = None) -> Array:
     """Joint positions (k, s, m) in the spec's order, (k, s, n), rad.
 
-    `order`: the name of one of `orders`, or the spec's index of each; without one they are taken to be in the spec's
-    order as long as the closed postures fit its limits. Raises ConfigError for another number of joints, an order that
-    is none, and joints out of range: which, by how much, and which order would fit.
+    `order`: the name of one of `joint_orders`, or the spec's index of each. Without one they are taken to be in the
+    spec's order as long as the closed postures fit its limits. Raises ConfigError for another number of joints, an
+    order that is none, and joints out of range: which, by how much, and which order would fit.
     """
     width = joints.shape[-1]
     if width != spec.n_joints:
         whose = _HANDS.get(width, "another hand's")
         raise ConfigError(f"{where}: {width} joints; {spec.name} has {spec.n_joints}: they are {whose}")
-    if isinstance(order, str) and order not in orders(spec):
-        raise ConfigError(f"{where}: {unknown('order of joints', order, orders(spec))}")
-    given = orders(spec)[order] if isinstance(order, str) else order
+    if isinstance(order, str) and order not in joint_orders(spec):
+        raise ConfigError(f"{where}: {unknown('order of joints', order, joint_orders(spec))}")
+    given = joint_orders(spec)[order] if isinstance(order, str) else order
     if given is not None and sorted(given) != list(range(width)):
         raise ConfigError(f"{where}: an order has each number from 0 to {width - 1} once, not {list(given)}")
-    found = rearranged(joints, given) if given is not None else joints
+    found = permute_joints(joints, given) if given is not None else joints
     _in_range(found, joints, spec, where)
     return found
 
 
-def rearranged(joints: Array, order: Sequence[int]) -> Array:
+def permute_joints(joints: Array, order: Sequence[int]) -> Array:
     """From a file's order to the spec's: column i of the file is the spec's joint order[i]."""
     return joints[..., np.argsort(np.asarray(order))]
 
 
-def excess(joints: Array, spec: HandSpec) -> Array:
+def limit_excess(joints: Array, spec: HandSpec) -> Array:
     """How far outside its limits each joint is, rad; 0 inside."""
     over: Array = np.maximum(np.maximum(spec.lower - joints, joints - spec.upper), 0.0)
     return over
 
 
 def _in_range(found: Array, given: Array, spec: HandSpec, where: str) -> None:
-    over = excess(found[:, -2], spec)
+    over = limit_excess(found[:, -2], spec)
     if over.size == 0 or not over.max() > TOLERANCE:  # NaN is somebody else's to report.
         return
     grasp, joint = np.unravel_index(int(over.argmax()), over.shape)
-    fitting = [n for n, o in orders(spec).items() if excess(rearranged(given, o)[:, -2], spec).max() <= TOLERANCE]
+    fitting = [
+        n
+        for n, o in joint_orders(spec).items()
+        if limit_excess(permute_joints(given, o)[:, -2], spec).max() <= TOLERANCE
+    ]
     way_out = (
         f"its numbers fit the order {' or '.join(repr(name) for name in fitting)}: say order={fitting[0]!r}"
         if fitting
         else f"no known order of {spec.name}'s joints fits: is it another hand's, or in degrees?"
     )
     raise ConfigError(
-        f"{where}: grasp {grasp}: {spec.readable[joint]} = {found[grasp, -2, joint]:.4g} rad is "
+        f"{where}: grasp {grasp}: {spec.joint_labels[joint]} = {found[grasp, -2, joint]:.4g} rad is "
         f"{over[grasp, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
     )
 
@@ -108,7 +112,7 @@ def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:
     return tuple(joint for finger in fingers for joint in finger.joints)
 
 
-def names_of(spec: HandSpec) -> dict[str, int]:
+def joint_names(spec: HandSpec) -> dict[str, int]:
     """Every name of a joint that is known: ours, the URDF's, Menagerie's and NVIDIA's (`index_joint_0`)."""
     foreign = load_spec(spec.model, spec.side, f"menagerie_{spec.side}").foreign
     theirs = foreign.joints if foreign is not None else ()

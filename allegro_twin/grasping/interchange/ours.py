@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.schema import Settings, load
-from allegro_twin.files.yaml_edit import with_document
-from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, checked
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.schema import Settings, load_settings
+from allegro_twin.files.yaml_edit import replace_document
+from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, check_grasps
 from allegro_twin.hands.library.entries import Angles, joint_vector
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
@@ -20,7 +20,7 @@ from allegro_twin.types import Array
 Pose = Annotated[list[float], Field(min_length=7, max_length=7)]
 
 
-class Stage(Settings):
+class StagePose(Settings):
     """One posture and where the hand then is."""
 
     pose: Pose
@@ -28,18 +28,18 @@ class Stage(Settings):
     angles: Angles
 
 
-class Entry(Settings):
+class YamlGrasp(Settings):
     """One grasp."""
 
     object_pose: Pose
     scale: Annotated[float, Field(gt=0)] = 1.0
-    approach: tuple[Stage, ...] = ()
-    preshape: Stage
-    close: Stage
-    squeeze: Stage
+    approach: tuple[StagePose, ...] = ()
+    preshape: StagePose
+    close: StagePose
+    squeeze: StagePose
 
 
-class File(Settings):
+class YamlGrasps(Settings):
     """Grasps of one hand on one object."""
 
     object: str
@@ -47,12 +47,12 @@ class File(Settings):
     side: Side = "right"
     frame: str = PALM.name
     """Of the hand: `palm`, ours, or `menagerie`."""
-    grasps: tuple[Entry, ...]
+    grasps: tuple[YamlGrasp, ...]
 
 
 def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
     """The grasps of a file. Raises ConfigError."""
-    file, where = load(File, path), str(path)
+    file, where = load_settings(YamlGrasps, path), str(path)
     if file.frame not in FRAMES:
         raise ConfigError(f"{where}: frame is one of {', '.join(FRAMES)}, not {file.frame!r}")
     if file.side != spec.side:
@@ -62,7 +62,7 @@ def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
         raise ConfigError(f"{where}: every grasp of a file has an approach of the same number of stages")
     poses = [[stage.pose for stage in row] for row in stages]
     joints = [[joint_vector(s.angles, spec, f"{where}: grasp {k}") for s in row] for k, row in enumerate(stages)]
-    return checked(
+    return check_grasps(
         spec, poses, joints, [entry.object_pose for entry in file.grasps] or np.zeros((0, 7)),
         [entry.scale for entry in file.grasps], thing=file.object, frame=FRAMES[file.frame], source=where,
     )  # fmt: skip
@@ -76,8 +76,8 @@ def write_yaml_grasps(path: Path, grasps: Grasps, spec: HandSpec) -> None:
         "frame": grasps.frame.name,
         "grasps": [_entry(grasps, row, spec) for row in range(len(grasps))],
     }
-    with whole_file(path) as temporary:
-        temporary.write_text(with_document("", content, str(path)), encoding="utf-8")
+    with atomic_file(path) as temporary:
+        temporary.write_text(replace_document("", content, str(path)), encoding="utf-8")
 
 
 def _entry(grasps: Grasps, row: int, spec: HandSpec) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class _Refused(Exception):
     """A pickle names something that is not plain data."""
 
 
-class _Kind:
+class _DType:
     """A dtype, as it was told."""
 
     __slots__ = ("code", "order")
@@ -68,7 +68,7 @@ class _Array:
     __slots__ = ("kind", "raw", "shape", "transposed")
 
     def __init__(self) -> None:
-        self.shape, self.kind, self.transposed, self.raw = (), _Kind("O"), False, [None]
+        self.shape, self.kind, self.transposed, self.raw = (), _DType("O"), False, [None]
 
     shape: Any
     kind: Any
@@ -87,7 +87,7 @@ class _Array:
                 raise ValueError("an array of objects without them")
             flat = np.empty(count, dtype=object)
             for index, value in enumerate(self.raw):
-                flat[index] = plain(value, within, done)
+                flat[index] = to_plain(value, within, done)
             return np.reshape(flat, shape, order=order)
         if len(self.raw) != count * dtype.itemsize or min(shape, default=0) < 0:
             raise ValueError("an array whose size is not what it says")
@@ -112,13 +112,13 @@ class _Call:
         raise _Refused("a change to what it may call")
 
 
-def _scalar(kind: _Kind, raw: object = b"") -> _Array:
+def _scalar(kind: _DType, raw: object = b"") -> _Array:
     found = _Array()
     found.kind, found.raw = kind, raw if kind.code[:1] != "O" else [raw]
     return found
 
 
-def _from_buffer(raw: object, kind: _Kind, shape: object, order: object, *_: object) -> _Array:
+def _from_buffer(raw: object, kind: _DType, shape: object, order: object, *_: object) -> _Array:
     found = _Array()
     found.shape, found.kind, found.transposed, found.raw = shape, kind, order == "F", raw
     return found
@@ -143,7 +143,7 @@ _KNOWN: dict[tuple[str, str], object] = {
     **{(f"{core}.multiarray", "scalar"): _Call(_scalar) for core in _CORE},
     **{(f"{core}.numeric", "_frombuffer"): _Call(_from_buffer) for core in _CORE},
     ("numpy", "ndarray"): "ndarray",  # Only ever an argument.
-    ("numpy", "dtype"): _Call(_Kind),
+    ("numpy", "dtype"): _Call(_DType),
     ("_codecs", "encode"): _Call(_encoded),
     ("collections", "OrderedDict"): _Call(OrderedDict),
     ("builtins", "set"): _Call(set),
@@ -164,7 +164,7 @@ class _Unpickler(pickle._Unpickler):
         return _KNOWN[place]
 
 
-def plain(value: object, within: int, done: dict[int, Any]) -> Any:
+def to_plain(value: object, within: int, done: dict[int, Any]) -> Any:
     """The same with arrays for their stand-ins, in containers too; `done`: what was made of each object, by its id, for
     few bytes can hold the same list within itself so often that going through it would never end."""
     if within > _DEEPEST:
@@ -180,9 +180,9 @@ def _made(value: object, within: int, done: dict[int, Any]) -> Any:
             array = value.array(within, done)
             return array[()] if value.shape == () and array.dtype.kind != "O" else array
         case dict():
-            return {plain(key, within, done): plain(item, within, done) for key, item in value.items()}
+            return {to_plain(key, within, done): to_plain(item, within, done) for key, item in value.items()}
         case list() | tuple() | set() | frozenset():
-            return type(value)(plain(item, within, done) for item in value)
+            return type(value)(to_plain(item, within, done) for item in value)
         case None | bool() | int() | float() | complex() | str() | bytes() | bytearray():
             return value
     raise _Refused(f"a {type(value).__name__.lstrip('_')} by itself")
@@ -202,7 +202,7 @@ def load_plain(path: Path) -> Any:
         shape, _, dtype = header(file)
         if not dtype.hasobject:
             return np.load(io.BytesIO(content), allow_pickle=False)
-        found = plain(_Unpickler(file).load(), 0, {})
+        found = to_plain(_Unpickler(file).load(), 0, {})
     except _Refused as error:
         raise ConfigError(
             f"{path}: holds {_first_line(error)}, which is no plain data and was not run: save arrays, numbers and text"

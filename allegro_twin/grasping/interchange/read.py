@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.grasping.interchange.dexgraspbench import Order, from_record
-from allegro_twin.grasping.interchange.dexgraspnet import from_entries
+from allegro_twin.grasping.interchange.dexgraspbench import Order, read_record
+from allegro_twin.grasping.interchange.dexgraspnet import read_entries
 from allegro_twin.grasping.interchange.grasps import FRAMES, Grasps
 from allegro_twin.grasping.interchange.ours import read_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, parse_object
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.taxonomy import ClaimedType
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.sim.objects.meshes import SUFFIXES, mesh_middle
 from allegro_twin.spec import HandSpec
 
 
@@ -33,8 +39,8 @@ def read_grasps(path: Path, spec: HandSpec, *, order: Order = None, frame: str |
         raise ConfigError(f"{path}: grasps are read from .npy and .yaml")
     content = load_plain(path)
     if isinstance(content, Mapping) and "qpos" not in content:
-        return from_record(content, spec, path, order=order, frame=FRAMES[frame] if frame else None)
-    return from_entries(_entries(content, path), spec, path)
+        return read_record(content, spec, path, order=order, frame=FRAMES[frame] if frame else None)
+    return read_entries(_entries(content, path), spec, path)
 
 
 def _entries(content: Any, path: Path) -> list[Any]:
@@ -44,3 +50,56 @@ def _entries(content: Any, path: Path) -> list[Any]:
     if not isinstance(rows, list | tuple):
         raise ConfigError(f"{path}: holds bare numbers; a grasp file is a dictionary, or a list of them")
     return list(rows)
+
+
+# The formats do not say of which type a grasp is, and this number is none of the taxonomy's 33.
+_UNTYPED = ClaimedType.model_construct(number=0, name="not said", type="precision", opposition="pad")
+
+
+class ImportedGrasp(NamedTuple):
+    """One grasp of a file."""
+
+    scenario: Scenario
+    grasp: Grasp
+    folder: Path
+
+
+def import_grasp(path: Path, row: int, spec: HandSpec, thing: str | None = None) -> ImportedGrasp:
+    """Grasp number `row` of a file. `thing`: the object, where the file's own path is not here. The palm stays where
+    the file has it at the closed posture. Raises ConfigError."""
+    grasps = load_grasps(path, spec)
+    placed = _object(grasps, row, thing, path)
+    palm = grasps.palm[row, -2]
+    if placed.file is not None:
+        palm = grasps.palm_from(mesh_middle(placed.file, placed.scale))[row, -2]
+    turn = matrix_from_quaternion(palm[3:])
+    wrist = {"position": palm[:3].tolist(), "facing": turn[:, 0].tolist(), "fingers": turn[:, 2].tolist(),
+             "retreat": (0.0, 0.0, 0.0)}  # fmt: skip
+    name = f"{path.stem}_{row}"
+    grasp = Grasp(name, _UNTYPED, 1.0, "minimum_jerk", grasps.preshape[row], grasps.close[row], grasps.squeeze[row])
+    scenario = Scenario.model_validate(
+        {"objects": [placed.model_dump()], "grasp": name, "side": spec.side, "wrist": wrist, "protocol": "fc"}
+    )
+    return ImportedGrasp(scenario, grasp, path.parent)
+
+
+@lru_cache(maxsize=32)
+def _read(path: Path, changed: int, spec: HandSpec) -> Grasps:
+    return read_grasps(path, spec).within(spec)
+
+
+def load_grasps(path: Path, spec: HandSpec) -> Grasps:
+    """Those of a file, with every joint inside its limits. Raises ConfigError."""
+    return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
+
+
+def _object(grasps: Grasps, row: int, thing: str | None, path: Path) -> ScenarioObject:
+    name = grasps.object if thing is None else thing
+    if thing is not None and Path(name).suffix.lower() not in SUFFIXES:
+        return parse_object(name)
+    places = [Path(name), path.parent / name]
+    file = next((place for place in places if place.is_file() and place.suffix.lower() in SUFFIXES), None)
+    if file is None:
+        raise ConfigError(f"{path}: its object {name!r} is no mesh here: say --object FILE")
+    scale = float(grasps.scale[row])
+    return parse_object(str(file)).model_copy(update={"scale": scale})

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, forces, wrenches
-from allegro_twin.grasping.metrics.needs import scipy_part
+from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, cone_forces, cone_wrenches
+from allegro_twin.grasping.metrics.quality import import_scipy
 from allegro_twin.types import Array, Vector
 
 
-class Effort(NamedTuple):
+class JointEffort(NamedTuple):
     """The least that the joints have to give."""
 
     share: float
@@ -24,7 +24,7 @@ class Effort(NamedTuple):
     """At each contact, (k,), N."""
 
 
-def weight(mass: float, down: ArrayLike = (0.0, 0.0, -1.0), gravity: float = 9.81) -> Vector:
+def weight_load(mass: float, down: ArrayLike = (0.0, 0.0, -1.0), gravity: float = 9.81) -> Vector:
     """The load of an object's weight, (6,), at its centre of mass; `down` is in the contacts' frame."""
     return np.append(mass * gravity * np.asarray(down, dtype=np.float64), np.zeros(3))
 
@@ -37,18 +37,18 @@ def least_normal_force(touch: Contacts, loads: ArrayLike, edges: int = EDGES) ->
     Shape (l,), N; inf where none does. Linear programs (HiGHS), exact for the pyramids and so an upper bound for the
     cones. Raises ConfigError without SciPy.
     """
-    points = wrenches(touch, edges)
+    points = cone_wrenches(touch, edges)
     found = []
     for load in _loads(loads, touch.length):
         if not len(points):
             found.append(np.inf if load.any() else 0.0)
             continue
-        solved = scipy_part("optimize").linprog(np.ones(len(points)), A_eq=points.T, b_eq=-load, method="highs")
+        solved = import_scipy("optimize").linprog(np.ones(len(points)), A_eq=points.T, b_eq=-load, method="highs")
         found.append(float(solved.fun) if solved.success else np.inf)
     return np.array(found)
 
 
-def least_effort(touch: Contacts, jacobians: Array, limit: Vector, load: ArrayLike, edges: int = EDGES) -> Effort:
+def least_effort(touch: Contacts, jacobians: Array, limit: Vector, load: ArrayLike, edges: int = EDGES) -> JointEffort:
     """The forces that carry a load (6,) with the least of the clip:
 
     min t, subject to Σ xᵢ wᵢ + load = 0, |Σ xᵢ Jᵀ(fᵢ, mᵢ)|ⱼ ≤ t limitⱼ, xᵢ ≥ 0.
@@ -59,18 +59,18 @@ def least_effort(touch: Contacts, jacobians: Array, limit: Vector, load: ArrayLi
     upper bound for the cones. Raises ConfigError without SciPy, and for shapes that do not fit.
     """
     rows, joints = _shape(jacobians, touch, limit)
-    force, moment, owner = forces(touch, edges)
-    wrench = wrenches(touch, edges)
+    force, moment, owner = cone_forces(touch, edges)
+    wrench = cone_wrenches(touch, edges)
     if rows == 3:
         hard = ~moment.any(axis=1)
         force, moment, owner, wrench = force[hard], moment[hard], owner[hard], wrench[hard]
-    unknown_effort = Effort(np.inf, np.full(joints, np.nan), np.full(len(touch), np.nan))
+    unknown_effort = JointEffort(np.inf, np.full(joints, np.nan), np.full(len(touch), np.nan))
     wanted = _loads(load, touch.length)[0]
     if not len(owner):
-        return unknown_effort if wanted.any() else Effort(0.0, np.zeros(joints), np.zeros(0))
+        return unknown_effort if wanted.any() else JointEffort(0.0, np.zeros(joints), np.zeros(0))
     applied = force if rows == 3 else np.hstack([force, moment])
     torque = np.einsum("gr,grn->ng", applied, jacobians[owner])
-    solved = scipy_part("optimize").linprog(
+    solved = import_scipy("optimize").linprog(
         np.append(np.zeros(len(owner)), 1.0),
         A_ub=np.block([[torque, -limit[:, None]], [-torque, -limit[:, None]]]), b_ub=np.zeros(2 * joints),
         A_eq=np.hstack([wrench.T, np.zeros((6, 1))]), b_eq=-wanted, method="highs",
@@ -78,7 +78,7 @@ def least_effort(touch: Contacts, jacobians: Array, limit: Vector, load: ArrayLi
     if not solved.success:
         return unknown_effort
     shares = solved.x[:-1]
-    return Effort(float(solved.fun), torque @ shares, np.bincount(owner, shares, len(touch)).astype(np.float64))
+    return JointEffort(float(solved.fun), torque @ shares, np.bincount(owner, shares, len(touch)).astype(np.float64))
 
 
 def _loads(loads: ArrayLike, length: float) -> Array:

@@ -43,7 +43,7 @@ class Contacts:
         return len(self.points)
 
 
-def contacts(
+def make_contacts(
     points: ArrayLike,
     normals: ArrayLike,
     friction: ArrayLike,
@@ -78,7 +78,7 @@ def contacts(
     )
 
 
-def forces(touch: Contacts, edges: int = EDGES) -> tuple[Array, Array, Indices]:
+def cone_forces(touch: Contacts, edges: int = EDGES) -> tuple[Array, Array, Indices]:
     """The extreme forces of every contact's cone, each with a normal part of 1 N.
 
     Returns the forces (g, 3), N, the moments about the contact point (g, 3), N·m, and the contact of each, (g,). A cone
@@ -99,9 +99,9 @@ def forces(touch: Contacts, edges: int = EDGES) -> tuple[Array, Array, Indices]:
     return force, moment, np.concatenate([np.repeat(np.arange(len(touch)), edges), soft, soft])
 
 
-def wrenches(touch: Contacts, edges: int = EDGES) -> Array:
+def cone_wrenches(touch: Contacts, edges: int = EDGES) -> Array:
     """The same as wrenches on the object, (g, 6): force, N; ((p − c) × f + m) / length, N."""
-    force, moment, owner = forces(touch, edges)
+    force, moment, owner = cone_forces(touch, edges)
     arm = touch.points[owner] - touch.centre
     return np.hstack([force, (np.cross(arm, force) + moment) / touch.length])
 

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from allegro_twin.control.controllers import Gains
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.scenario import Scenario, Wrist
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
+from allegro_twin.sim.objects.catalogue import PlacedObject
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
@@ -41,7 +52,7 @@ class Candidate:
         return "above" if down > np.cos(np.radians(30.0)) else "side" if abs(down) < 0.5 else "oblique"
 
 
-def apart(first: Candidate, second: Candidate, symmetry: Array | None = None) -> tuple[float, float]:
+def pose_distance(first: Candidate, second: Candidate, symmetry: Array | None = None) -> tuple[float, float]:
     """How far two palms are from each other, m and rad. `symmetry`: rotations (k, 3, 3) about the world's origin that
     leave the object as it is; the nearest image counts."""
     turns = np.eye(3)[None] if symmetry is None else symmetry
@@ -52,13 +63,106 @@ def apart(first: Candidate, second: Candidate, symmetry: Array | None = None) ->
     return float(positions[best]), float(angles[best])
 
 
-def different(
+def is_different(
     candidate: Candidate, others: list[Candidate], symmetry: Array | None = None,
     metres: float = 0.02, degrees: float = 20.0,
 ) -> bool:  # fmt: skip
     """Whether a candidate is 2 cm or 20° from every other one."""
     for other in others:
-        far, turned = apart(candidate, other, symmetry)
+        far, turned = pose_distance(candidate, other, symmetry)
         if far < metres and turned < np.radians(degrees):
             return False
     return True
+
+
+ROUND = 36
+"""Turns that stand for any turn of something round: every 10°, half of what makes grasps different."""
+
+
+def object_symmetry(placed: PlacedObject) -> Array:
+    """Rotations about the vertical through the object, (k, 3, 3), which leave it where it stands as it is: those of a
+    cylinder or a sphere, of a box, and no other than none of a mesh."""
+    thing = placed.thing
+    _w, x, y, _z = placed.quaternion
+    upright = abs(x) < 1e-6 and abs(y) < 1e-6
+    match thing.shape:
+        case "sphere":
+            count = ROUND
+        case "cylinder":
+            count = ROUND if upright else 2
+        case "ellipsoid":
+            count = 2
+        case "box":
+            half = thing.half_extents()
+            square = np.isclose(*sorted(half)[:2]) if not upright else np.isclose(half[0], half[1])
+            count = 4 if square and (upright or np.allclose(half, half[0])) else 2
+        case _:
+            count = 1
+    angles = 2.0 * np.pi * np.arange(count) / count
+    c, s, zero, one = np.cos(angles), np.sin(angles), np.zeros(count), np.ones(count)
+    turns: Array = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
+    return turns
+
+
+DIGITS = 4
+"""Of angles in rad and of lengths in m, as files have them: what is proven is what is written."""
+
+
+def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
+    """The scenario with the candidate's palm."""
+    away = candidate.position - np.array(bench.placed.position)
+    wrist = Wrist.model_validate(
+        {
+            "position": round_vector(away), "facing": round_vector(candidate.rotation[:, 0]),
+            "fingers": round_vector(candidate.rotation[:, 2]), "retreat": round_vector(candidate.retreat),
+        }
+    )  # fmt: skip
+    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference})
+
+
+def candidate_grasp(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:
+    """The candidate's postures as a grasp, of its template's type. `squeeze`: factor on how far the fingers are told to
+    go beyond where they touch."""
+    told = candidate.close + squeeze * (candidate.squeeze - candidate.close)
+    preshape, close, told = (round_posture(each, spec) for each in (candidate.preshape, candidate.close, told))
+    return replace(template, preshape=preshape, close=close, squeeze=told, grip=None, observed=None)
+
+
+def round_posture(posture: Vector, spec: HandSpec) -> Vector:
+    """A posture as files have it, inside the joint limits, (n,), rad."""
+    fine = 10.0**DIGITS
+    inside: Vector = np.clip(
+        np.round(posture, DIGITS), np.ceil(spec.lower * fine) / fine, np.floor(spec.upper * fine) / fine
+    )
+    return inside
+
+
+def round_vector(vector: Array) -> tuple[float, float, float]:
+    """Three lengths as files have them, m."""
+    x, y, z = np.round(vector, DIGITS).tolist()
+    return x, y, z
+
+
+SHARE = 0.9
+"""Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
+
+
+def check_stiffness(spec: HandSpec) -> None:
+    """Raises ConfigError for a hand that closes its own loop where nobody says how stiff that is: no squeeze could be
+    reckoned with."""
+    if "torque" not in spec.commands and spec.actuation.stiffness is None:
+        raise ConfigError(f"{spec.name}: its card says no `stiffness` of what is driven; `hand new` writes it")
+
+
+def rest_positions(trial: Trial, data: Any) -> Mapping[str, float]:
+    """Positions of what is driven by name, rad: what a batch of trials measures for `limit_squeeze`."""
+    spec, lengths = trial.backend.spec, ActuatorLengths(trial.backend.spec, trial.backend.model)
+    at = lengths.position(data.qpos) if lengths.sums else lengths.look(trial.backend.model, data)[0]
+    return dict(zip(spec.joints, at.tolist(), strict=True))
+
+
+def limit_squeeze(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:
+    """The grasp with its squeeze no further from where its joints come to `rest` (n,), rad, than what `share` of their
+    torque limits makes: kp |squeeze - rest| ≤ share · limit."""
+    reach = share * spec.actuation.torque_limit / gains.kp
+    return replace(grasp, squeeze=round_posture(np.clip(grasp.squeeze, rest - reach, rest + reach), spec))

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.sim.contact.grasp_scene import Indices, Meetings, Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene, Indices, TouchPoints
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 COARSE, FINE = 0.17, 0.04
 """rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
@@ -17,7 +18,7 @@ FURTHEST = 1.6
 """rad that a joint closes."""
 
 
-def units(spec: HandSpec) -> Vector:
+def motor_scale(spec: HandSpec) -> Vector:
     """How far each motor goes while what it moves turns by a radian, (n,): 1 where it turns joints itself; less where a
     tendon or a linkage moves its fastest follower by more, and where its whole way is short, on a slide say."""
     found = np.ones(spec.n_joints)
@@ -28,11 +29,11 @@ def units(spec: HandSpec) -> Vector:
     return found
 
 
-def closed(bench: Workbench, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, Meetings]:
+def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, TouchPoints]:
     """The candidate with its fingers closed, each motor where the last joint that it moves has stopped, and where the
     hand touches the object."""
     spec, of = bench.spec, bench.motors
-    by, lower, upper = units(spec)[of], spec.lower[of], spec.upper[of]
+    by, lower, upper = motor_scale(spec)[of], spec.lower[of], spec.upper[of]
     at, moving = candidate.preshape[of].copy(), candidate.closing[of].copy()
     furthest = np.where(np.isin(of, [each.driven for each in spec.followers]), (upper - lower) / by, FURTHEST)
     for _ in range(round(float(furthest.max()) / step)):
@@ -51,3 +52,19 @@ def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:
         mine = at[of == motor]
         close[motor] = mine[np.argmax(candidate.closing[motor] * mine)]
     return close
+
+
+LEVER = 0.04
+"""m: what makes a moment a force, about the radius of what a hand holds."""
+UNBALANCED = 0.25
+"""More of every newton than this is left over: the fingers would push the object away."""
+
+
+def metric_contacts(touch: TouchPoints, centre: Array, friction: float, torsion: float = 0.0) -> Contacts:
+    """What a workbench has found, as contacts of which metrics are taken; `torsion`: of each, m."""
+    return make_contacts(touch.points, touch.normals, friction, torsion, centre=centre, length=LEVER)
+
+
+def torsion_radius(bench: GraspScene) -> float:
+    """Counted for a hand of two fingers alone, m: about the line between them nothing else resists."""
+    return float(bench.model.geom_friction[:, 1].max()) if len(bench.spec.fingers) == 2 else 0.0

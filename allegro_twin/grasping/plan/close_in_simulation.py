@@ -5,20 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from allegro_twin.control.controllers import Gains
+from allegro_twin.control.controllers import Gains, GravityTorque
+from allegro_twin.grasping.batch.trial_loop import TrialLoop
+from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.fingers import OVER, Performer, fingers_of
-from allegro_twin.grasping.plan.force_closure import UNBALANCED, gripped, imbalance, torsion_of
-from allegro_twin.grasping.plan.surface import Random
-from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
-from allegro_twin.sim.batch.simulations import Rows, Simulations
-from allegro_twin.sim.contact.grasp_scene import Workbench, coordinates
-from allegro_twin.sim.model import wrist
+from allegro_twin.grasping.plan.close_in_geometry import UNBALANCED, metric_contacts, motor_scale, torsion_radius
+from allegro_twin.grasping.plan.poses import Random
+from allegro_twin.grasping.verdict import pose_in_palm
+from allegro_twin.kinematics.orientation import angle_between
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.contact.grasp_scene import GraspScene, wrist_coordinates
+from allegro_twin.sim.model.wrist import WRIST_JOINTS, WristSegment, wrist_load, wrist_set_points
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -36,7 +38,7 @@ DRIFT, ROTATION = 0.012, 18.0
 """m and degrees: what a candidate may move in the hand."""
 
 
-class Outcome(NamedTuple):
+class ClosingOutcome(NamedTuple):
     """What became of a candidate."""
 
     candidate: Candidate
@@ -47,128 +49,109 @@ class Outcome(NamedTuple):
     """How far it came: 0 closing, 1 to 2 during the lift, 2 to 3 during the turn."""
 
 
-def tried(
-    bench: Workbench, candidates: Sequence[Candidate], performer: Performer, friction: float, random: Random
-) -> list[Outcome]:
+def close_candidates(
+    bench: GraspScene, candidates: Sequence[Candidate], performer: FingerGains, friction: float, random: Random
+) -> list[ClosingOutcome]:
     """All of them, side by side, in order."""
-    run = _Run(bench, list(candidates), performer, friction, random)
+    run = _ClosingTrials(bench, list(candidates), performer, friction, random)
     run.close()
     run.squeeze()
-    run.move([wrist.Segment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
-    run.move([wrist.Segment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
+    run.move([WristSegment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
+    run.move([WristSegment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
     return [
-        Outcome(candidate, where == "passed", where, float(reached))
-        for candidate, where, reached in zip(run.candidates, run.where, run.reached, strict=True)
+        ClosingOutcome(candidate, not why, why or "passed", float(reached))
+        for candidate, why, reached in zip(run.candidates, run.why, run.reached, strict=True)
     ]
 
 
-class _Run:
+class _ClosingTrials(TrialLoop):
     """Candidates in step."""
 
     def __init__(
-        self, bench: Workbench, candidates: list[Candidate], performer: Performer, friction: float, random: Random
+        self, bench: GraspScene, candidates: list[Candidate], performer: FingerGains, friction: float, random: Random
     ) -> None:
-        self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
-        self.gains, n = performer.gains, len(candidates)
-        self.where, self.reached = ["passed"] * n, np.zeros(n)
-        self.alive: Rows = np.arange(n)
-        self.period = STEPS * float(bench.model.opt.timestep)
+        n, self.timestep = len(candidates), float(bench.model.opt.timestep)
         # A copy, for a hand that closes its own loop has what its motors may give in there.
-        self.sims = Simulations(bench.spec, [copy(bench.model)] * n, period=self.period)
-        self.base = np.array([coordinates(c.position, c.rotation) for c in candidates])
+        models, names = [copy(bench.model)] * n, [bench.name] * n
+        super().__init__(bench.spec, models, names, STEPS * self.timestep)
+        self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
+        self.gains, self.reached = performer.gains, np.zeros(n)
+        self.base = np.array([wrist_coordinates(c.position, c.rotation) for c in candidates])
         self.target = np.array([_opened(c, bench.spec) for c in candidates])
         self.closing = np.array([c.closing for c in candidates])
         close = np.array([c.close for c in candidates])
-        self.fingers = fingers_of(self.sims, performer, self.target, self.closing, close)
-        self.sims.place(self.target)
-        for axis, name in enumerate(wrist.JOINTS):
+        self.fingers = make_finger_drive(self.sims, performer, self.target, self.closing, close)
+        self.sims.place(self.running, self.target)
+        for axis, name in enumerate(WRIST_JOINTS):
             self.sims.joint(name)[:, 0] = self.base[:, axis]
-        self._table = wrist.commands([], bench.model.opt.timestep, wrist.load(bench.model))
+        self._still = wrist_set_points([], self.timestep, wrist_load(bench.model))
         self.place = np.zeros(6)
-        self.sims.begin(self.base + self._table[0])
-        self.palm = bench.model.body("palm_link").id
+        self.sims.begin(self.base + self._still[0])
 
     def close(self) -> None:
         """The joints that close press, the others stay."""
         for k in range(round(self.fingers.seconds / self.period)):
-            self._step(self.fingers.press(self.alive, (k + 1) * self.period))
-        for row in self.alive.tolist():
-            self.sims.look(row, self.bench.scratch)
-            touch, centre = self.bench.touch(self.bench.scratch), self.bench.scratch.xipos[self.bench.body].copy()
+            self._step(self.fingers.press(self.running, (k + 1) * self.period))
+        reasons = {}
+        for row in self.running.tolist():
+            data = self.sims.look(row)
+            touch, centre = self.bench.touch(data), data.xipos[self.bench.body].copy()
             if not len(touch.points):
-                self.where[row] = "empty"
-            elif imbalance(gripped(touch, centre, self.friction, torsion_of(self.bench))) > UNBALANCED:
-                self.where[row] = "unbalanced"
-        self._drop()
+                reasons[row] = "empty"
+            elif imbalance(metric_contacts(touch, centre, self.friction, torsion_radius(self.bench))) > UNBALANCED:
+                reasons[row] = "unbalanced"
+        self.stop(reasons)
 
     def squeeze(self) -> None:
         """From where they rest, further by what makes the wanted torque."""
         spec = self.bench.spec
         rest = self.sims.position.copy()
-        push = squeezed(self.closing, spec, self.gains, self.random)
+        push = squeeze_offsets(self.closing, spec, self.gains, self.random)
         wanted = np.clip(np.where(self.closing != 0.0, rest + push, self.target), spec.lower, spec.upper)
-        for row in self.alive.tolist():
+        for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], close=rest[row], squeeze=wanted[row])
         periods = round(SETTLING / self.period)
         for k in range(periods):
             part = min(1.0, 2.0 * (k + 1) / periods)
             self.target = rest + part * (wanted - rest)
-            self._step(self.fingers.go(self.alive, self.target))
-        for row in self.alive.tolist():
+            self._step(self.fingers.go(self.running, self.target))
+        for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
-        self.began = self._in_palm()
+        self.began = pose_in_palm(*self.poses(np.arange(self.n)))
 
-    def move(self, segments: list[wrist.Segment], name: str) -> None:
+    def move(self, segments: list[WristSegment], name: str) -> None:
         """The wrist moves; whoever loses the object is out."""
-        timestep = float(self.bench.model.opt.timestep)
-        table = wrist.commands(segments, timestep, wrist.load(self.bench.model))
+        table = wrist_set_points(segments, self.timestep, wrist_load(self.bench.model))
         begun = np.ceil(self.reached)
         for k in range(len(table) // STEPS):
-            self.reached[self.alive] = begun[self.alive] + (k + 1) * STEPS / len(table)
-            self._step(self.fingers.go(self.alive, self.target), self.place + table[k * STEPS : (k + 1) * STEPS])
+            self.reached[self.running] = begun[self.running] + (k + 1) * STEPS / len(table)
+            self._step(self.fingers.go(self.running, self.target), table[k * STEPS : (k + 1) * STEPS])
             if k % 25 == 24:
                 self._judge(name)
         self.place = self.place + sum(segment.move for segment in segments)
         self._judge(name, last=True)
 
     def _judge(self, name: str, *, last: bool = False) -> None:
-        position, turn = self._in_palm()
-        drift = np.linalg.norm(position - self.began[0], axis=1)
-        angle = np.degrees(angle_between(turn, self.began[1]))
-        for row in self.alive.tolist():
-            margin = 1.0 - max(drift[row] / DRIFT, angle[row] / ROTATION)
-            if not margin > 0.0:
-                self.where[row] = name
-            elif last:
-                self.candidates[row] = replace(self.candidates[row], score=float(margin))
-        self._drop()
+        rows = self.running
+        position, turn = pose_in_palm(*self.poses(rows))
+        drift = np.linalg.norm(position - self.began[0][rows], axis=1)
+        margins = 1.0 - np.maximum(drift / DRIFT, np.degrees(angle_between(turn, self.began[1][rows])) / ROTATION)
+        self.stop({row: name for row, margin in zip(rows.tolist(), margins, strict=True) if not margin > 0.0})
+        for row, margin in zip(rows.tolist(), margins.tolist(), strict=True):
+            if last and margin > 0.0:
+                self.candidates[row] = replace(self.candidates[row], score=margin)
 
-    def _in_palm(self) -> tuple[Array, Array]:
-        """The object in every palm's frame: (n, 3), m, and (n, 3, 3)."""
-        sims, body = self.sims, self.bench.body
-        palm = matrix_from_quaternion(sims.body_quaternion[:, self.palm])
-        away = sims.body_position[:, body] - sims.body_position[:, self.palm]
-        turn = np.einsum("kji,kjl->kil", palm, matrix_from_quaternion(sims.body_quaternion[:, body]))
-        return np.einsum("kji,kj->ki", palm, away), turn
-
-    def _step(self, told: Array, moved: Array | None = None) -> None:
-        rows, sims = self.alive, self.sims
+    def _step(self, control: Array, moved: Array | None = None) -> None:
+        """Let a period pass, with the wrist at its place, or moved from there by a table, (steps, 6)."""
+        rows = self.running
         if not len(rows):
             return
-        steady = np.repeat((self.place + self._table[0])[None], STEPS, axis=0)
-        drive = self.base[rows][:, None] + (steady if moved is None else moved)
-        sims.advance(rows, told, drive, STEPS)
-        bad = ~np.isfinite(sims.position[rows]).all(axis=1)
-        for row in rows[bad].tolist():
-            self.where[row] = "diverged"
-        if bad.any():
-            self._drop()
-
-    def _drop(self) -> None:
-        self.alive = np.array([row for row in self.alive if self.where[row] == "passed"], dtype=np.int64)
+        self.advance(control, self.base[rows][:, None] + (self.place + (self._still if moved is None else moved)))
+        diverged = rows[~np.isfinite(self.sims.position[rows]).all(axis=1)]
+        self.stop(dict.fromkeys(diverged.tolist(), "diverged"))
 
 
-def squeezed(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Array:
+def squeeze_offsets(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Array:
     """How far beyond where they touch joints are told to go: for a drawn share of their torque limit, (k, n), rad."""
     share = random.uniform(LIGHT, STRONG, (len(closing), 1))
     further: Array = OVER * share * spec.actuation.torque_limit * closing / gains.kp
@@ -190,3 +173,112 @@ def _along(axis: int, by: float) -> Array:
     move = np.zeros(6)
     move[axis] = by
     return move
+
+
+CAP = 0.45
+"""Of their torque limit that fingers close with."""
+OVER = 1.15
+"""A position grasp is told to go so much further than the torque needs: contacts give."""
+SECONDS, RISE = 0.45, 0.1
+"""s that closing takes at least, and until fingers press as hard as they are to."""
+SPEED = 4.0
+"""rad/s at most at which what closes is to turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class FingerGains:
+    """What holds joints where they are told to be."""
+
+    gains: Gains
+    """Of the controller, or of the loop that the hand closes."""
+    gravity: GravityTorque
+
+
+class FingerDrive(Protocol):
+    """Both ways give what `SimBatch.advance` tells the motors of some rows in a period, (rows, n)."""
+
+    @property
+    def seconds(self) -> float:
+        """That closing takes."""
+        ...
+
+    def press(self, rows: Rows, at: float) -> Array:
+        """While joints close, `at` s after they have begun: with a share of their torque; the others stay."""
+        ...
+
+    def go(self, rows: Rows, target: Array) -> Array:
+        """To positions, (candidates, n), rad, with all that they have."""
+        ...
+
+
+def make_finger_drive(
+    sims: SimBatch, performer: FingerGains, start: Array, closing: Array, close: Array
+) -> FingerDrive:
+    """`start`: where they begin, `closing`: which way they go, and `close`: where geometry has them meet something,
+    (candidates, n)."""
+    if not sims.closes_loop:
+        return TorqueFingers(sims, performer, start.copy(), closing)
+    return ServoFingers(sims, performer, start.copy(), closing, close)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueFingers:
+    """Fingers that take torques: PD, and their weight carried."""
+
+    sims: SimBatch
+    performer: FingerGains
+    start: Array
+    closing: Array
+
+    @property
+    def seconds(self) -> float:
+        return SECONDS
+
+    def press(self, rows: Rows, at: float) -> Array:
+        gains, sims = self.performer.gains, self.sims
+        push = min(1.0, at / RISE) * CAP * sims.spec.actuation.torque_limit * self.closing - gains.kd * sims.velocity
+        stay = gains.kp * (self.start - sims.position) - gains.kd * sims.velocity
+        return self._carried(rows, np.where(self.closing != 0.0, push, stay))
+
+    def go(self, rows: Rows, target: Array) -> Array:
+        gains, sims = self.performer.gains, self.sims
+        return self._carried(rows, gains.kp * (target - sims.position) - gains.kd * sims.velocity)
+
+    def _carried(self, rows: Rows, torque: Array) -> Array:
+        wanted, down, sims = torque[rows], self.sims.gravity, self.sims
+        for place, row in enumerate(rows.tolist()):
+            wanted[place] += self.performer.gravity(sims.position[row], down[row])
+        return wanted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ServoFingers:
+    """Fingers whose firmware closes the loop: they are told to go evenly to a little beyond where they should meet the
+    object, with a share of their effort where the hand can limit it."""
+
+    sims: SimBatch
+    performer: FingerGains
+    start: Array
+    closing: Array
+    close: Array
+
+    @property
+    def seconds(self) -> float:
+        travel = np.abs(self._goal() - self.start) / motor_scale(self.sims.spec)
+        return max(SECONDS, float(travel.max()) / SPEED)
+
+    def press(self, rows: Rows, at: float) -> Array:
+        limit, goal = self.sims.spec.actuation.torque_limit, self._goal()[rows]
+        limited = "limited_position" in self.sims.spec.commands
+        effort = np.tile(CAP * limit if limited else limit, (len(rows), 1))
+        wanted = self.start[rows] + min(1.0, at / (0.8 * self.seconds)) * (goal - self.start[rows])
+        return self.sims.servo_control(rows, wanted, effort)
+
+    def go(self, rows: Rows, target: Array) -> Array:
+        return self.sims.servo_control(rows, target[rows])
+
+    def _goal(self) -> Array:
+        spec = self.sims.spec
+        beyond = OVER * CAP * spec.actuation.torque_limit / self.performer.gains.kp
+        goal: Array = np.clip(self.close + beyond * self.closing, spec.lower, spec.upper)
+        return np.where(self.closing != 0.0, goal, self.start)

@@ -2,26 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
-from allegro_twin.grasping.plan.as_scenario import rounded, row
-from allegro_twin.grasping.plan.poses import closing_of
-from allegro_twin.grasping.plan.reduce_squeeze import check_loop, eased, resting
-from allegro_twin.grasping.plan.variants import Try, Version, Where, score, tries
+from allegro_twin.errors import HandError
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
+from allegro_twin.grasping.plan.candidate import (
+    check_stiffness,
+    limit_squeeze,
+    rest_positions,
+    round_posture,
+    round_vector,
+)
+from allegro_twin.grasping.plan.poses import closing_directions
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.statistics import Paired, paired
-from allegro_twin.grasping.uncertainty import Stream, Uncertainty, draws
-from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import as_claimed
-from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
+from allegro_twin.grasping.statistics import PairedCounts, count_pairs
+from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_grasp
+from allegro_twin.hands.library.taxonomy import claim_observed
+from allegro_twin.kinematics.orientation import matrix_facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import HandSpec
-from allegro_twin.sweep.local import Engine, Local
+from allegro_twin.sweep.jobs import Sweep
+from allegro_twin.sweep.local import Local, SweepEngine
+from allegro_twin.sweep.runner import run
 from allegro_twin.types import Array
+
+TRIED = "allegro_twin.grasping.plan.improve:run_variants"
+UNIT = 32
+"""Trials in a unit at most, as they go side by side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspVariant:
+    """A grasp and where its wrist is."""
+
+    scenario: Scenario
+    grasp: Grasp
+
+
+class VariantResult(NamedTuple):
+    """What a trial showed; 0 and 1 for one that was stopped."""
+
+    held: bool
+    margin: float
+    stall: float
+    """Share of the time in which the joint that pushes hardest is at its torque limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class VariantWorkers:
+    """What tries them: `at_once` processes of an engine, or, with one, all threads of this process."""
+
+    engine: SweepEngine
+    at_once: int
+    folder: Path
+    """Where the scenario's own files are looked for."""
+
+
+def try_variants(
+    versions: Sequence[GraspVariant],
+    spec: HandSpec,
+    protocol: str,
+    samples: Sequence[Perturbation],
+    where: VariantWorkers,
+) -> list[list[VariantResult]]:
+    """A row for each version, an element for each draw. Raises HandError."""
+    items = [
+        {"version": variant_to_json(version, spec), "draw": asdict(draw)} for version in versions for draw in samples
+    ]
+    shared = {"hand": spec.model_reference, "side": spec.side, "serial": spec.serial, "protocol": protocol,
+              "folder": str(where.folder.resolve()), "threads": int(where.at_once > 1)}  # fmt: skip
+    unit = len(items) if where.at_once == 1 else max(1, min(UNIT, len(items) // where.at_once))
+    rows = iter(run(Sweep(TRIED, items, shared, unit), engine=where.engine).to_pylist())
+    return [[_checked(next(rows)) for _ in samples] for _ in versions]
+
+
+def run_variants(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Units of the sweep: a row with the fields of `VariantResult` for each item's version under its draw."""
+    spec, rules = load_spec(shared["hand"], shared["side"], shared["serial"]), load_protocol(shared["protocol"])
+    bench = TrialRunner(spec, period=rules.period or PERIOD, threads=shared["threads"])
+    return [each._asdict() for each in _made(bench, items, rules, Path(shared["folder"]))]
+
+
+def variant_to_json(version: GraspVariant, spec: HandSpec) -> dict[str, Any]:
+    """As JSON has it."""
+    entry = entry_from_grasp(version.grasp, spec).model_dump(mode="json")
+    return {"scenario": version.scenario.model_dump(mode="json"), "name": version.grasp.name, "grasp": entry}
+
+
+def variant_from_json(data: Mapping[str, Any], spec: HandSpec) -> GraspVariant:
+    """What `variant_to_json` has made plain."""
+    grasp = build_grasp(data["name"], GraspFile.model_validate(data["grasp"]), spec, data["name"])
+    return GraspVariant(Scenario.model_validate(data["scenario"]), grasp)
+
+
+def _made(bench: TrialRunner, items: Sequence[Mapping[str, Any]], rules: Any, folder: Path) -> Iterator[VariantResult]:
+    cases = []
+    for item in items:
+        version = variant_from_json(item["version"], bench.spec)
+        cases.append(TrialCase(version.scenario, version.grasp, Perturbation(**item["draw"]), rules, folder))
+    for verdict in bench.verdicts(cases):
+        report = verdict.report
+        stall = 1.0 if report is None else max(report.at_limit.values())
+        yield VariantResult(verdict.held, 0.0 if report is None else report.margin, stall)
+
+
+def _checked(row: Mapping[str, Any]) -> VariantResult:
+    if row["error"] is not None:
+        raise HandError(row["error"])
+    return VariantResult(bool(row["held"]), float(row["margin"]), float(row["stall"]))
+
+
+def score(row: Sequence[VariantResult]) -> float:
+    """How many draws it holds; among equals the one with larger margins and less time at a torque limit, as parts of
+    one."""
+    held = [each for each in row if each.held]
+    margin = float(np.mean([each.margin for each in held] or 0.0))
+    return len(held) + 0.49 * margin + 0.5 * (1.0 - float(np.mean([each.stall for each in held] or 1.0)))
+
 
 METRES, TURN, JOINT, SQUEEZE = 0.004, np.radians(4.0), 0.05, 0.35
 """How far the first round looks: m, rad, rad, and the logarithm of a factor (standard deviations)."""
@@ -32,17 +136,17 @@ ELITE, EASED = 4, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Improved:
+class ImprovementResult:
     """The better version, and both on draws that it was not chosen on."""
 
-    before: Version
-    after: Version
-    comparison: Paired
+    before: GraspVariant
+    after: GraspVariant
+    comparison: PairedCounts
     """The first is the version before."""
 
 
 @dataclass(slots=True)
-class Improvement:
+class GraspImprovement:
     """A search by chance around the best so far: each round tries variations of the elite on the same draws."""
 
     scenario: Scenario
@@ -56,78 +160,86 @@ class Improvement:
     draws: int = 8
     unseen: int = 40
     """On which both versions are compared in the end."""
-    engine: Engine = field(default_factory=lambda: Local(0))
+    engine: SweepEngine = field(default_factory=lambda: Local(0))
     at_once: int = 1
     """How many processes the engine has."""
 
-    def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> Improved:
+    def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> ImprovementResult:
         """Search, and compare. `tell`: the round and the best share of draws held in it. Raises HandError."""
-        check_loop(self.spec)
-        first = Version(self.scenario, self.grasp)
+        check_stiffness(self.spec)
+        first = GraspVariant(self.scenario, self.grasp)
         random, scale = np.random.default_rng(self.seed), 1.0
         elite = [(float(self._score([first])[0]), first)]
         for number in range(self.rounds):
             parents = [version for _, version in elite]
-            new = [varied(parents[k % len(parents)], self.spec, scale, random) for k in range(self.population)]
+            new = [perturb_grasp(parents[k % len(parents)], self.spec, scale, random) for k in range(self.population)]
             tried = [*self._eased(parents[:EASED]), *new]
             elite = sorted([*elite, *zip(self._score(tried).tolist(), tried, strict=True)], key=lambda e: -e[0])[:ELITE]
             tell(number, float(np.floor(elite[0][0])) / self.draws)
             scale *= NARROWER
         best = elite[0][1]
         before, after = self._tried([first, best], "table_pick", self.unseen, "judge")
-        comparison = paired([each.held for each in before], [each.held for each in after])
-        return Improved(first, self._seen(best), comparison)
+        comparison = count_pairs([each.held for each in before], [each.held for each in after])
+        return ImprovementResult(first, self._seen(best), comparison)
 
-    def _seen(self, version: Version) -> Version:
+    def _seen(self, version: GraspVariant) -> GraspVariant:
         """With the type that its contacts show in the whole trial without a draw."""
-        case = Case(version.scenario, version.grasp, folder=self.folder)
-        (verdict,) = Bench(self.spec).verdicts([case])
+        case = TrialCase(version.scenario, version.grasp, folder=self.folder)
+        (verdict,) = TrialRunner(self.spec).verdicts([case])
         shown = None if verdict.report is None else verdict.report.observed
         if shown is None:
             return version
-        return Version(version.scenario, replace(version.grasp, observed=shown, taxonomy=as_claimed(shown)))
+        return GraspVariant(version.scenario, replace(version.grasp, observed=shown, taxonomy=claim_observed(shown)))
 
-    def _eased(self, versions: list[Version]) -> list[Version]:
+    def _eased(self, versions: list[GraspVariant]) -> list[GraspVariant]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""
         rules = load_protocol("quick")
-        bench = Bench(self.spec, period=rules.period or PERIOD, threads=0 if self.at_once == 1 else 1)
-        cases = [Case(v.scenario, v.grasp, None, rules, self.folder) for v in versions]
+        bench = TrialRunner(self.spec, period=rules.period or PERIOD, threads=0 if self.at_once == 1 else 1)
+        cases = [TrialCase(v.scenario, v.grasp, None, rules, self.folder) for v in versions]
         found = []
-        for version, verdict in zip(versions, bench.verdicts(cases, resting), strict=True):
+        for version, verdict in zip(versions, bench.verdicts(cases, rest_positions), strict=True):
             if verdict.measured:
                 rest = np.array([verdict.measured[joint] for joint in self.spec.joints])
-                found.append(Version(version.scenario, eased(version.grasp, rest, bench.gains, self.spec)))
+                found.append(GraspVariant(version.scenario, limit_squeeze(version.grasp, rest, bench.gains, self.spec)))
         return found
 
-    def _score(self, versions: list[Version]) -> Array:
+    def _score(self, versions: list[GraspVariant]) -> Array:
         return np.array([score(row) for row in self._tried(versions, "quick", self.draws, "search")])
 
-    def _tried(self, versions: list[Version], protocol: str, count: int, stream: Stream) -> list[list[Try]]:
+    def _tried(
+        self, versions: list[GraspVariant], protocol: str, count: int, stream: SampleStream
+    ) -> list[list[VariantResult]]:
         """The first draws of a stream, a row for each version."""
-        where = Where(self.engine, self.at_once, self.folder)
-        return tries(versions, self.spec, protocol, draws(self.uncertainty, count, self.seed, stream=stream), where)
+        where = VariantWorkers(self.engine, self.at_once, self.folder)
+        return try_variants(
+            versions,
+            self.spec,
+            protocol,
+            sample_perturbations(self.uncertainty, count, self.seed, stream=stream),
+            where,
+        )
 
 
-def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Generator) -> Version:
+def perturb_grasp(version: GraspVariant, spec: HandSpec, scale: float, random: np.random.Generator) -> GraspVariant:
     """Another version, near: the wrist elsewhere, the joints that close elsewhere, squeezed more or less."""
     wrist, grasp = version.scenario.wrist, version.grasp
     turn = matrix_from_quaternion(quaternion_from_vector(scale * TURN * random.normal(size=3)))
-    rotation = turn @ facing(wrist.facing, wrist.fingers)
+    rotation = turn @ matrix_facing(wrist.facing, wrist.fingers)
     moved = wrist.model_copy(
         update={
-            "position": row(np.array(wrist.position) + scale * METRES * random.normal(size=3)),
-            "facing": row(rotation[:, 0]), "fingers": row(rotation[:, 2]),
+            "position": round_vector(np.array(wrist.position) + scale * METRES * random.normal(size=3)),
+            "facing": round_vector(rotation[:, 0]), "fingers": round_vector(rotation[:, 2]),
         }
     )  # fmt: skip
     change = scale * JOINT * random.normal(size=spec.n_joints)
     told = (grasp.squeeze - grasp.close) * np.exp(scale * SQUEEZE * random.normal())
-    told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp, spec) != 0.0)
-    close = rounded(grasp.close + change, spec)
+    told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_directions(grasp, spec) != 0.0)
+    close = round_posture(grasp.close + change, spec)
     better = replace(
         grasp,
-        preshape=rounded(grasp.preshape + change, spec),
+        preshape=round_posture(grasp.preshape + change, spec),
         close=close,
-        squeeze=rounded(close + told, spec),
+        squeeze=round_posture(close + told, spec),
         observed=None,
     )
-    return Version(version.scenario.model_copy(update={"wrist": moved}), better)
+    return GraspVariant(version.scenario.model_copy(update={"wrist": moved}), better)

@@ -9,15 +9,15 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.as_scenario import grasp_of, scenario_of
-from allegro_twin.grasping.plan.fingers import OVER
+from allegro_twin.grasping.plan.candidate import candidate_grasp, candidate_scenario
+from allegro_twin.grasping.plan.close_in_simulation import OVER
 from allegro_twin.grasping.plan.propose import Proposer
-from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -28,8 +28,8 @@ LOOKED, SHARE = 40, 0.6
 def first_guess(scenario: Scenario, spec: HandSpec, folder: Path = Path(), seed: int = 0) -> tuple[Scenario, Grasp]:
     """A palm that looks at the object, free of it and of the table, and fingers that close on it: in geometry alone, so
     that nothing says yet that it holds. Raises ConfigError for an object that no hand fits around."""
-    bench = Workbench(spec, stage(scenario, load_protocol(scenario.protocol), spec.side, folder))
-    found, known = [], templates(spec)
+    bench = GraspScene(spec, make_stage(scenario, load_protocol(scenario.protocol), spec.side, folder))
+    found, known = [], grasp_templates(spec)
     proposer = Proposer(bench, known, scenario.friction, (0.0,), np.random.default_rng(seed))
     for candidate in filter(None, proposer.fresh(tries=20_000)):
         found.append(candidate)
@@ -39,8 +39,8 @@ def first_guess(scenario: Scenario, spec: HandSpec, folder: Path = Path(), seed:
         raise ConfigError(f"{scenario.objects[0].name}: no palm was found from which fingers can close on it")
     best = max(found, key=lambda candidate: candidate.score)
     template = next(grasp for grasp in known if grasp.name == best.template)
-    close = grasp_of(best, template, spec)
-    return scenario_of(best, bench, scenario), _squeezed(close, best.closing, spec, load_gains("default", spec))
+    close = candidate_grasp(best, template, spec)
+    return candidate_scenario(best, bench, scenario), _squeezed(close, best.closing, spec, load_gains("default", spec))
 
 
 def _squeezed(grasp: Grasp, closing: Array, spec: HandSpec, gains: Gains) -> Grasp:

@@ -13,34 +13,34 @@ import numpy as np
 
 from allegro_twin.errors import HandError
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.region import Region
-from allegro_twin.grasping.plan.search import Budget, Effort, Search, symmetry_of
-from allegro_twin.grasping.plan.templates import templates
-from allegro_twin.grasping.plan.validate import Planned, best_of
+from allegro_twin.grasping.plan.region import GraspRegion
+from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, search_symmetry
+from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.plan.validate import PlannedGrasp, best_grasps
 from allegro_twin.grasping.scenario import Scenario
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Engine
+from allegro_twin.sweep.local import SweepEngine
 from allegro_twin.sweep.runner import run
 
-SEARCH = "allegro_twin.grasping.plan.parallel:searched"
+SEARCH = "allegro_twin.grasping.plan.parallel:run_searches"
 
 
-def side_by_side(
-    search: Search,
+def search_in_parallel(
+    search: GraspSearch,
     n: int,
-    budget: Budget,
+    budget: SearchBudget,
     seeds: int,
-    engine: Engine,
+    engine: SweepEngine,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> list[Planned]:
+) -> list[PlannedGrasp]:
     """The best `n` of searches like `search` with so many seeds from its own on, each with the whole budget and on
     one processor. `progress`: how many have ended. Raises HandError when one of them fails."""
     shared = {
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
-        "hand": search.spec.called, "side": search.spec.side, "kind": search.kind, "n": n,
+        "hand": search.spec.model_reference, "side": search.spec.side, "kind": search.kind, "n": n,
         "budget": {key: value for key, value in asdict(budget).items() if math.isfinite(value)},
         "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
     }  # fmt: skip
@@ -53,32 +53,32 @@ def side_by_side(
         search.counts[search.seed + number] = row["closed"]
         search.ends.update(json.loads(row["ends"]))
         search.closed, search.cpu = search.closed + row["closed"], search.cpu + row["cpu"]
-    found = [planned_of(data, search.templates) for row in table for data in json.loads(row["found"])]
-    return best_of(found, n, symmetry_of(search))
+    found = [planned_from_json(data, search.templates) for row in table for data in json.loads(row["found"])]
+    return best_grasps(found, n, search_symmetry(search))
 
 
-def searched(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON, how many candidates
     were `closed`, and the `cpu` seconds that it took."""
     spec, asked = load_spec(shared["hand"], shared["side"]), shared["region"]
     rows = []
     for item in items:
-        search = Search(
-            Scenario.model_validate(shared["scenario"]), spec, templates(spec, shared["kind"]), Path(shared["folder"]),
-            seed=item["seed"], effort=Effort(**shared["effort"]), region=None if asked is None else Region(**asked),
-            kind=shared["kind"], threads=1,
+        search = GraspSearch(
+            Scenario.model_validate(shared["scenario"]), spec, grasp_templates(spec, shared["kind"]),
+            Path(shared["folder"]), seed=item["seed"], effort=RoundSize(**shared["effort"]),
+            region=None if asked is None else GraspRegion(**asked), kind=shared["kind"], threads=1,
         )  # fmt: skip
-        found = search.run(shared["n"], Budget(**shared["budget"]))
+        found = search.run(shared["n"], SearchBudget(**shared["budget"]))
         rows.append(
             {
-                "found": json.dumps([plain(each) for each in found]), "ends": json.dumps(search.ends),
+                "found": json.dumps([planned_to_json(each) for each in found]), "ends": json.dumps(search.ends),
                 "closed": search.closed, "cpu": search.cpu,
             }
         )  # fmt: skip
     return rows
 
 
-def plain(planned: Planned) -> dict[str, Any]:
+def planned_to_json(planned: PlannedGrasp) -> dict[str, Any]:
     """As JSON has it."""
     fields = {key: getattr(planned, key) for key in _FIELDS}
     observed = planned.grasp.observed
@@ -88,8 +88,8 @@ def plain(planned: Planned) -> dict[str, Any]:
                      "grasp": grasp, "scenario": planned.scenario.model_dump(mode="json")}  # fmt: skip
 
 
-def planned_of(data: Any, known: Sequence[Grasp]) -> Planned:
-    """What `plain` has made plain; `known`: the templates of the search."""
+def planned_from_json(data: Any, known: Sequence[Grasp]) -> PlannedGrasp:
+    """What `planned_to_json` has made plain; `known`: the templates of the search."""
     values: Any = {
         key: np.array(value) if isinstance(value, list) else value for key, value in data["candidate"].items()
     }
@@ -97,10 +97,10 @@ def planned_of(data: Any, known: Sequence[Grasp]) -> Planned:
     template = next(grasp for grasp in known if grasp.name == candidate.template)
     preshape, close, squeeze = (np.array(data["grasp"][key]) for key in _POSTURES)
     grasp = replace(template, grip=None, observed=None, preshape=preshape, close=close, squeeze=squeeze)
-    planned = Planned(
+    planned = PlannedGrasp(
         candidate, Scenario.model_validate(data["scenario"]), grasp, **{key: data[key] for key in _FIELDS}
     )
-    planned.show(None if data["observed"] is None else Observed(**data["observed"]))
+    planned.show(None if data["observed"] is None else ObservedType(**data["observed"]))
     return planned
 
 

@@ -9,15 +9,28 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_normal_force
+from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.close_in_geometry import COARSE, closed, units
-from allegro_twin.grasping.plan.force_closure import UNBALANCED, gripped, imbalance, torsion_of
-from allegro_twin.grasping.plan.poses import NOISE, Guesses, guesses
-from allegro_twin.grasping.plan.region import SHARE, Region, in_frame_of
-from allegro_twin.grasping.plan.surface import Random, Surface, placed_surface
+from allegro_twin.grasping.plan.close_in_geometry import (
+    COARSE,
+    UNBALANCED,
+    close_fingers,
+    metric_contacts,
+    motor_scale,
+    torsion_radius,
+)
+from allegro_twin.grasping.plan.poses import (
+    NOISE,
+    PoseGuesses,
+    Random,
+    SurfaceSample,
+    guess_poses,
+    sample_placed_surface,
+)
+from allegro_twin.grasping.plan.region import SHARE, GraspRegion, to_object_frame
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
-from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -36,7 +49,7 @@ METRES, TURN = 0.007, np.radians(6.0)
 class Proposer:
     """Candidates that nothing speaks against, for one object on its workbench."""
 
-    bench: Workbench
+    bench: GraspScene
     templates: Sequence[Grasp]
     friction: float
     turns: Sequence[float]
@@ -44,7 +57,7 @@ class Proposer:
     random: Random
     step: float = COARSE
     """Of the closing fingers, rad."""
-    region: Region | None = None
+    region: GraspRegion | None = None
     """By which it is to be held."""
     centre: Array = field(init=False)
 
@@ -57,23 +70,23 @@ class Proposer:
         axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
         for _ in range(0, tries, BATCH):
             on = self._looked_at()
-            guessed = guesses(on, axes, self.templates, self.bench.spec, self.random)
+            guessed = guess_poses(on, axes, self.templates, self.bench.spec, self.random)
             for row in range(len(on.points)):
                 candidate = self._grown(guessed, row)
                 if candidate is not None:
                     yield candidate
             yield None
 
-    def _looked_at(self) -> Surface:
+    def _looked_at(self) -> SurfaceSample:
         """Points of the surface, in the region where there is one. Raises ConfigError where it is empty."""
         placed = self.bench.placed
         if self.region is None:
-            return placed_surface(placed, BATCH, self.random)
-        on = placed_surface(placed, 40 * BATCH, self.random)
-        inside = np.flatnonzero(self.region.contains(in_frame_of(placed, on.points)))[:BATCH]
+            return sample_placed_surface(placed, BATCH, self.random)
+        on = sample_placed_surface(placed, 40 * BATCH, self.random)
+        inside = np.flatnonzero(self.region.contains(to_object_frame(placed, on.points)))[:BATCH]
         if not len(inside):
             raise ConfigError(f"object {placed.thing.name}: nothing of its surface is in the region {self.region}")
-        return Surface(on.points[inside], on.normals[inside])
+        return SurfaceSample(on.points[inside], on.normals[inside])
 
     def near(self, elite: Sequence[Candidate], count: int) -> list[Candidate]:
         """So many variations of candidates that came far, in turn; fewer where few of them fit."""
@@ -86,31 +99,31 @@ class Proposer:
                 break
         return found
 
-    def _grown(self, guessed: Guesses, row: int) -> Candidate | None:
+    def _grown(self, guessed: PoseGuesses, row: int) -> Candidate | None:
         """A guess with its fingers closed, and its score; None for what cannot be, or cannot hold."""
-        candidate = fitting(self.bench, guessed, row, self.random)
+        candidate = fit_palm(self.bench, guessed, row, self.random)
         if candidate is None:
             return None
-        candidate, touch = closed(self.bench, candidate, self.step)
+        candidate, touch = close_fingers(self.bench, candidate, self.step)
         if self.region is not None and len(touch.points):
-            inside = self.region.contains(in_frame_of(self.bench.placed, touch.points))
+            inside = self.region.contains(to_object_frame(self.bench.placed, touch.points))
             if not inside.mean() > SHARE:
                 return None
-        score = promise(self.bench, candidate, touch, self.centre, self.friction, self.turns)
+        score = score_contacts(self.bench, candidate, touch, self.centre, self.friction, self.turns)
         return None if score is None else replace(candidate, score=score)
 
 
-def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> Guesses:
+def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> PoseGuesses:
     turn = matrix_from_quaternion(quaternion_from_vector(TURN * random.normal(size=3)))
-    noise = NOISE * random.normal(size=spec.n_joints) * units(spec)
+    noise = NOISE * random.normal(size=spec.n_joints) * motor_scale(spec)
     preshape = np.clip(candidate.preshape + noise, spec.lower, spec.upper)
     position = candidate.position + METRES * random.normal(size=3)
-    return Guesses(
+    return PoseGuesses(
         position[None], (turn @ candidate.rotation)[None], preshape[None], candidate.closing[None], [candidate.template]
     )
 
 
-def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Candidate | None:
+def fit_palm(bench: GraspScene, guessed: PoseGuesses, row: int, random: Random) -> Candidate | None:
     """A guess that is free where it is and on its way there, lifted off the table if it must be; or None."""
     position, rotation, preshape = guessed.position[row], guessed.rotation[row], guessed.preshape[row]
     lowest = bench.lowest(position, rotation, preshape)
@@ -139,27 +152,27 @@ def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Can
     return None
 
 
-def _free(bench: Workbench, position: Array, rotation: Array, posture: Array) -> bool:
+def _free(bench: GraspScene, position: Array, rotation: Array, posture: Array) -> bool:
     bench.place(position, rotation, posture)
     return not bench.meets_anything()
 
 
-def promise(
-    bench: Workbench, candidate: Candidate, touch: Meetings, centre: Array, friction: float, turns: Sequence[float]
+def score_contacts(
+    bench: GraspScene, candidate: Candidate, touch: TouchPoints, centre: Array, friction: float, turns: Sequence[float]
 ) -> float | None:
     """How little force would do, as a score; None for contacts that cannot hold."""
     palm = len(bench.spec.fingers)
     fingers = set(touch.part.tolist())
     if len(fingers) < 2 or bench.meets_table() or not fingers & {palm, palm - 1}:
         return None  # A finger alone, or fingers without anything against them.
-    held = gripped(touch, centre, friction, torsion_of(bench))
+    held = metric_contacts(touch, centre, friction, torsion_radius(bench))
     if imbalance(held) > UNBALANCED:
         return None
-    force = float(least_normal_force(held, loads(candidate.rotation, bench.mass, turns)).max())
+    force = float(least_normal_force(held, weight_loads(candidate.rotation, bench.mass, turns)).max())
     return -force if np.isfinite(force) else None
 
 
-def loads(rotation: Array, mass: float, turns: Sequence[float]) -> Array:
+def weight_loads(rotation: Array, mass: float, turns: Sequence[float]) -> Array:
     """The weight as the contacts feel it when the palm has turned about its z axis, (k, 6), N, in the world's axes of
     the unturned palm."""
     weight = np.array([0.0, 0.0, -9.81 * mass])

@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.batched_trials import Verdict
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.contact.contacts import touching
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.contact.contacts import find_contacts
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Array
 
 SHARE = 0.5
@@ -24,7 +24,7 @@ _TERM = re.compile(r"\s*([xyz])\s*([<>])\s*(-?\d+(?:\.\d*)?|-?\.\d+)\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class GraspRegion:
     """What lies between two corners, in the object's own frame, m."""
 
     low: tuple[float, float, float]
@@ -39,19 +39,19 @@ class Region:
         """The share of the normal forces of the hand on the object that acts in here, as `region`: what a batch of
         trials measures."""
         name = trial.scenario.objects[0].name
-        touch = touching(trial.backend.model, data, trial.backend.spec, name)
+        touch = find_contacts(trial.backend.model, data, trial.backend.spec, name)
         body = data.body(name)
         force = np.sum(touch.force * touch.normals, axis=1)
         inside = self.contains((touch.points - body.xpos) @ body.xmat.reshape(3, 3))
         return {"region": float(force[inside].sum() / force.sum()) if force.sum() > 0.0 else 0.0}
 
 
-def there(verdict: Verdict) -> bool:
+def holds_in_region(verdict: Verdict) -> bool:
     """Whether enough of the force was in the region, where one was asked for."""
     return verdict.measured.get("region", 1.0) > SHARE
 
 
-def region(text: str) -> Region:
+def parse_region(text: str) -> GraspRegion:
     """From words like `x>0.045, z<0.03`. Raises ConfigError."""
     low, high = dict.fromkeys("xyz", -np.inf), dict.fromkeys("xyz", np.inf)
     for part in text.split(","):
@@ -63,10 +63,10 @@ def region(text: str) -> Region:
     empty = [axis for axis in "xyz" if low[axis] >= high[axis]]
     if empty:
         raise ConfigError(f"region {text!r}: nothing is between the bounds of {empty[0]}")
-    return Region((low["x"], low["y"], low["z"]), (high["x"], high["y"], high["z"]))
+    return GraspRegion((low["x"], low["y"], low["z"]), (high["x"], high["y"], high["z"]))
 
 
-def in_frame_of(placed: Placement, points: Array) -> Array:
+def to_object_frame(placed: PlacedObject, points: Array) -> Array:
     """Points of the world in the frame of an object where it stands, (k, 3), m."""
     own: Array = (points - placed.position) @ matrix_from_quaternion(np.array(placed.quaternion))
     return own

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.files import yaml_edit
-from allegro_twin.grasping.evaluation.outcomes import rate
-from allegro_twin.grasping.plan.validate import SEARCHED, Planned
-from allegro_twin.grasping.scenario import ObjectSettings, Scenario, load_protocol
+from allegro_twin.grasping.evaluation.outcomes import make_rate
+from allegro_twin.grasping.plan.validate import SEARCHED, PlannedGrasp
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.library.entries import Proof
-from allegro_twin.hands.library.grasps import Grasp, entry_of
+from allegro_twin.hands.library.entries import PlanRecord
+from allegro_twin.hands.library.grasps import Grasp, entry_from_grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.spec import HandSpec
 
@@ -23,64 +23,72 @@ GRASPS = "grasps"
 """The folder beside the scenarios."""
 
 
-def written(
-    found: Sequence[Planned], name: str, folder: Path, spec: HandSpec, uncertainty: Uncertainty = SEARCHED,
+def save_grasps(
+    found: Sequence[PlannedGrasp], name: str, folder: Path, spec: HandSpec, uncertainty: Uncertainty = SEARCHED,
     read_in: Path | None = None,
 ) -> list[Path]:  # fmt: skip
     """Write <folder>/<name>_1.yaml …, best first, with their grasps; the scenarios. `read_in`: where they will lie,
     from which they name meshes and cards; by default the folder. Raises ConfigError for a name that is none,
     RecordingError when the disk does not let it."""
     return [
-        write(
-            planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, in_words(planned),
-            proof_of(planned, uncertainty), read_in,
+        save_grasp(
+            planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, describe(planned),
+            make_proof(planned, uncertainty), read_in,
         )
         for number, planned in enumerate(found, 1)
     ]  # fmt: skip
 
 
-def write(
+def save_grasp(
     scenario: Scenario, grasp: Grasp, name: str, folder: Path, spec: HandSpec, description: str,
-    proof: Proof | None = None, read_in: Path | None = None,
+    proof: PlanRecord | None = None, read_in: Path | None = None,
 ) -> Path:  # fmt: skip
     """Write <folder>/<name>.yaml, a scenario, and <folder>/grasps/<name>.yaml, the grasp that it names; the first.
-    `read_in` as of `written`."""
-    stored(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name, proof=proof)
+    `read_in` as of `save_grasps`."""
+    store_grasp(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name, proof=proof)
     path = folder / f"{name}.yaml"
     content = _plain(scenario, f"{GRASPS}/{name}.yaml", read_in or folder, description)
-    with yaml_edit.locked(path):
-        yaml_edit.write_text(path, yaml_edit.with_document("", content, str(path)))
+    with yaml_edit.lock_file(path):
+        yaml_edit.write_text(path, yaml_edit.replace_document("", content, str(path)))
     return path
 
 
-def stored(
-    grasp: Grasp, name: str, path: Path, spec: HandSpec, description: str, evidence: str, proof: Proof | None = None
+def store_grasp(
+    grasp: Grasp,
+    name: str,
+    path: Path,
+    spec: HandSpec,
+    description: str,
+    evidence: str,
+    proof: PlanRecord | None = None,
 ) -> None:
     """Store a grasp under a name in a library file; the other hand's is its mirror image. Raises ConfigError or
     RecordingError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     library = Library(path.parent)
-    entry = entry_of(grasp, spec, description, evidence).model_copy(update={} if proof is None else {"planned": proof})
+    entry = entry_from_grasp(grasp, spec, description, evidence).model_copy(
+        update={} if proof is None else {"planned": proof}
+    )
     library.add(name, entry, spec)
     library.store(name, path)
 
 
-def in_words(planned: Planned) -> str:
+def describe(planned: PlannedGrasp) -> str:
     """What was shown of it."""
     thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the limits left"
     said = [f"{left} without noise"]
     if planned.judged:
-        drawn = rate("", planned.judged_held, planned.judged)
+        drawn = make_rate("", planned.judged_held, planned.judged)
         said.insert(0, f"held in {drawn} draws that it was not chosen on")
     begun = f"begun as {planned.candidate.template}, seed {planned.seed}, {planned.candidates} candidates"
     return f"Planned for {thing}, {_FROM[planned.candidate.direction]}: {', '.join(said)}; {begun}"
 
 
-def proof_of(planned: Planned, uncertainty: Uncertainty) -> Proof:
+def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> PlanRecord:
     """The same for programs; of nothing judged, an interval that says nothing."""
     protocol = load_protocol(planned.scenario.protocol)
     low, high = wilson(planned.judged_held, planned.judged)
-    return Proof(
+    return PlanRecord(
         seed=planned.seed, candidates=planned.candidates, held=planned.judged_held, draws=planned.judged,
         low=round(low, 4), high=round(high, 4), protocol=f"{Path(planned.scenario.protocol).stem} {protocol.version}",
         uncertainty=", ".join(f"{name} {value}" for name, value in uncertainty.model_dump().items()),
@@ -97,7 +105,7 @@ def _plain(scenario: Scenario, grasp: str, folder: Path, description: str) -> di
     return {key: content[key] for key in ("description", "objects", *content) if key in content}
 
 
-def _object(thing: ObjectSettings, folder: Path) -> dict[str, Any]:
+def _object(thing: ScenarioObject, folder: Path) -> dict[str, Any]:
     content = thing.model_dump(mode="json", exclude_defaults=True)
     if thing.file is not None:
         content["file"] = os.path.relpath(thing.file, folder)

@@ -11,22 +11,25 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.grasping.plan.candidate import Candidate, different
+from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry
 from allegro_twin.grasping.plan.close_in_geometry import COARSE, FINE
-from allegro_twin.grasping.plan.close_in_simulation import Outcome, squeezed, tried
-from allegro_twin.grasping.plan.fingers import Performer
+from allegro_twin.grasping.plan.close_in_simulation import (
+    ClosingOutcome,
+    FingerGains,
+    close_candidates,
+    squeeze_offsets,
+)
+from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.plan.propose import Proposer
-from allegro_twin.grasping.plan.region import Region
-from allegro_twin.grasping.plan.surface import Random
-from allegro_twin.grasping.plan.symmetry import symmetry
-from allegro_twin.grasping.plan.validate import SEARCHED, Planned, Prover, pushed
-from allegro_twin.grasping.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.plan.region import GraspRegion
+from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
+from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -37,7 +40,7 @@ TIMESTEP = 0.002
 
 
 @dataclass(frozen=True, slots=True)
-class Effort:
+class RoundSize:
     """How much a round looks at."""
 
     guessed: int = 192
@@ -53,7 +56,7 @@ TRIES = 400
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class SearchBudget:
     """How much a search may cost. It is looked at between rounds and decides nothing within one, so that a search that
     ended after so many candidates finds the same as one that is told their number."""
 
@@ -64,7 +67,7 @@ class Budget:
 
 
 @dataclass(slots=True)
-class Search:
+class GraspSearch:
     """Looks for grasps of one object with one hand. Raises ConfigError for one that has no surface."""
 
     scenario: Scenario
@@ -73,8 +76,8 @@ class Search:
     folder: Path = Path()
     seed: int = 0
     uncertainty: Uncertainty = SEARCHED
-    effort: Effort = Effort()
-    region: Region | None = None
+    effort: RoundSize = RoundSize()
+    region: GraspRegion | None = None
     """The part of the object by which it is to be held."""
     kind: int | str | None = None
     """The type of the taxonomy that its contacts have to show; None: any."""
@@ -89,8 +92,11 @@ class Search:
     """s that it took, of all processors together."""
 
     def run(
-        self, n: int, budget: Budget, tell: Callable[[list[Planned], float], None] = lambda found, share: None
-    ) -> list[Planned]:
+        self,
+        n: int,
+        budget: SearchBudget,
+        tell: Callable[[list[PlannedGrasp], float], None] = lambda found, share: None,
+    ) -> list[PlannedGrasp]:
         """The best `n` that are apart from each other. It ends when they are good, or when the budget is spent, with
         fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent."""
         began = time.process_time()
@@ -113,9 +119,9 @@ class Search:
             closed = closed[: int(min(len(closed), budget.candidates - self.closed))]
             self.closed += len(closed)
             if protocol.floating:
-                pushed(prover, self._apart(self._squeezed(closed, protocol, random), prover))
+                validate_in_air(prover, self._apart(self._squeezed(closed, protocol, random), prover))
             else:
-                outcomes = tried(bench, closed, self._performer(protocol), friction, random)
+                outcomes = close_candidates(bench, closed, self._performer(protocol), friction, random)
                 self.ends.update(outcome.where for outcome in outcomes)
                 passed = [outcome.candidate for outcome in outcomes if outcome.passed]
                 prover.add(self._apart(passed, prover)[: self.effort.drawn], n)
@@ -129,56 +135,56 @@ class Search:
             each.seed, each.candidates = self.seed, self.closed
         return best
 
-    def _prover(self, bench: Workbench) -> Prover:
-        return Prover(
+    def _prover(self, bench: GraspScene) -> GraspValidator:
+        return GraspValidator(
             bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty,
-            symmetry_of(self), self.region, self.kind, self.threads, ends=self.ends,
+            search_symmetry(self), self.region, self.kind, self.threads, ends=self.ends,
         )  # fmt: skip
 
-    def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
+    def _squeezed(self, candidates: list[Candidate], protocol: TrialProtocol, random: Random) -> list[Candidate]:
         """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
-        gains = load_gains(ruled(protocol.gains, self.spec), self.spec)
-        further = squeezed(np.array([c.closing for c in candidates]), self.spec, gains, random)
+        gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec)
+        further = squeeze_offsets(np.array([c.closing for c in candidates]), self.spec, gains, random)
         return [
             replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
             for c, more in zip(candidates, further, strict=True)
         ]
 
-    def _bench(self, protocol: Protocol) -> Workbench:
+    def _bench(self, protocol: TrialProtocol) -> GraspScene:
         physics = protocol.physics if protocol.floating else PhysicsSettings()
         coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
-        return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
+        return GraspScene(self.spec, make_stage(self.scenario, coarse, self.spec.side, self.folder))
 
-    def _performer(self, protocol: Protocol) -> Performer:
-        return Performer(
-            load_gains(ruled(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
+    def _performer(self, protocol: TrialProtocol) -> FingerGains:
+        return FingerGains(
+            load_gains(protocol_gains(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
         )
 
-    def _apart(self, passed: list[Candidate], prover: Prover) -> list[Candidate]:
+    def _apart(self, passed: list[Candidate], prover: GraspValidator) -> list[Candidate]:
         """The best of each place, none of which is where something good was found."""
         kept = list[Candidate]()
         taken = [option.candidate for option in prover.options if option.confirmed and option.good]
         for candidate in sorted(passed, key=lambda c: -c.score):
-            if different(candidate, [*taken, *kept], prover.turns):
+            if is_different(candidate, [*taken, *kept], prover.turns):
                 kept.append(candidate)
         return kept
 
 
-def symmetry_of(search: Search) -> Array | None:
+def search_symmetry(search: GraspSearch) -> Array | None:
     """Turns that make a grasp no other one; in the air every pose of the palm is its own."""
     protocol = load_protocol(search.scenario.protocol)
     if protocol.floating:
         return None
-    return symmetry(stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
+    return object_symmetry(make_stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
 
 
-def _furthest(outcomes: list[Outcome]) -> list[Candidate]:
+def _furthest(outcomes: list[ClosingOutcome]) -> list[Candidate]:
     """Those that came furthest."""
     order = sorted(outcomes, key=lambda o: (-o.reached, -o.candidate.score))[:ELITE]
     return [outcome.candidate for outcome in order]
 
 
-def _turns(protocol: Protocol) -> list[float]:
+def _turns(protocol: TrialProtocol) -> list[float]:
     """Palm's angles about its z, rad, through which the protocol turns it: before, half and all of it."""
     most = sum(phase.turn[2] for phase in protocol.phases)
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]

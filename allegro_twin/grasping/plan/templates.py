@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.poses import closing_of
-from allegro_twin.grasping.plan.reduce_squeeze import check_loop
+from allegro_twin.grasping.plan.candidate import check_stiffness
+from allegro_twin.grasping.plan.poses import closing_directions
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.taxonomy import claim
+from allegro_twin.hands.library.taxonomy import claim_type
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -22,20 +22,20 @@ OPEN, CLOSED, FURTHER = 0.3, 0.6, 0.8
 """Of a motor's way, in the postures of a template that no library has."""
 
 
-def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
+def grasp_templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
     """All of the library that close on something, or those of a type of the taxonomy where there are any: only the
     contacts tell of which type is what comes of them. For a hand of which the library has none at all, one that its
     kinematics make. Raises ConfigError for what is no type, for a hand that cannot plan, and where nothing closes."""
-    check_loop(spec)
+    check_stiffness(spec)
     library = Library()
     listed = library.list(kind="grasp", taxonomy=taxonomy, hand=spec)
     if taxonomy is not None:
         of_type = [library.grasp(each.name, spec) for each in listed]
-        return [grasp for grasp in of_type if _closes(grasp, spec)] or templates(spec)
+        return [grasp for grasp in of_type if _closes(grasp, spec)] or grasp_templates(spec)
     found = [library.grasp(each.name, spec) for each in listed]
     closing = [grasp for grasp in found if _closes(grasp, spec)]
     if not closing and not found:
-        return [gathering(spec)]
+        return [gathering_grasp(spec)]
     if not closing:
         raise ConfigError(f"the library has no grasp that closes the fingers of {spec.name}")
     return closing
@@ -43,10 +43,10 @@ def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
 
 def _closes(grasp: Grasp, spec: HandSpec) -> bool:
     """Whether it closes joints by position, and enough of them."""
-    return grasp.grip is None and int((closing_of(grasp, spec) != 0.0).sum()) >= min(FEWEST, spec.n_joints)
+    return grasp.grip is None and int((closing_directions(grasp, spec) != 0.0).sum()) >= min(FEWEST, spec.n_joints)
 
 
-def gathering(spec: HandSpec) -> Grasp:
+def gathering_grasp(spec: HandSpec) -> Grasp:
     """A grasp that closes every motor which brings fingertips together, from what the hand's kinematics say. Raises
     ConfigError for a hand without two fingertips, or of which none does."""
     if len(spec.fingers) < 2:
@@ -63,7 +63,7 @@ def gathering(spec: HandSpec) -> Grasp:
         raise ConfigError(f"{spec.name}: no motor brings its fingertips together: store a grasp of it in the library")
     opened = np.where(closing > 0.0, lower, np.where(closing < 0.0, upper, middle))
     preshape, close, squeeze = (opened + part * closing * spans for part in (OPEN, CLOSED, FURTHER))
-    return Grasp("gathering", claim(None), float(spans.max()), "minimum_jerk", preshape, close, squeeze)
+    return Grasp("gathering", claim_type(None), float(spans.max()), "minimum_jerk", preshape, close, squeeze)
 
 
 def _apart(model: HandKinematics, posture: Vector) -> float:

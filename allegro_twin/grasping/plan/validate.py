@@ -10,18 +10,23 @@ from pathlib import Path
 from typing import NamedTuple
 
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
-from allegro_twin.grasping.plan.as_scenario import grasp_of, scenario_of
-from allegro_twin.grasping.plan.candidate import Candidate, different
-from allegro_twin.grasping.plan.reduce_squeeze import SHARE, eased
-from allegro_twin.grasping.plan.region import Region, there
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
+from allegro_twin.grasping.plan.candidate import (
+    SHARE,
+    Candidate,
+    candidate_grasp,
+    candidate_scenario,
+    is_different,
+    limit_squeeze,
+)
+from allegro_twin.grasping.plan.region import GraspRegion, holds_in_region
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.select import is_of_type
-from allegro_twin.hands.library.taxonomy import Observed, as_claimed
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.hands.library.library import is_of_type
+from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -54,7 +59,7 @@ WHOLE_TRIALS = 2
 
 
 @dataclass(slots=True, eq=False)
-class Planned:
+class PlannedGrasp:
     """A grasp, and what has become of it so far."""
 
     candidate: Candidate
@@ -78,10 +83,10 @@ class Planned:
     """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
     its torque limit."""
 
-    def show(self, observed: Observed | None) -> None:
+    def show(self, observed: ObservedType | None) -> None:
         """Its grasp is of the type that its contacts show, and claims no other."""
         if observed is not None:
-            self.grasp = replace(self.grasp, observed=observed, taxonomy=as_claimed(observed))
+            self.grasp = replace(self.grasp, observed=observed, taxonomy=claim_observed(observed))
 
     @property
     def expected(self) -> float:
@@ -94,10 +99,10 @@ class Planned:
 
 
 @dataclass(slots=True)
-class Prover:
+class GraspValidator:
     """Options for one object, with what is known of each."""
 
-    bench: Workbench
+    bench: GraspScene
     scenario: Scenario
     spec: HandSpec
     templates: Sequence[Grasp]
@@ -106,17 +111,17 @@ class Prover:
     uncertainty: Uncertainty
     turns: Array | None
     """Rotations that leave the object as it is; None where every pose counts as its own."""
-    region: Region | None = None
+    region: GraspRegion | None = None
     """Where more than half of the contact force has to be."""
     kind: int | str | None = None
     """The type that the contacts have to show; None: any."""
     threads: int = 0
-    options: list[Planned] = field(default_factory=list)
+    options: list[PlannedGrasp] = field(default_factory=list)
     ends: Counter[str] = field(default_factory=Counter)
 
     def add(self, candidates: Sequence[Candidate], n: int) -> None:
         """Learn about some more, and about the best of all; `n`: how many are wanted in the end."""
-        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
+        new = [PlannedGrasp(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
         self._draw(new, FIRST)
         self.options += new
         self._draw([o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good], MORE)
@@ -129,13 +134,13 @@ class Prover:
             self._confirm(unknown)
             left -= len(unknown)
 
-    def best(self, n: int) -> list[Planned]:
+    def best(self, n: int) -> list[PlannedGrasp]:
         """Those that hold in the whole trial, apart from each other, best first."""
-        return best_of([option for option in self.options if option.confirmed], n, self.turns)
+        return best_grasps([option for option in self.options if option.confirmed], n, self.turns)
 
-    def ranked(self, options: Sequence[Planned], n: int) -> list[Planned]:
+    def ranked(self, options: Sequence[PlannedGrasp], n: int) -> list[PlannedGrasp]:
         """The best of each place, of those that have not failed."""
-        return best_of([option for option in options if option.confirmed is not False], n, self.turns)
+        return best_grasps([option for option in options if option.confirmed is not False], n, self.turns)
 
     def unsure(self) -> list[Candidate]:
         """Those of the best whose variations may be better."""
@@ -144,20 +149,20 @@ class Prover:
     def as_files(self, candidate: Candidate, squeeze: Squeeze) -> tuple[Scenario, Grasp]:
         """What is played of a candidate."""
         template = next(grasp for grasp in self.templates if grasp.name == candidate.template)
-        grasp = grasp_of(candidate, template, self.spec, squeeze.factor)
-        grasp = eased(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
-        return scenario_of(candidate, self.bench, self.scenario), grasp
+        grasp = candidate_grasp(candidate, template, self.spec, squeeze.factor)
+        grasp = limit_squeeze(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
+        return candidate_scenario(candidate, self.bench, self.scenario), grasp
 
-    def _draw(self, options: Sequence[Planned], count: int) -> None:
+    def _draw(self, options: Sequence[PlannedGrasp], count: int) -> None:
         """Try each under the next draws that it has not seen."""
         protocol = load_protocol("quick")
-        bench = Bench(self.spec, period=protocol.period or PERIOD, threads=self.threads)
+        bench = TrialRunner(self.spec, period=protocol.period or PERIOD, threads=self.threads)
         trials = [
-            Case(option.scenario, option.grasp, draw, protocol, self.folder)
+            TrialCase(option.scenario, option.grasp, draw, protocol, self.folder)
             for option in options
-            for draw in draws(self.uncertainty, count, self.seed, option.tried, stream="search")
+            for draw in sample_perturbations(self.uncertainty, count, self.seed, option.tried, stream="search")
         ]
-        verdicts = bench.verdicts(trials, hasty=True)
+        verdicts = bench.verdicts(trials, stop_early=True)
         for option in options:
             option.held += sum(next(verdicts).held for _ in range(count))
             option.tried += count
@@ -167,10 +172,10 @@ class Prover:
         """What tells whether an object is held where it is to be."""
         return None if self.region is None else self.region.share
 
-    def _confirm(self, options: Sequence[Planned]) -> None:
+    def _confirm(self, options: Sequence[PlannedGrasp]) -> None:
         """Try each in the whole trial."""
-        cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
-        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, self.measure)
+        cases = [TrialCase(option.scenario, option.grasp, folder=self.folder) for option in options]
+        verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure)
         for option, verdict in zip(options, verdicts, strict=True):
             where = "whole trial" if not verdict.held else self.amiss([verdict]) or "held"
             option.confirmed = where == "held"
@@ -181,7 +186,7 @@ class Prover:
 
     def amiss(self, verdicts: Sequence[Verdict]) -> str:
         """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""
-        if not all(there(verdict) for verdict in verdicts):
+        if not all(holds_in_region(verdict) for verdict in verdicts):
             return "elsewhere"
         seen = [verdict.report.observed for verdict in verdicts if verdict.report is not None][:1]
         if self.kind is not None and not any(each is not None and is_of_type(each, self.kind) for each in seen):
@@ -189,44 +194,45 @@ class Prover:
         return ""
 
 
-def judge(
-    planned: Sequence[Planned], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path, threads: int = 0,
-    count: int = JUDGED,
+def judge_planned(
+    planned: Sequence[PlannedGrasp], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path,
+    threads: int = 0, count: int = JUDGED,
 ) -> None:  # fmt: skip
     """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen."""
-    drawn = draws(uncertainty, count, seed, stream="judge")
+    drawn = sample_perturbations(uncertainty, count, seed, stream="judge")
     for each in planned:
         protocol = load_protocol(each.scenario.protocol)
-        bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
-        split = [Case(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
-        verdicts = bench.verdicts([case for cases in split for case in cases], hasty=True)
+        bench = TrialRunner(spec, protocol_gains(protocol.gains, spec), protocol.period or PERIOD, threads)
+        split = [TrialCase(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
+        verdicts = bench.verdicts([case for cases in split for case in cases], stop_early=True)
         each.judged, each.judged_held = len(split), 0
         for cases in split:
             found = [next(verdicts).held for _ in cases]
             each.judged_held += all(found)
 
 
-def best_of(options: Sequence[Planned], n: int, turns: Array | None) -> list[Planned]:
+def best_grasps(options: Sequence[PlannedGrasp], n: int, turns: Array | None) -> list[PlannedGrasp]:
     """So many, best first, each apart from those before it. `turns`: rotations that leave the object as it is."""
-    kept: list[Planned] = []
+    kept: list[PlannedGrasp] = []
     for option in sorted(options, key=lambda o: (-o.expected, -o.candidate.score)):
-        if len(kept) < n and different(option.candidate, [k.candidate for k in kept], turns):
+        if len(kept) < n and is_different(option.candidate, [k.candidate for k in kept], turns):
             kept.append(option)
     return kept
 
 
-def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
+def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> None:
     """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
-    gains = ruled(protocol.gains, prover.spec)
-    runner = Bench(prover.spec, gains, protocol.period or PERIOD, prover.threads)
+    gains = protocol_gains(protocol.gains, prover.spec)
+    runner = TrialRunner(prover.spec, gains, protocol.period or PERIOD, prover.threads)
     options = [
-        Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates
+        PlannedGrasp(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0)
+        for c in candidates
     ]
     for ways in (slice(0, 2), slice(2, None)):
-        cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
-        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, hasty=True)
+        cases = [TrialCase(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
+        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, stop_early=True)
         for option, each in zip(options, cases, strict=True):
             found = [next(verdicts) for _ in each]
             held = [verdict.report for verdict in found if verdict.held and verdict.report is not None]

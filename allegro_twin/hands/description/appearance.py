@@ -1,14 +1,16 @@
-"""The colours of everything: objects by name, fingers and joints by number. One place, whoever draws."""
+"""Appearance: colours of objects, fingers and joints, and the shapes that are drawn of rigid bodies."""
 
 from __future__ import annotations
 
 import colorsys
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
@@ -26,11 +28,11 @@ _PATTERNS = ("plain", "band", "lines", "halves", "faces")
 
 
 @dataclass(frozen=True, slots=True)
-class Handle:
-    """A loop on an object's side that is seen and never touched."""
+class ObjectHandle:
+    """A loop on an object's side that is drawn and never touched."""
 
     height: float
-    """Of the loop, m."""
+    """Height of the loop, m."""
     reach: float
     """How far it stands out, m."""
     thick: float
@@ -40,13 +42,13 @@ class Handle:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What an object looks like."""
+class ObjectAppearance:
+    """Colours, pattern and handle of an object."""
 
     color: Color
     second: Color
     pattern: str = "plain"
-    handle: Handle | None = None
+    handle: ObjectHandle | None = None
 
     def paint(self, place: Array) -> Array:
         """Colours (k, 3) at places on the surface, (k, 3), in units of the object's half-extents."""
@@ -72,12 +74,12 @@ class Look:
         face = 2 * largest + (cube[rows, largest.astype(int)] < 0)
         cells = np.abs((cube * 1.5 + 1.5) % 1.0 - 0.5)
         cells[rows, largest.astype(int)] = 0.0
-        colors = np.array([rgb(text) for text in _FACES])[face.astype(int)]
+        colors = np.array([parse_color(text) for text in _FACES])[face.astype(int)]
         return np.where((cells.max(axis=1) > 0.4)[:, None], np.array(self.second), colors)
 
 
-def rgb(text: str) -> Color:
-    """Of `#rrggbb`. Raises ConfigError."""
+def parse_color(text: str) -> Color:
+    """The colour of `#rrggbb`. Raises ConfigError."""
     try:
         red, green, blue = bytes.fromhex(text.removeprefix("#"))
     except ValueError:
@@ -86,30 +88,30 @@ def rgb(text: str) -> Color:
 
 
 @cache
-def of_object(name: str) -> Look:
-    """What an object looks like: as conf/appearance says, or in a calm colour that stays with its name."""
+def object_appearance(name: str) -> ObjectAppearance:
+    """The appearance of an object: by conf/appearance, else in a calm colour that depends on its name."""
     row = _table().get(name)
     if row is None:
         hue = (sum(ord(c) * (i + 7) for i, c in enumerate(name)) * 0.6180339887) % 1.0
-        return Look(colorsys.hsv_to_rgb(hue, 0.6, 0.85), colorsys.hsv_to_rgb(hue, 0.6, 0.6))
+        return ObjectAppearance(colorsys.hsv_to_rgb(hue, 0.6, 0.85), colorsys.hsv_to_rgb(hue, 0.6, 0.6))
     if row["pattern"] not in _PATTERNS:
         raise ConfigError(f"conf/appearance/objects.yaml: {name}: pattern {row['pattern']} is none of {_PATTERNS}")
     handle = None
     if "handle" in row:
         height, reach, thick = (row["handle"][key] / 1000.0 for key in ("height", "reach", "thick"))
-        handle = Handle(height, reach, thick, math.radians(row["handle"]["at"]))
-    return Look(rgb(row["color"]), rgb(row["second"]), row["pattern"], handle)
+        handle = ObjectHandle(height, reach, thick, math.radians(row["handle"]["at"]))
+    return ObjectAppearance(parse_color(row["color"]), parse_color(row["second"]), row["pattern"], handle)
 
 
-def of_series(number: int) -> Color:
-    """Of a joint by its place in its finger, of a finger by its place in the hand: any number of them."""
+def series_color(number: int) -> Color:
+    """The colour of a joint by its place in its finger, or of a finger by its place in the hand; for any number."""
     if number < len(_SERIES):
-        return rgb(_SERIES[number])
+        return parse_color(_SERIES[number])
     return colorsys.hsv_to_rgb((number * 0.6180339887) % 1.0, 0.75, 0.7)
 
 
-def lighter(color: Color) -> Color:
-    """Half way to white: the target of what has the colour."""
+def lighten(color: Color) -> Color:
+    """The colour half way to white, for the target of what has the colour."""
     red, green, blue = ((1.0 + part) / 2 for part in color)
     return (red, green, blue)
 
@@ -118,3 +120,90 @@ def lighter(color: Color) -> Color:
 def _table() -> dict[str, dict[str, Any]]:
     table: dict[str, dict[str, Any]] = read_yaml(data_root() / "conf" / "appearance" / "objects.yaml")
     return table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualShape:
+    """A primitive or a mesh in the frame of its body."""
+
+    kind: str
+    """box, sphere, ellipsoid, capsule, cylinder or mesh."""
+    size: tuple[float, ...]
+    """m. Box and ellipsoid: half-extents. Sphere: radius. Capsule and cylinder, along z: radius, half-length."""
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    """w, x, y, z."""
+    color: tuple[float, ...] = (0.7, 0.7, 0.7, 1.0)
+    """RGBA."""
+    paint: str = ""
+    """The object whose pattern it wears."""
+    vertices: Array | None = None
+    """Vertices of a mesh, (k, 3), m."""
+    triangles: NDArray[np.int64] | None = None
+    """(f, 3)."""
+
+    def to_json(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"kind": self.kind, "size": [round(x, 6) for x in self.size]}
+        found |= {"position": _rounded(self.position), "quaternion": _rounded(self.quaternion)}
+        found |= {"color": [round(x, 3) for x in self.color], "paint": self.paint}
+        if self.vertices is not None and self.triangles is not None:
+            found |= {"vertices": np.round(self.vertices, 5).tolist(), "triangles": self.triangles.tolist()}
+        return found
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any]) -> VisualShape:
+        mesh = "vertices" in content
+        return VisualShape(
+            content["kind"],
+            tuple(content["size"]),
+            tuple(content["position"]),
+            tuple(content["quaternion"]),
+            tuple(content["color"]),
+            content["paint"],
+            np.array(content["vertices"], dtype=np.float64) if mesh else None,
+            np.array(content["triangles"], dtype=np.int64) if mesh else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualBody:
+    """A link for drawing: its place on its parent, the joint that moves it, and its shapes."""
+
+    name: str
+    parent: int
+    """Index in the list of bodies, parents first; -1 for the palm, which stands where the hand does."""
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...]
+    """On the parent at joint position zero, m; w, x, y, z."""
+    joint: int = -1
+    """Index in the hand's order; -1: fixed."""
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+    anchor: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Position of the joint, a hinge, in the body's own frame, m."""
+    zero: float = 0.0
+    """Joint position at which `position` and `quaternion` hold, rad."""
+    shapes: tuple[VisualShape, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "parent": self.parent,
+            "position": _rounded(self.position),
+            "quaternion": list(self.quaternion),
+            "joint": self.joint,
+            "axis": list(self.axis),
+            "anchor": _rounded(self.anchor),
+            "zero": self.zero,
+            "shapes": [shape.to_json() for shape in self.shapes],
+        }
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any]) -> VisualBody:
+        rows: dict[str, Any] = {key: tuple(content[key]) for key in ("position", "quaternion", "axis", "anchor")}
+        shapes = tuple(VisualShape.from_json(shape) for shape in content["shapes"])
+        one: dict[str, Any] = {key: content[key] for key in ("name", "parent", "joint", "zero")}
+        return VisualBody(shapes=shapes, **one, **rows)
+
+
+def _rounded(values: tuple[float, ...]) -> list[float]:
+    return [round(float(value), 7) for value in values]

@@ -1,4 +1,4 @@
-"""An arm's table of facts, models/arms/<model>.yaml, as a chain of links and as an ArmSpec."""
+"""The table of facts of an arm, models/arms/<model>.yaml, as a chain of links and as an ArmSpec."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class Rod:
     end: Triple
     radius: float
     color: str = ""
-    """Empty for what is touched and not seen."""
+    """Empty for a shape that is touched and not drawn."""
 
 
 @dataclass(frozen=True, slots=True)
-class ArmLink:
+class ArmLinkFacts:
     """A rigid body and the joint that carries it, about its z."""
 
     name: str
     joint: str
     """Empty for the base."""
     xyz: Triple
-    """In the frame of the link before, m."""
+    """Position in the frame of the link before, m."""
     roll: float
     """About the x axis of the link before, rad."""
     lower: float
@@ -47,33 +47,33 @@ class ArmLink:
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class ArmFacts:
     """A whole arm: its links from the base on, each on the one before."""
 
     name: str
-    links: tuple[ArmLink, ...]
+    links: tuple[ArmLinkFacts, ...]
     flange: float
-    """From the last joint along its axis, m."""
+    """Distance of the flange from the last joint along its axis, m."""
     never_collide: tuple[tuple[int, int], ...]
     """Links by their places in the chain."""
     colors: dict[str, tuple[float, ...]]
 
     @property
-    def driven(self) -> tuple[ArmLink, ...]:
-        """All but the base."""
+    def driven(self) -> tuple[ArmLinkFacts, ...]:
+        """All links but the base."""
         return self.links[1:]
 
 
-def names() -> list[str]:
-    """Every arm whose facts are here."""
+def arm_names() -> list[str]:
+    """Names of all arms with a table of facts."""
     return sorted(path.stem for path in (data_root() / "models" / "arms").glob("*.yaml"))
 
 
-def load(model: str) -> Arm:
+def load_arm_facts(model: str) -> ArmFacts:
     """The chain of an arm. Raises ConfigError with the nearest names."""
     table = _table(model)
     rows: list[dict[str, Any]] = [{}, *table["joints"]]
-    return Arm(
+    return ArmFacts(
         name=table["name"],
         links=tuple(
             _link(table, k, joint, link) for k, (joint, link) in enumerate(zip(rows, table["links"], strict=True))
@@ -84,8 +84,8 @@ def load(model: str) -> Arm:
     )
 
 
-def load_arm(model: str, load: Load | None = None) -> ArmSpec:
-    """The spec of an arm that was told what it carries. Raises ConfigError with the nearest names."""
+def load_arm_spec(model: str, load: Load | None = None) -> ArmSpec:
+    """The spec of an arm with its load. Raises ConfigError with the nearest names."""
     table = _table(model)
     joints, n = table["joints"], len(table["joints"])
     motor = table["actuation"]
@@ -120,12 +120,12 @@ def _slowing(joints: list[dict[str, Any]]) -> Slowing | None:
 
 
 def _table(model: str) -> dict[str, Any]:
-    if model not in names():
-        raise ConfigError(unknown("arm", model, names()))
+    if model not in arm_names():
+        raise ConfigError(unknown("arm", model, arm_names()))
     return read_yaml(data_root() / "models" / "arms" / f"{model}.yaml")
 
 
-def _link(table: dict[str, Any], place: int, joint: dict[str, Any], link: dict[str, Any]) -> ArmLink:
+def _link(table: dict[str, Any], place: int, joint: dict[str, Any], link: dict[str, Any]) -> ArmLinkFacts:
     """Craig's parameters: Rx(α) Tx(a) Tz(d) from the link before, and then the turn about z."""
     name = table["name"]
     roll = math.radians(joint.get("twist", 0.0))
@@ -134,9 +134,9 @@ def _link(table: dict[str, Any], place: int, joint: dict[str, Any], link: dict[s
     sine, cosine = round(math.sin(roll), 15), round(math.cos(roll), 15)
     lower, upper = map(float, joint.get("limit", (0.0, 0.0)))
     xx, yy, zz, xy, xz, yz = link["inertia"]
-    tensor = inertia.physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    tensor = inertia.nearest_physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     touched = [Rod("capsule", triple(r["from"]), triple(r["to"]), r["radius"]) for r in link["touch"]]
-    return ArmLink(
+    return ArmLinkFacts(
         name=f"{name}_link{place}",
         joint=f"{name}_joint{place}" if place else "",
         xyz=(reach, -sine * along + 0.0, cosine * along + 0.0),

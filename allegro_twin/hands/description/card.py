@@ -1,4 +1,4 @@
-"""A hand by its card: somebody's MJCF, and what the file does not say. `allegro-twin hand new` writes one."""
+"""Cards: a hand by somebody's MJCF and what that file does not say. `allegro-twin hand new` writes one."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import Settings, load
+from allegro_twin.files.schema import Settings, load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing
-from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
-from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
+from allegro_twin.spec.coupled_joints import CoupledJoint
+from allegro_twin.spec.hand import aliases
 from allegro_twin.types import frozen
 
 Triple = tuple[float, float, float]
@@ -20,19 +21,19 @@ Amount = Annotated[float, Field(ge=0.0)]
 
 
 class DrivenCard(Settings):
-    """What one motor moves: a joint, or whatever hangs on its tendon."""
+    """What one motor drives: a joint, or a tendon."""
 
     name: str
-    """What commands, states and files call it."""
+    """Its name in commands, states and files."""
     actuator: str
-    """In the MJCF."""
+    """Its name in the MJCF."""
     lower: float
-    """Lowest position, in the units of what the actuator is told."""
+    """Lowest position, in the units of the actuator's command."""
     upper: float
     effort: Annotated[float, Field(gt=0.0)]
     """The most that the motor gives, N·m; N on a slide or a tendon."""
     stiffness: Annotated[float, Field(gt=0.0)] | None = None
-    """Of the loop that it closes, effort per unit of position; None: not said, or it takes torques."""
+    """Stiffness of the loop that it closes, effort per unit of position; None: unknown, or it takes torques."""
 
     @model_validator(mode="after")
     def _ordered(self) -> DrivenCard:
@@ -53,7 +54,7 @@ class FollowerCard(Settings):
 
 class FingerCard(Settings):
     joints: tuple[str, ...]
-    """Those that are driven, from the palm outward; a finger may share one with others."""
+    """Driven joints, from the palm outward; a finger may share one with others."""
     tip: tuple[str, Triple]
     """The body that ends it, and the fingertip's centre in that body's frame, m."""
 
@@ -68,7 +69,7 @@ class PalmCard(Settings):
 
 
 class HandCard(Settings):
-    """One hand: which file simulates it, and what is commanded and reported, in the order of every array."""
+    """One hand: the file that simulates it, and what is commanded and reported, in the order of every array."""
 
     mjcf: Path
     """A relative path is the card's own."""
@@ -83,9 +84,9 @@ class HandCard(Settings):
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     servos: dict[str, Any] | None = None
-    """Of a hand of servos on a serial line; docs/dynamixel.md."""
+    """Settings of a hand of servos on a serial line; docs/reference/dynamixel.md."""
     line: dict[str, Any] | None = None
-    """Of a hand that answers when it is asked; docs/hands.md#wires."""
+    """Settings of a hand that is polled; docs/reference/serial_protocols.md."""
 
     @model_validator(mode="after")
     def _known_names(self) -> HandCard:
@@ -107,9 +108,9 @@ class HandCard(Settings):
         return self
 
 
-def spec_of(path: Path, model: str, side: Side) -> HandSpec:
+def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
     """The spec of the hand that a card describes. Raises ConfigError."""
-    card = load(HandCard, path)
+    card = load_settings(HandCard, path)
     if card.side != side:
         raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}")
     names = tuple(each.name for each in card.driven)
@@ -135,13 +136,13 @@ def spec_of(path: Path, model: str, side: Side) -> HandSpec:
         commands=card.commands,
         apart=card.apart,
         followers=tuple(
-            Follower(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
+            CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),
     )  # fmt: skip
 
 
 def _actuation(card: HandCard) -> Actuation:
-    """What the MJCF has of friction and inertia stays there: nobody asks the spec for it."""
+    """Friction and inertia stay in the MJCF: nothing reads them from the spec."""
     nothing = frozen(np.zeros(len(card.driven)))
     stiff = [each.stiffness for each in card.driven if each.stiffness is not None]
     effort = frozen([each.effort for each in card.driven])

@@ -1,4 +1,4 @@
-"""The table of facts, read into a tree of links; and the mirror rule that turns a right hand into a left one."""
+"""The table of facts of a hand, models/<model>.yaml, as a tree of links; and the mirror rule for the other side."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class BoxFacts:
     half: Triple
     """Half-sizes, m."""
     at: Triple
@@ -21,7 +21,7 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True)
-class Tip:
+class TipFacts:
     """A fingertip: a capsule along z, whose far sphere's centre is the tip frame."""
 
     name: str
@@ -34,8 +34,8 @@ class Tip:
 
 
 @dataclass(frozen=True, slots=True)
-class Visual:
-    """What is seen and never touched: a rounded box (half-sizes) or a cylinder along y (radius, half-length)."""
+class VisualFacts:
+    """A shape that is drawn, never touched: a rounded box (half-sizes) or a cylinder along y (radius, half-length)."""
 
     kind: str
     size: tuple[float, ...]
@@ -45,7 +45,7 @@ class Visual:
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class JointFacts:
     number: int
     """Its place in every array."""
     name: str
@@ -55,46 +55,46 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class LinkFacts:
     """A rigid body, its place on its parent, and the joint that carries it (None for the palm)."""
 
     name: str
     kind: str
     parent: str | None
-    joint: Joint | None
+    joint: JointFacts | None
     xyz: Triple
     rpy: Triple
     mass: float
-    box: Box
-    tip: Tip | None
-    visuals: tuple[Visual, ...]
+    box: BoxFacts
+    tip: TipFacts | None
+    visuals: tuple[VisualFacts, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Description:
+class HandFacts:
     """A whole hand. Links stand parents first."""
 
     name: str
     side: Side
-    links: tuple[Link, ...]
+    links: tuple[LinkFacts, ...]
     fingers: dict[str, tuple[int, ...]]
     mirror_flips: tuple[int, ...]
     never_collide: tuple[tuple[str, str], ...]
     colors: dict[str, tuple[float, ...]]
 
     @property
-    def joints(self) -> tuple[Joint, ...]:
-        """In the order of the joints' numbers."""
+    def joints(self) -> tuple[JointFacts, ...]:
+        """All joints, in the order of their numbers."""
         found = [link.joint for link in self.links if link.joint is not None]
         return tuple(sorted(found, key=lambda joint: joint.number))
 
-    def last_link(self, finger: str) -> Link:
+    def last_link(self, finger: str) -> LinkFacts:
         """The one that carries a finger's tip."""
         number = self.fingers[finger][-1]
         return next(link for link in self.links if link.joint is not None and link.joint.number == number)
 
 
-def known(model: str) -> bool:
+def has_facts(model: str) -> bool:
     """Whether the facts of a hand are here, from which its files are made."""
     return model.isidentifier() and _table(model).is_file()
 
@@ -103,10 +103,10 @@ def _table(model: str) -> Path:
     return data_root() / "models" / f"{model}.yaml"
 
 
-def load(model: str, side: Side) -> Description:
+def load_facts(model: str, side: Side) -> HandFacts:
     """The description of one hand, from models/<model>.yaml."""
     table = read_yaml(_table(model))
-    right = Description(
+    right = HandFacts(
         name=table["name"],
         side="right",
         links=tuple(_links(table)),
@@ -115,10 +115,10 @@ def load(model: str, side: Side) -> Description:
         never_collide=tuple((a, b) for a, b in table["never_collide"]),
         colors={name: tuple(rgba) for name, rgba in table["colors"].items()},
     )
-    return right if side == "right" else mirrored(right)
+    return right if side == "right" else mirror_facts(right)
 
 
-def mirrored(hand: Description) -> Description:
+def mirror_facts(hand: HandFacts) -> HandFacts:
     """The other hand: every point, rotation and axis reflected in the palm's x-z plane.
 
     A point goes from (x, y, z) to (x, -y, z), a rotation (roll, pitch, yaw) to (-roll, pitch, -yaw). An axis, being a
@@ -130,7 +130,7 @@ def mirrored(hand: Description) -> Description:
     def reflect(point: Triple) -> Triple:
         return (point[0], _negated(point[1]), point[2])
 
-    def joint(of: Joint | None) -> Joint | None:
+    def joint(of: JointFacts | None) -> JointFacts | None:
         if of is None:
             return None
         if of.name in flips:
@@ -155,7 +155,7 @@ def _negated(value: float) -> float:
     return -value if value else 0.0  # No minus zero in the files.
 
 
-def _links(table: dict[str, Any]) -> list[Link]:
+def _links(table: dict[str, Any]) -> list[LinkFacts]:
     zero = (0.0, 0.0, 0.0)
     links = [_link(table, table["root"], "palm", None, None, zero, zero, None)]
     for finger in table["fingers"].values():
@@ -164,7 +164,7 @@ def _links(table: dict[str, Any]) -> list[Link]:
         called = finger.get("names", [None] * len(rows))
         for number, row, own in zip(finger["joints"], rows, called, strict=True):
             first, last = row is rows[0], row is rows[-1]
-            joint = Joint(number, own or f"joint_{number}.0", triple(row["axis"]), *map(float, row["limit"]))
+            joint = JointFacts(number, own or f"joint_{number}.0", triple(row["axis"]), *map(float, row["limit"]))
             place = finger if first else row
             tip = finger["tip"] if last else None
             name = f"{own}_link" if own else f"link_{number}.0"
@@ -179,21 +179,23 @@ def _link(
     name: str,
     kind: str,
     parent: str | None,
-    joint: Joint | None,
+    joint: JointFacts | None,
     xyz: Triple,
     rpy: Triple,
     tip_end: float | None,
-) -> Link:
+) -> LinkFacts:
     row = table["links"][kind]
     tip = None
     if tip_end is not None:
-        tip = Tip(f"{name}_tip", row["tip"]["mass"], row["tip"]["radius"], row["tip"]["from"], tip_end)
+        tip = TipFacts(f"{name}_tip", row["tip"]["mass"], row["tip"]["radius"], row["tip"]["from"], tip_end)
     visuals = []
     for part in row["visual"]:
         shape = "rounded" if "rounded" in part else "cylinder"
-        visuals.append(Visual(shape, tuple(part[shape]), part.get("radius", 0.0), triple(part["at"]), part["color"]))
-    box = Box(triple(row["box"]["half"]), triple(row["box"]["at"]))
-    return Link(name, kind, parent, joint, xyz, rpy, row["mass"], box, tip, tuple(visuals))
+        visuals.append(
+            VisualFacts(shape, tuple(part[shape]), part.get("radius", 0.0), triple(part["at"]), part["color"])
+        )
+    box = BoxFacts(triple(row["box"]["half"]), triple(row["box"]["at"]))
+    return LinkFacts(name, kind, parent, joint, xyz, rpy, row["mass"], box, tip, tuple(visuals))
 
 
 def triple(values: Any) -> Triple:

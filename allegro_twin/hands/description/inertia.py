@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.hands.description.facts import Box, Link, Tip
+from allegro_twin.hands.description.facts import BoxFacts, LinkFacts, TipFacts
 from allegro_twin.types import Array
 
 
@@ -19,13 +19,13 @@ class MassProperties(NamedTuple):
     """About the centre of mass, axes of the link's frame, shape (3, 3), kg·m²."""
 
 
-def of_box(mass: float, box: Box) -> MassProperties:
+def box_inertia(mass: float, box: BoxFacts) -> MassProperties:
     """I = m/3 diag(b²+c², a²+c², a²+b²) for half-sizes a, b, c."""
     squares = np.square(box.half)
     return MassProperties(mass, np.array(box.at), mass / 3.0 * np.diag(squares.sum() - squares))
 
 
-def of_tip(tip: Tip) -> MassProperties:
+def tip_inertia(tip: TipFacts) -> MassProperties:
     """A solid capsule along z: a cylinder of length l and two half-spheres of radius r, sharing the mass by volume."""
     r, length = tip.radius, tip.end - tip.start
     cylinder = tip.mass * length / (length + 4.0 / 3.0 * r)
@@ -36,7 +36,7 @@ def of_tip(tip: Tip) -> MassProperties:
     return MassProperties(tip.mass, np.array([0.0, 0.0, (tip.start + tip.end) / 2.0]), np.diag([across, across, along]))
 
 
-def combined(parts: list[MassProperties]) -> MassProperties:
+def combine(parts: list[MassProperties]) -> MassProperties:
     """One rigid body from several: I = Σ Iₖ + mₖ(|dₖ|² 1 - dₖdₖᵀ), dₖ from the common centre of mass."""
     mass = sum(part.mass for part in parts)
     center = sum((part.mass * part.center for part in parts), np.zeros(3)) / mass
@@ -48,15 +48,15 @@ def combined(parts: list[MassProperties]) -> MassProperties:
     return MassProperties(mass, center, inertia)
 
 
-def of_link(link: Link) -> MassProperties:
+def link_inertia(link: LinkFacts) -> MassProperties:
     """The link with its fingertip, where it has one."""
-    parts = [of_box(link.mass, link.box)]
+    parts = [box_inertia(link.mass, link.box)]
     if link.tip is not None:
-        parts.append(of_tip(link.tip))
-    return combined(parts)
+        parts.append(tip_inertia(link.tip))
+    return combine(parts)
 
 
-def physical(tensor: Array) -> Array:
+def nearest_physical(tensor: Array) -> Array:
     """The nearest inertia that a rigid body can have, (3, 3), kg·m²; one that a body can have stays as it is.
 
     ∫ r rᵀ dm = ½ tr(I) 1 - I has no negative eigenvalue, or one principal moment exceeds the sum of the others. What is

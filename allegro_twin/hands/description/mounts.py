@@ -1,4 +1,4 @@
-"""How a hand hangs on an arm's flange: conf/mounts/<name>.yaml."""
+"""Mounts of a hand on an arm's flange, with adapter, camera and load: conf/mounts/<name>.yaml."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import field_validator
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
-from allegro_twin.files.schema import Positive, Settings, load
+from allegro_twin.files.assets import find_file
+from allegro_twin.files.schema import Positive, Settings, load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import Load
@@ -30,7 +30,7 @@ class AdapterSettings(Settings):
     """m."""
 
 
-class CameraSettings(Settings):
+class MountCameraSettings(Settings):
     """Where a camera is fixed, in the flange's frame."""
 
     position: Triple
@@ -38,16 +38,16 @@ class CameraSettings(Settings):
     looks: Triple
     """Where it looks."""
     up: Triple
-    """What is up in its picture; as near to it as can be."""
+    """Up in its picture, as nearly as possible."""
 
 
 class LoadSettings(Settings):
-    """What the arm is told that it carries; `arm.tool.identified` finds it by poses."""
+    """The load that the arm compensates; `arm.tool.identified` measures it by poses."""
 
     mass: Positive
     """kg."""
     centre: Triple
-    """Of mass, in the flange's frame, m."""
+    """Centre of mass in the flange's frame, m."""
 
 
 class MountSettings(Settings):
@@ -60,7 +60,7 @@ class MountSettings(Settings):
     fingers: Triple
     """Where stretched fingers point."""
     adapter: AdapterSettings
-    camera: CameraSettings
+    camera: MountCameraSettings
     load: LoadSettings
 
     @field_validator("facing", "fingers")
@@ -72,26 +72,26 @@ class MountSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mount:
+class HandMount:
     """A hand's place on a flange. Frames are the flange's."""
 
     name: str
     position: Array
-    """Of the palm, (3,), m."""
+    """Position of the palm, (3,), m."""
     quaternion: Array
-    """Of the palm, w x y z."""
+    """Orientation of the palm, w x y z."""
     adapter: AdapterSettings
     camera_position: Array
     """(3,), m."""
     camera_quaternion: Array
-    """Of its optical frame: z ahead, x to the right of the picture, y down."""
+    """Orientation of its optical frame: z ahead, x to the right of the picture, y down."""
     load: Load
 
 
-def load_mount(hand: HandSpec, name: str | Path = "") -> Mount:
+def load_mount(hand: HandSpec, name: str | Path = "") -> HandMount:
     """The mount of a hand: its model's own, or another by name or path. Raises ConfigError for one of another hand."""
-    path = find(name or hand.model, "mount", "conf/mounts")
-    settings = load(MountSettings, path)
+    path = find_file(name or hand.model, "mount", "conf/mounts")
+    settings = load_settings(MountSettings, path)
     if settings.hand != hand.model:
         raise ConfigError(
             f"{path} is the flange of a {settings.hand}, and the hand is a {hand.name}: "
@@ -103,7 +103,7 @@ def load_mount(hand: HandSpec, name: str | Path = "") -> Mount:
     if hand.side == "left":  # The file is of a right hand, and a left one is its mirror image in the palm's x-z plane.
         axes = matrix_from_quaternion(quaternion)
         centre = position + axes @ (axes.T @ (centre - position) * (1.0, -1.0, 1.0))
-    return Mount(
+    return HandMount(
         name=path.stem,
         position=frozen(position),
         quaternion=frozen(quaternion),
@@ -114,7 +114,7 @@ def load_mount(hand: HandSpec, name: str | Path = "") -> Mount:
     )
 
 
-def _optical(camera: CameraSettings, path: Path) -> Array:
+def _optical(camera: MountCameraSettings, path: Path) -> Array:
     ahead, up = np.array(camera.looks), np.array(camera.up)
     right = np.cross(ahead, up)
     if not np.linalg.norm(right) > 1e-6:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description import arms, facts
-from allegro_twin.hands.description.hands import load_actuation
+from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.hands.generate import mesh, tendon_mjcf
 from allegro_twin.hands.generate.arm_mjcf import arm_mjcf
 from allegro_twin.hands.generate.arm_urdf import arm_urdf
@@ -20,10 +20,10 @@ from allegro_twin.spec import SIDES
 
 
 def files() -> dict[Path, str]:
-    """Every generated file of every hand and arm whose facts are here, by its path under models/."""
+    """All generated files of all hands and arms with a table of facts, by their paths under models/."""
     made: dict[Path, str] = {}
     for model, side in product(sorted(path.stem for path in (data_root() / "models").glob("*.yaml")), SIDES):
-        hand = facts.load(model, side)
+        hand = facts.load_facts(model, side)
         actuation = load_actuation(model, len(hand.joints))
         made[Path("mjcf") / f"{model}_{side}.xml"] = mjcf(hand, actuation)
         made[Path("urdf") / f"{model}_{side}.urdf"] = urdf(hand, actuation)
@@ -33,8 +33,8 @@ def files() -> dict[Path, str]:
         text = tendon_mjcf.tendon_mjcf(path)
         made[Path("mjcf") / f"{path.stem}_right.xml"] = text
         made[Path("urdf") / f"{path.stem}_right.urdf"] = tendon_urdf(text)
-    for model in arms.names():
-        arm, spec = arms.load(model), arms.load_arm(model)
+    for model in arms.arm_names():
+        arm, spec = arms.load_arm_facts(model), arms.load_arm_spec(model)
         made[Path("mjcf") / f"{model}.xml"] = arm_mjcf(arm, spec)
         made[Path("urdf") / f"{model}.urdf"] = arm_urdf(arm, spec)
     return made

@@ -1,17 +1,17 @@
-"""An arm as MJCF: torque motors, a flange that feels what hangs on it, and capsules under a visual layer."""
+"""An arm as MJCF: torque motors, a force sensor at the flange, and capsules under a visual layer."""
 
 from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-from allegro_twin.hands.description.arms import Arm, ArmLink, Rod
+from allegro_twin.hands.description.arms import ArmFacts, ArmLinkFacts, Rod
 from allegro_twin.hands.generate.mjcf import options
 from allegro_twin.hands.generate.text import ARM_NOTICE, document, number, numbers
 from allegro_twin.kinematics.orientation import quaternion_from_euler
 from allegro_twin.spec.arm import ArmSpec
 
 
-def arm_mjcf(arm: Arm, spec: ArmSpec) -> str:
+def arm_mjcf(arm: ArmFacts, spec: ArmSpec) -> str:
     """The text of the file. Every name begins with the arm's, so that a hand can hang on it."""
     root = Element("mujoco", model=arm.name)
     SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -52,11 +52,11 @@ def _defaults(root: Element, name: str) -> None:
     )  # fmt: skip
 
 
-def _body(parent: Element, arm: Arm, link: ArmLink, place: int, spec: ArmSpec) -> Element:
+def _body(parent: Element, arm: ArmFacts, link: ArmLinkFacts, place: int, spec: ArmSpec) -> Element:
     at = {"pos": numbers(link.xyz)} if any(link.xyz) else {}
     if link.roll:
         at["quat"] = numbers(quaternion_from_euler((link.roll, 0.0, 0.0)))
-    # The maker's control carries the arm: docs/arm.md.
+    # The maker's control carries the arm: docs/explanation/arm_control.md.
     body = SubElement(parent, "body", {"name": link.name, "childclass": arm.name, "gravcomp": "1"} | at)
     mass, centre, tensor = link.body
     upper = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
-from allegro_twin.hands.description.arms import Arm, ArmLink, Rod
+from allegro_twin.hands.description.arms import ArmFacts, ArmLinkFacts, Rod
 from allegro_twin.hands.description.facts import Triple
 from allegro_twin.hands.generate.text import ARM_NOTICE, document, number, numbers
 from allegro_twin.hands.generate.urdf import inertial, joint_between
 from allegro_twin.spec.arm import ArmSpec
 
 
-def arm_urdf(arm: Arm, spec: ArmSpec) -> str:
+def arm_urdf(arm: ArmFacts, spec: ArmSpec) -> str:
     """The text of the file."""
     root = Element("robot", name=arm.name)
     for name, rgba in arm.colors.items():
@@ -36,7 +36,7 @@ def arm_urdf(arm: Arm, spec: ArmSpec) -> str:
     return document(root, arm.name, ARM_NOTICE)
 
 
-def _link(root: Element, link: ArmLink) -> None:
+def _link(root: Element, link: ArmLinkFacts) -> None:
     element = SubElement(root, "link", name=link.name)
     inertial(element, link.body)
     for rod in link.rods:

@@ -1,4 +1,4 @@
-"""Rounded boxes as Wavefront OBJ: what the links look like."""
+"""Rounded boxes as Wavefront OBJ, for drawing links."""
 
 from __future__ import annotations
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement
 
 from allegro_twin.hands.description import inertia
-from allegro_twin.hands.description.facts import Description, Joint, Link
+from allegro_twin.hands.description.facts import HandFacts, JointFacts, LinkFacts
 from allegro_twin.hands.generate.text import document, mesh_name, number, numbers
 from allegro_twin.kinematics.orientation import quaternion_from_euler
 from allegro_twin.spec import Actuation
 
 
-def mjcf(hand: Description, actuation: Actuation) -> str:
+def mjcf(hand: HandFacts, actuation: Actuation) -> str:
     """The text of the file."""
     root = Element("mujoco", model=f"{hand.name}_{hand.side}")
     SubElement(root, "compiler", angle="radian", meshdir="../meshes", autolimits="true")
@@ -37,7 +37,7 @@ def mjcf(hand: Description, actuation: Actuation) -> str:
     return document(root, hand.name)
 
 
-def _motor(actuators: Element, joint: Joint, actuation: Actuation) -> None:
+def _motor(actuators: Element, joint: JointFacts, actuation: Actuation) -> None:
     """A source of torque; or, where the firmware closes the loop, a spring to the commanded position."""
     limit = actuation.torque_limit[joint.number]
     bounds = numbers((-limit, limit))
@@ -51,7 +51,7 @@ def _motor(actuators: Element, joint: Joint, actuation: Actuation) -> None:
 
 
 def options(root: Element) -> None:
-    """Of the simulation; docs/models.md#contact: what each was measured to do."""
+    """Options of the simulation; docs/reference/allegro_model.md#contact has measurements of each."""
     SubElement(
         root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="100", jacobian="dense",
         noslip_iterations="2",
@@ -59,7 +59,7 @@ def options(root: Element) -> None:
 
 
 def defaults(root: Element) -> None:
-    """What a hand's joints and shapes have in common."""
+    """Defaults of a hand's joints and shapes."""
     top = SubElement(SubElement(root, "default"), "default", {"class": "hand"})
     # A hard stop: 0.3 N·m press a joint 2 mrad into it; MuJoCo's own default lets it give by 60.
     SubElement(top, "joint", solreflimit="0.004 1", solimplimit="0.95 0.99 0.001")
@@ -78,7 +78,7 @@ def defaults(root: Element) -> None:
     )
 
 
-def _assets(root: Element, hand: Description) -> None:
+def _assets(root: Element, hand: HandFacts) -> None:
     assets = SubElement(root, "asset")
     for name, rgba in hand.colors.items():
         SubElement(assets, "material", name=name, rgba=numbers(rgba), specular="0.3", shininess="0.5")
@@ -87,12 +87,12 @@ def _assets(root: Element, hand: Description) -> None:
         SubElement(assets, "mesh", name=name, file=f"{name}.obj")
 
 
-def _body(parent: Element, link: Link, hand: Description, actuation: Actuation) -> Element:
+def _body(parent: Element, link: LinkFacts, hand: HandFacts, actuation: Actuation) -> Element:
     place = {"pos": numbers(link.xyz)} if any(link.xyz) else {}
     if any(link.rpy):
         place["quat"] = numbers(quaternion_from_euler(link.rpy))
     body = SubElement(parent, "body", {"name": link.name, "childclass": "hand"} | place)
-    mass, center, tensor = inertia.of_link(link)
+    mass, center, tensor = inertia.link_inertia(link)
     upper = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
     SubElement(body, "inertial", pos=numbers(center), mass=number(mass), fullinertia=upper)
     if link.joint is not None:
@@ -106,7 +106,7 @@ def _body(parent: Element, link: Link, hand: Description, actuation: Actuation) 
     return body
 
 
-def _geoms(body: Element, link: Link) -> None:
+def _geoms(body: Element, link: LinkFacts) -> None:
     for visual in link.visuals:
         look = {"class": "visual", "material": visual.color, "pos": numbers(visual.at)}
         if visual.kind == "rounded":
@@ -123,7 +123,7 @@ def _geoms(body: Element, link: Link) -> None:
         SubElement(body, "site", name=link.tip.name, pos=numbers((0, 0, link.tip.end)), size="0.002", group="4")
 
 
-def _contact(root: Element, hand: Description) -> None:
+def _contact(root: Element, hand: HandFacts) -> None:
     contact = SubElement(root, "contact")
     for first, second in hand.never_collide:
         for a in (link for link in hand.links if link.kind == first):

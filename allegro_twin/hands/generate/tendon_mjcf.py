@@ -39,7 +39,7 @@ class Row(NamedTuple):
 
 
 def tables() -> list[Path]:
-    """Of all such hands."""
+    """The tables of all tendon hands."""
     return sorted((data_root() / "models" / "tendons").glob("*.yaml"))
 
 

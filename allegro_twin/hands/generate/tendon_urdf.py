@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring
 import numpy as np
 
 from allegro_twin.hands.description import inertia
-from allegro_twin.hands.description.facts import Box, Tip
+from allegro_twin.hands.description.facts import BoxFacts, TipFacts
 from allegro_twin.hands.generate.text import document, number, numbers
 from allegro_twin.kinematics.orientation import euler_from_matrix, matrix_from_quaternion
 
@@ -32,7 +32,7 @@ def tendon_urdf(mjcf: str) -> str:
 
 
 def _motors(hand: Element) -> dict[str, str]:
-    """What moves each joint."""
+    """The motor of each joint."""
     found = {each.attrib["joint"]: each.attrib["name"] for each in hand.findall("actuator/*[@joint]")}
     for tendon in hand.findall("tendon/fixed"):
         found |= {each.attrib["joint"]: tendon.attrib["name"] for each in tendon.findall("joint")}
@@ -92,7 +92,7 @@ def _link(root: Element, body: Element, name: str) -> None:
         _shapes(link, "visual", geom)
         if geom.attrib["class"] == "collision":
             _shapes(link, "collision", geom)
-    properties = inertia.combined(parts)
+    properties = inertia.combine(parts)
     element = Element("inertial")
     SubElement(element, "origin", xyz=numbers(properties.center), rpy="0 0 0")
     SubElement(element, "mass", value=number(properties.mass))
@@ -130,15 +130,15 @@ def _mass(geom: Element) -> inertia.MassProperties:
     match geom.attrib["type"]:
         case "box":
             half = (size[0], size[1], size[2])
-            return inertia.of_box(mass, Box(half, (x, y, z)))
+            return inertia.box_inertia(mass, BoxFacts(half, (x, y, z)))
         case "sphere":
             return inertia.MassProperties(mass, np.array([x, y, z]), np.eye(3) * 0.4 * mass * size[0] ** 2)
     start, end = _ends(geom)
-    return inertia.of_tip(Tip("", mass, size[0], start, end))
+    return inertia.tip_inertia(TipFacts("", mass, size[0], start, end))
 
 
 def _ends(geom: Element) -> tuple[float, float]:
-    """Of a capsule, which lies along its link's z, m."""
+    """Length of a capsule, which lies along its link's z, m."""
     _, _, start, _, _, end = _floats(geom, "fromto")
     return start, end
 

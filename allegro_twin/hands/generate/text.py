@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree import ElementTree
 
-from allegro_twin.hands.description.facts import Visual
+from allegro_twin.hands.description.facts import VisualFacts
 
 NOTICE = " Made by `make models` from models/{model}.yaml and conf/hands/{model}.yaml: edit those. "
 ARM_NOTICE = " Made by `make models` from models/arms/{model}.yaml: edit that. "
@@ -20,7 +20,7 @@ def number(value: float) -> str:
     return repr(float(value) + 0.0).removesuffix(".0")
 
 
-def mesh_name(visual: Visual) -> str:
+def mesh_name(visual: VisualFacts) -> str:
     """A name that says the shape, so that equal parts share a file. Sizes in tenths of a millimetre."""
     return "rounded_" + "_".join(str(round(size * 1e4)) for size in (*visual.size, visual.radius))
 

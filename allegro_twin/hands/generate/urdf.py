@@ -5,14 +5,14 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement
 
 from allegro_twin.hands.description import inertia
-from allegro_twin.hands.description.facts import Description, Link, Tip
+from allegro_twin.hands.description.facts import HandFacts, LinkFacts, TipFacts
 from allegro_twin.hands.generate.text import document, mesh_name, number, numbers
 from allegro_twin.spec import Actuation
 
-NO_LOAD_SPEED = 9.52  # rad/s. RS303MR servo manual, p. 39; docs/models.md#actuation.
+NO_LOAD_SPEED = 9.52  # rad/s. RS303MR servo manual, p. 39; docs/reference/allegro_model.md#actuation.
 
 
-def urdf(hand: Description, actuation: Actuation) -> str:
+def urdf(hand: HandFacts, actuation: Actuation) -> str:
     """The text of the file."""
     root = Element("robot", name=f"{hand.name}_{hand.side}")
     for name, rgba in hand.colors.items():
@@ -36,9 +36,9 @@ def urdf(hand: Description, actuation: Actuation) -> str:
     return document(root, hand.name)
 
 
-def _link(root: Element, link: Link) -> None:
+def _link(root: Element, link: LinkFacts) -> None:
     element = SubElement(root, "link", name=link.name)
-    inertial(element, inertia.of_box(link.mass, link.box))
+    inertial(element, inertia.box_inertia(link.mass, link.box))
     for visual in link.visuals:
         part = SubElement(element, "visual")
         turn = (1.5707963267948966, 0.0, 0.0) if visual.kind == "cylinder" else (0.0, 0.0, 0.0)
@@ -55,10 +55,10 @@ def _link(root: Element, link: Link) -> None:
     SubElement(SubElement(collision, "geometry"), "box", size=size)
 
 
-def _tip(root: Element, link: Link, tip: Tip) -> None:
+def _tip(root: Element, link: LinkFacts, tip: TipFacts) -> None:
     """The fingertip's own link: its origin is the sphere's centre, so its capsule reaches back from there."""
     element = SubElement(root, "link", name=tip.name)
-    mass = inertia.of_tip(tip)
+    mass = inertia.tip_inertia(tip)
     back = (0.0, 0.0, (tip.start - tip.end) / 2.0)
     inertial(element, mass._replace(center=mass.center - (0.0, 0.0, tip.end)))
     for role in ("visual", "collision"):
@@ -95,7 +95,7 @@ def joint_between(
 
 
 def inertial(element: Element, properties: inertia.MassProperties) -> None:
-    """What a link weighs."""
+    """Mass, centre and inertia of a link."""
     part = SubElement(element, "inertial")
     SubElement(part, "origin", xyz=numbers(properties.center), rpy="0 0 0")
     SubElement(part, "mass", value=number(properties.mass))

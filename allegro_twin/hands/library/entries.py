@@ -1,7 +1,7 @@
-"""What the library stores: postures, grasps and trajectories, each for one hand, and their mirror image for the other.
+"""Library entries: postures, grasps and trajectories, each stored for one side and mirrored for the other.
 
 An entry is stored once, for the side that it was made on. The other side is derived from it whenever it is asked for,
-by `HandSpec.mirrored`: exact, because only signs change. So the two sides cannot differ, whoever edits the file.
+by `HandSpec.mirror_posture`: exact, because only signs change. So the two sides cannot differ, whoever edits the file.
 """
 
 from __future__ import annotations
@@ -16,18 +16,50 @@ from pydantic import Field, model_validator
 
 from allegro_twin.control.trajectory import Profile
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Settings, Where, parse
-from allegro_twin.hands.library.grip import EnvelopGrip, Grip
-from allegro_twin.hands.library.taxonomy import Observed, Taxonomy
+from allegro_twin.files.schema import Positive, Settings, Where, parse_settings
+from allegro_twin.hands.library.taxonomy import ClaimedType, ObservedType
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
+
+
+class CentroidGrip(Settings):
+    """Close softly until every finger has met the object, then press through the centroid of the contacts."""
+
+    kind: Literal["centroid"]
+    fingers: Annotated[tuple[str, ...], Field(min_length=2, max_length=4)]
+    """The last one opposes the others: the thumb."""
+    force: Positive = 3.0
+    """On the thumb, N."""
+    spread: Annotated[float, Field(ge=0, le=1)] = 0.25
+    """How much of a finger's force may point toward the others."""
+    stiffness: Positive = 1200.0
+    """Against a motion of the object, N/m."""
+    closing: Annotated[float, Field(gt=0, le=1)] = 0.25
+    """The most that a joint pushes before contact, as a fraction of its torque limit."""
+
+
+class EnvelopGrip(Settings):
+    """Wrap every link around the object with constant torques."""
+
+    kind: Literal["envelop"]
+    torque: dict[str, list[float]]
+    """For each finger that wraps, torques at scale 1, N·m; a zero leaves the joint where the pre-shape has it."""
+    scale: Positive = 1.0
+    stiffness: Annotated[float, Field(ge=0)] = 4.0
+    """Against a motion of the wrapped object, N·m/rad."""
+    closing: Annotated[float, Field(gt=0, le=1)] = 0.3
+    """Scale of the torques before the squeeze."""
+
+
+Grip: TypeAlias = Annotated[CentroidGrip | EnvelopGrip, Field(discriminator="kind")]
+
 
 Angles: TypeAlias = dict[str, list[float]]
 """For each finger the positions of its joints from the palm outward, rad; for each joint its position, where one joint
 moves several fingers."""
-Kind: TypeAlias = Literal["posture", "grasp", "trajectory"]
+EntryKind: TypeAlias = Literal["posture", "grasp", "trajectory"]
 HAND = "allegro"
-"""Whose an entry is that does not say."""
+"""The hand of an entry that does not name one."""
 
 
 class PostureFile(Settings):
@@ -39,11 +71,11 @@ class PostureFile(Settings):
     hand: str = HAND
     """The model of hand that it is of."""
     side: Side = "right"
-    """Which hand the angles are for; the other hand uses their mirror image."""
+    """The side that the angles are for; the other hand uses their mirror image."""
     angles: Angles
 
 
-class Proof(Settings):
+class PlanRecord(Settings):
     """Where a planned grasp comes from, and how often it holds in draws that it was not chosen on."""
 
     seed: Annotated[int, Field(ge=0)]
@@ -57,7 +89,7 @@ class Proof(Settings):
     protocol: str
     """Name and version of what it was judged under."""
     uncertainty: str
-    """What was drawn, in half-widths: m, degrees, fractions."""
+    """The perturbations, in half-widths: m, degrees, fractions."""
 
 
 class GraspFile(Settings):
@@ -68,14 +100,14 @@ class GraspFile(Settings):
     description: str = ""
     hand: str = HAND
     """The model of hand that it is of."""
-    taxonomy: Taxonomy
+    taxonomy: ClaimedType
     """The type that it claims to be."""
-    observed: Observed | None = None
+    observed: ObservedType | None = None
     """The type that the contacts of its trial (`evidence`) show; None: nobody has looked."""
     object_size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
-    """Smallest and largest width between the fingers of the objects that it is for, m; None: not said."""
+    """Smallest and largest width between the fingers of the objects that it is for, m; None: unknown."""
     side: Side = "right"
-    """Which hand the angles are for; the other hand uses their mirror image."""
+    """The side that the angles are for; the other hand uses their mirror image."""
     speed: Annotated[float, Field(gt=0)] = 1.0
     """Peak speed while closing of the joint that travels furthest, rad/s."""
     profile: Profile = "minimum_jerk"
@@ -84,11 +116,11 @@ class GraspFile(Settings):
     squeeze: Angles
     """Inside the object: the difference to where the fingers are stopped, times the stiffness, is the torque."""
     grip: Grip | None = None
-    """How it holds on; None: by position alone, at the squeeze."""
+    """How the force is controlled; None: by position alone, at the squeeze."""
     evidence: str = ""
     """The scenario in which it holds an object, or `posture: ` and why it is only a posture."""
-    planned: Proof | None = None
-    """Of what `plan` found."""
+    planned: PlanRecord | None = None
+    """Record of the search, of a grasp that `plan` found."""
 
     @model_validator(mode="after")
     def _ordered(self) -> GraspFile:
@@ -97,7 +129,7 @@ class GraspFile(Settings):
         return self
 
     @property
-    def kind_of_grasp(self) -> Taxonomy | Observed:
+    def kind_of_grasp(self) -> ClaimedType | ObservedType:
         """The type that it is: the one observed, else the one that it claims."""
         return self.taxonomy if self.observed is None else self.observed
 
@@ -117,7 +149,7 @@ class TrajectoryFile(Settings):
     hand: str = HAND
     """The model of hand that it is of."""
     side: Side = "right"
-    """Which hand the positions are for; the other hand uses their mirror image."""
+    """The side that the positions are for; the other hand uses their mirror image."""
     times: Annotated[tuple[float, ...], Field(min_length=2)]
     """Ascending, s; the motion begins at the first."""
     positions: tuple[tuple[float, ...], ...]
@@ -154,18 +186,18 @@ def parse_entry(content: Any, source: Where) -> Entry:
         raise ConfigError(f"{where}: kind: missing; it is one of {', '.join(_MODELS)}")
     if kind not in _MODELS:
         raise ConfigError(f"{where}: kind: {unknown('kind', str(kind), _MODELS)}")
-    return parse(_MODELS[kind], content, source)
+    return parse_settings(_MODELS[kind], content, source)
 
 
 def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
     """An entry from joint positions of the spec's hand, shape (n,), rad, which may be as it reports them: clipped by
-    `spec.reachable`. Raises ConfigError outside the limits."""
-    values = spec.reachable(position)
+    `spec.measured_posture`. Raises ConfigError outside the limits."""
+    values = spec.measured_posture(position)
     return PostureFile(description=description, side=spec.side, angles=_angles(values, spec), **_whose(spec))
 
 
 def grasp_entry(
-    postures: Mapping[str, Vector], spec: HandSpec, taxonomy: Taxonomy, description: str = "", evidence: str = "",
+    postures: Mapping[str, Vector], spec: HandSpec, taxonomy: ClaimedType, description: str = "", evidence: str = "",
     object_size: tuple[float, float] | None = None,
 ) -> GraspFile:  # fmt: skip
     """An entry from `preshape`, `close` and `squeeze`, (n,) each, rad, of the spec's hand. Raises ConfigError outside
@@ -179,8 +211,10 @@ def grasp_entry(
 
 def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, description: str = "") -> TrajectoryFile:
     """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad, which may be as it
-    reports them: clipped by `spec.reachable`. Raises ConfigError outside the limits."""
-    rows = [spec.reachable(row, f"positions[{number}]").tolist() for number, row in enumerate(np.asarray(positions))]
+    reports them: clipped by `spec.measured_posture`. Raises ConfigError outside the limits."""
+    rows = [
+        spec.measured_posture(row, f"positions[{number}]").tolist() for number, row in enumerate(np.asarray(positions))
+    ]
     content = {
         "description": description,
         "side": spec.side,
@@ -188,7 +222,7 @@ def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, des
         "positions": rows,
         **_whose(spec),
     }
-    entry = parse(TrajectoryFile, content, "trajectory")
+    entry = parse_settings(TrajectoryFile, content, "trajectory")
     joint_values(entry, spec, "trajectory")
     return entry
 
@@ -208,12 +242,12 @@ def joint_values(entry: Entry, spec: HandSpec, where: str) -> dict[str, Array]:
         for number, row in enumerate(values if many else [values]):
             what = f"{where}: {field}[{number}]" if many else f"{where}: {field}"
             vector = spec.vector(row, what) if many else joint_vector(row, spec, what)
-            rows.append(spec.posture(vector if entry.side == spec.side else spec.mirrored(vector), what))
+            rows.append(spec.posture(vector if entry.side == spec.side else spec.mirror_posture(vector), what))
         found[field] = np.array(rows) if many else rows[0]
     return found
 
 
-def on_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
+def convert_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
     """The same entry written for a side: its mirror image, exact to the bit, when it is written for the other."""
     if entry.side == side:
         return entry
@@ -221,15 +255,15 @@ def on_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
     for field in entry.joint_fields:
         values: Any = getattr(entry, field)
         if isinstance(values, dict):
-            changed[field] = _angles(spec.mirrored(joint_vector(values, spec, where)), spec)
+            changed[field] = _angles(spec.mirror_posture(joint_vector(values, spec, where)), spec)
         else:
-            changed[field] = tuple(tuple(row) for row in spec.mirrored(np.array(values)).tolist())
+            changed[field] = tuple(tuple(row) for row in spec.mirror_posture(np.array(values)).tolist())
     if isinstance(entry, GraspFile):
-        changed["grip"] = mirrored_grip(entry.grip, spec)
+        changed["grip"] = mirror_grip(entry.grip, spec)
     return entry.model_copy(update=changed)
 
 
-def mirrored_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
+def mirror_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
     """The same grip on the other hand: torques change sign where joints do."""
     if not isinstance(grip, EnvelopGrip):
         return grip
@@ -242,7 +276,7 @@ def mirrored_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
 
 
 def joint_vector(angles: Mapping[str, list[float]], spec: HandSpec, what: str) -> Vector:
-    """From angles by finger to one vector in the spec's order, shape (n,), rad. Raises ConfigError."""
+    """One vector in the spec's order, shape (n,), rad, from angles by finger. Raises ConfigError."""
     values = np.full(spec.n_joints, np.nan)
     for name, row in angles.items():
         joints = spec.finger(name).joints if spec.aliases else (spec.joint(name),)
@@ -257,7 +291,7 @@ def _whose(spec: HandSpec) -> dict[str, Any]:
 
 
 def _angles(values: Vector, spec: HandSpec) -> Angles:
-    """By finger; by joint, where one joint moves several fingers."""
+    """Angles by finger; by joint, where one joint moves several fingers."""
     if not spec.aliases:
         return {name: [value] for name, value in zip(spec.joints, values.tolist(), strict=True)}
     return {finger.name: values[list(finger.joints)].tolist() for finger in spec.fingers}

@@ -13,14 +13,14 @@ _KEYS = ("kp", "kd", "ki", "clamp")
 
 
 def gains_names(spec: HandSpec) -> tuple[str, ...]:
-    """Every name that `load_gains` knows of a hand."""
+    """All names of gains of a hand."""
     if "torque" not in spec.commands:
         return ("default",)
     return tuple(read_yaml(data_root() / "conf" / "gains" / f"{spec.model}.yaml"))
 
 
-def ruled(asked: str | None, spec: HandSpec) -> str:
-    """The name of the gains that a protocol asks for; a hand that closes its own loop keeps its own."""
+def protocol_gains(asked: str | None, spec: HandSpec) -> str:
+    """The name of the gains of a protocol; a hand that closes its own loop keeps its own."""
     return asked if asked is not None and "torque" in spec.commands else "default"
 
 

@@ -1,4 +1,4 @@
-"""A grasp for one hand: the taxonomy's type, the postures that the hand goes through, and how it holds on."""
+"""A grasp for one hand: its type in the taxonomy, its postures, and its grip."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ from dataclasses import dataclass
 
 from allegro_twin.control.trajectory import Profile, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.entries import GraspFile, grasp_entry, joint_values, mirrored_grip
-from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip, Grip
-from allegro_twin.hands.library.taxonomy import Observed, Taxonomy
+from allegro_twin.hands.library.entries import (
+    CentroidGrip,
+    EnvelopGrip,
+    GraspFile,
+    Grip,
+    grasp_entry,
+    joint_values,
+    mirror_grip,
+)
+from allegro_twin.hands.library.taxonomy import ClaimedType, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -18,7 +25,7 @@ class Grasp:
     """A grasp for one hand."""
 
     name: str
-    taxonomy: Taxonomy
+    taxonomy: ClaimedType
     """The type that it claims to be."""
     speed: float
     profile: Profile
@@ -26,11 +33,11 @@ class Grasp:
     close: Vector
     squeeze: Vector
     grip: Grip | None = None
-    observed: Observed | None = None
+    observed: ObservedType | None = None
     """The type that its contacts have shown; None: nobody has looked."""
 
     @property
-    def kind(self) -> Taxonomy | Observed:
+    def kind(self) -> ClaimedType | ObservedType:
         """The type that it is: the one observed, else the one that it claims."""
         return self.taxonomy if self.observed is None else self.observed
 
@@ -43,12 +50,12 @@ class Grasp:
 def build_grasp(name: str, stored: GraspFile, spec: HandSpec, where: str) -> Grasp:
     """A stored grasp for the spec's side. Raises ConfigError naming the joint and the excess."""
     postures = joint_values(stored, spec, where)
-    grip = stored.grip if stored.side == spec.side else mirrored_grip(stored.grip, spec)
+    grip = stored.grip if stored.side == spec.side else mirror_grip(stored.grip, spec)
     _check_grip(grip, spec, where)
     return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures, grip=grip, observed=stored.observed)
 
 
-def entry_of(grasp: Grasp, spec: HandSpec, description: str = "", evidence: str = "") -> GraspFile:
+def entry_from_grasp(grasp: Grasp, spec: HandSpec, description: str = "", evidence: str = "") -> GraspFile:
     """The entry that `build_grasp` makes it from. Raises ConfigError outside the limits."""
     postures = {stage: getattr(grasp, stage) for stage in GraspFile.joint_fields}
     entry = grasp_entry(postures, spec, grasp.taxonomy, description, evidence)

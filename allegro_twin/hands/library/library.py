@@ -6,26 +6,36 @@ left hand whose file is written for the right changes that same entry, converted
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files import yaml_edit
 from allegro_twin.files.assets import data_root, parse_yaml, refuse_shipped
-from allegro_twin.hands.library import select
 from allegro_twin.hands.library.entries import (
+    HAND,
     Entry,
+    EntryKind,
     GraspFile,
-    Kind,
     PostureFile,
     TrajectoryFile,
+    convert_side,
     joint_values,
-    on_side,
     parse_entry,
 )
+from allegro_twin.hands.library.entry_files import (
+    LibraryEntry,
+    check_name,
+    read_all,
+    read_file,
+    read_shipped_entry,
+    read_single_entry,
+    shipped_entries,
+)
 from allegro_twin.hands.library.grasps import Grasp, build_grasp
-from allegro_twin.hands.library.sources import Listed, check_name, one, read_all, read_file, read_shipped, shipped
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, ClaimedType, Control, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
 
@@ -49,8 +59,8 @@ class Library:
         self._sources = [Path(source) for source in sources] or [Path("library")]
         self._added: dict[str, _Added] = {}
 
-    def get(self, name: str, spec: HandSpec) -> Vector | Grasp | Motion:
-        """What a name stands for, on the spec's hand. Raises ConfigError: the nearest names, or the joint outside."""
+    def get(self, name: str, spec: HandSpec) -> Vector | Grasp | TaughtMotion:
+        """A named entry for the spec's hand. Raises ConfigError with the nearest names, or the joint out of limits."""
         return _built(self._found(name, spec), spec)
 
     def posture(self, name: str | Path, spec: HandSpec) -> Vector:
@@ -64,7 +74,7 @@ class Library:
         assert isinstance(listed.entry, GraspFile)
         return build_grasp(listed.name, listed.entry, spec, listed.where)
 
-    def trajectory(self, name: str | Path, spec: HandSpec) -> Motion:
+    def trajectory(self, name: str | Path, spec: HandSpec) -> TaughtMotion:
         """A motion by name or path; its `reference()` plays it."""
         listed = self._found(name, spec, "trajectory")
         assert isinstance(listed.entry, TrajectoryFile)
@@ -72,13 +82,13 @@ class Library:
 
     def list(
         self,
-        kind: Kind | None = None,
+        kind: EntryKind | None = None,
         *,
         hand: HandSpec | None = None,
         taxonomy: int | str | None = None,
         fingers: int | None = None,
         object_size: float | tuple[float, float] | None = None,
-    ) -> tuple[Listed, ...]:
+    ) -> tuple[LibraryEntry, ...]:
         """All entries by name that pass every filter. Raises ConfigError for a taxonomy that no entry has.
 
         `hand`: those that this very hand can do; every entry is there for both sides, so it drops only what is outside
@@ -87,10 +97,10 @@ class Library:
         largest that will do. The last three are questions to grasps; one that says no size fits none.
         """
         user = read_all(self._sources)
-        added = {name: Listed(name, item.entry, None) for name, item in self._added.items()}
-        everything = {name: read_shipped(name) for name in shipped(kind)} | user | added
+        added = {name: LibraryEntry(name, item.entry, None) for name, item in self._added.items()}
+        everything = {name: read_shipped_entry(name) for name in shipped_entries(kind)} | user | added
         found = [everything[name] for name in sorted(everything)]
-        return tuple(select.matching(found, kind, hand, taxonomy, fingers, object_size))
+        return tuple(filter_entries(found, kind, hand, taxonomy, fingers, object_size))
 
     def add(self, name: str, entry: Entry, spec: HandSpec) -> None:
         """Have an entry under a name in this process only, in place of one in the user's files if there is one.
@@ -131,7 +141,7 @@ class Library:
         if file.suffix != ".yaml":
             raise ConfigError(f"{path}: a library file ends in .yaml")
         refuse_shipped(path)
-        with yaml_edit.locked(file):
+        with yaml_edit.lock_file(file):
             others = read_all(self._sources).get(name)
             if others is not None and others.path != file:
                 raise ConfigError(f"{name!r} is in {others.path} already; store it there or delete it first")
@@ -140,19 +150,19 @@ class Library:
             self._sources.append(file)
         del self._added[name]
 
-    def _found(self, name: str | Path, spec: HandSpec, kind: Kind | None = None) -> Listed:
+    def _found(self, name: str | Path, spec: HandSpec, kind: EntryKind | None = None) -> LibraryEntry:
         """By path, else from memory, from what ships, from the user's files. What ships cannot be replaced, so a
         mistake in a user's file does not keep a hand from going home. What ships for one model of hand has its name in
         front: `home` of a LEAP Hand is `leap_home`."""
-        if f"{spec.model}_{name}" in shipped():
+        if f"{spec.model}_{name}" in shipped_entries():
             name = f"{spec.model}_{name}"
         given = Path(name)
         if given.suffix == ".yaml" or len(given.parts) > 1:
             listed = _at(given, kind)
         elif (key := str(name)) in self._added:
-            listed = Listed(key, self._added[key].entry, None)
-        elif key in shipped():
-            listed = read_shipped(key)
+            listed = LibraryEntry(key, self._added[key].entry, None)
+        elif key in shipped_entries():
+            listed = read_shipped_entry(key)
         elif (user := read_all(self._sources).get(key)) is not None:
             listed = user
         else:
@@ -161,23 +171,23 @@ class Library:
             raise ConfigError(f"{listed.name!r} is a {listed.kind}, not a {kind}")
         return listed
 
-    def _names(self, kind: Kind | None) -> set[str]:
+    def _names(self, kind: EntryKind | None) -> set[str]:
         return {listed.name for listed in self.list(kind)}
 
 
-def _at(path: Path, kind: Kind | None) -> Listed:
+def _at(path: Path, kind: EntryKind | None) -> LibraryEntry:
     file = path if path.is_file() else data_root() / path
     if not file.is_file():
         raise ConfigError(f"{path}: no such {kind or 'library'} file")
-    return one(file)
+    return read_single_entry(file)
 
 
 def _ours(name: str) -> None:
-    if name in shipped():
+    if name in shipped_entries():
         raise ConfigError(f"{name!r} ships with the package and stays as it is; choose another name")
 
 
-def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | Motion:
+def _built(listed: LibraryEntry, spec: HandSpec) -> Vector | Grasp | TaughtMotion:
     match listed.entry:
         case PostureFile() as posture:
             return frozen(joint_values(posture, spec, listed.where)["angles"])
@@ -187,9 +197,9 @@ def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | Motion:
             return _motion(listed, trajectory, spec)
 
 
-def _motion(listed: Listed, entry: TrajectoryFile, spec: HandSpec) -> Motion:
+def _motion(listed: LibraryEntry, entry: TrajectoryFile, spec: HandSpec) -> TaughtMotion:
     positions = joint_values(entry, spec, listed.where)["positions"]
-    return Motion(frozen(entry.times), frozen(positions), listed.name)
+    return TaughtMotion(frozen(entry.times), frozen(positions), listed.name)
 
 
 def _with(file: Path, name: str, added: _Added) -> str:
@@ -197,7 +207,7 @@ def _with(file: Path, name: str, added: _Added) -> str:
     text = yaml_edit.read_text(file)
     before = {listed.name: listed.entry for listed in read_file(file)}
     old = before.get(name)
-    entry = added.entry if old is None else on_side(added.entry, added.spec, old.side, name)
+    entry = added.entry if old is None else convert_side(added.entry, added.spec, old.side, name)
     content = {"kind": entry.kind} | entry.model_dump(exclude_unset=True)
     content["side"] = entry.side
     if not entry.description:
@@ -208,14 +218,104 @@ def _with(file: Path, name: str, added: _Added) -> str:
     if before and yaml_edit.ENTRIES not in parse_yaml(text, str(file)):
         if old is None:
             raise ConfigError(f"{file} holds one entry, {file.stem!r}; store {name!r} in another file")
-        return yaml_edit.with_document(text, content, str(file))
-    return yaml_edit.with_entry(text, name, content, str(file))
+        return yaml_edit.replace_document(text, content, str(file))
+    return yaml_edit.replace_entry(text, name, content, str(file))
 
 
 def _remove(file: Path, name: str) -> None:
-    with yaml_edit.locked(file):
+    with yaml_edit.lock_file(file):
         text = yaml_edit.read_text(file)
         if yaml_edit.ENTRIES in parse_yaml(text, str(file)):
-            yaml_edit.write_text(file, yaml_edit.with_entry(text, name, None, str(file)))
+            yaml_edit.write_text(file, yaml_edit.replace_entry(text, name, None, str(file)))
         else:
             file.unlink()
+
+
+_TYPES = get_args(Control)
+
+
+def filter_entries(
+    entries: Sequence[LibraryEntry],
+    kind: EntryKind | None,
+    hand: HandSpec | None,
+    taxonomy: int | str | None,
+    fingers: int | None,
+    object_size: float | tuple[float, float] | None,
+) -> Iterator[LibraryEntry]:
+    """Entries that pass every filter that is not None; see `Library.list`. Raises ConfigError."""
+    if taxonomy is not None:
+        check_type(taxonomy)
+    for listed in entries:
+        entry = listed.entry
+        if kind is not None and listed.kind != kind:
+            continue
+        if taxonomy is not None and not (isinstance(entry, GraspFile) and is_of_type(entry.kind_of_grasp, taxonomy)):
+            continue
+        if fingers is not None and not (isinstance(entry, GraspFile) and len(entry.fingers) == fingers):
+            continue
+        if object_size is not None and not (isinstance(entry, GraspFile) and _fits(entry, object_size)):
+            continue
+        if hand is None or _can(listed, hand):
+            yield listed
+
+
+def check_type(wanted: int | str) -> None:
+    """Raises ConfigError for what is no type of the taxonomy: not its number, its name, or how it controls."""
+    if isinstance(wanted, int) or wanted.isdigit():
+        if int(wanted) not in GRASP_TYPES:
+            raise ConfigError(f"the GRASP taxonomy has the numbers 1 to 33, not {wanted}")
+    elif wanted.lower() not in (
+        names := {kind.name.lower(): kind.name for kind in GRASP_TYPES.values()}
+    ) | dict.fromkeys(_TYPES):
+        raise ConfigError(unknown("taxonomy", wanted, {*names.values(), *_TYPES}))
+
+
+def is_of_type(kind: ClaimedType | ObservedType, wanted: int | str) -> bool:
+    """Whether a type has this number or name, or is of this control (`power`, `intermediate`, `precision`), which what
+    is none of the 33 may be, too."""
+    if isinstance(wanted, int) or wanted.isdigit():
+        return int(wanted) == kind.number
+    return wanted.lower() == (kind.type if wanted.lower() in _TYPES else kind.name.lower())
+
+
+def _fits(grasp: GraspFile, wanted: float | tuple[float, float]) -> bool:
+    smallest, largest = wanted if isinstance(wanted, tuple) else (wanted, wanted)
+    size = grasp.object_size
+    return size is not None and size[0] - 1e-9 <= largest and smallest <= size[1] + 1e-9
+
+
+def _can(listed: LibraryEntry, hand: HandSpec) -> bool:
+    try:
+        joint_values(listed.entry, hand, listed.where)
+    except ConfigError:
+        return False  # The answer, not an error: it is outside that hand's limits, or for another hand.
+    return True
+
+
+def load_posture(name: str | Path, spec: HandSpec) -> Vector:
+    """Joint positions by name or path for the spec's side, shape (n,), rad. Raises ConfigError."""
+    return Library().posture(name, spec)
+
+
+def posture_names(model: str = HAND) -> list[str]:
+    """Names of all postures of a model of hand that ship with the package."""
+    return _names("posture", model)
+
+
+def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
+    """A grasp by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
+    return Library().grasp(name, spec)
+
+
+def load_trajectory(name: str | Path, spec: HandSpec) -> TaughtMotion:
+    """A motion by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
+    return Library().trajectory(name, spec)
+
+
+def grasp_names(model: str = HAND) -> list[str]:
+    """Names of all grasps of a model of hand that ship with the package."""
+    return _names("grasp", model)
+
+
+def _names(kind: EntryKind, model: str) -> list[str]:
+    return sorted(name for name in shipped_entries(kind) if read_shipped_entry(name).entry.hand == model)

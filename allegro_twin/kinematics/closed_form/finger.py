@@ -7,28 +7,26 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import check_margin, finite, rows
-from allegro_twin.kinematics.closed_form import batch, single
-from allegro_twin.kinematics.closed_form.bounds import Bounds
-from allegro_twin.kinematics.closed_form.chain import Chain
-from allegro_twin.kinematics.closed_form.forms.finger import ImaFinger
-from allegro_twin.kinematics.closed_form.forms.frame import Frame
-from allegro_twin.kinematics.closed_form.forms.thumb import Thumb
-from allegro_twin.kinematics.closed_form.geometry import load_geometry
+from allegro_twin.kinematics.closed_form import many_poses, one_pose
+from allegro_twin.kinematics.closed_form.forms.finger import FingerForms
+from allegro_twin.kinematics.closed_form.forms.thumb import ThumbForms
+from allegro_twin.kinematics.closed_form.geometry import BaseFrame, load_geometry
+from allegro_twin.kinematics.closed_form.one_pose import Chain
 from allegro_twin.kinematics.closed_form.scalar import ScalarKinematics
-from allegro_twin.kinematics.closed_form.target import read_target
+from allegro_twin.kinematics.closed_form.targets import read_target
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.kinematics.solutions import Solutions
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-_MARGINS = 64  # Of so many the searches are kept.
+_MARGINS = 64  # Chains that are kept, each with its searches.
 
 
 class ClosedFormFinger:
     """Forward and inverse kinematics of one Allegro finger or thumb in closed form, in the palm frame.
 
     Joint vectors are the finger's own, shape (..., 4), rad, from the palm outward. The tip is the centre of the
-    fingertip sphere. A left finger is solved as the mirrored right one (docs/kinematics.md#mirror).
+    fingertip sphere. A left finger is solved as the mirrored right one (docs/explanation/kinematics.md#mirror).
     """
 
     def __init__(self, spec: HandSpec, finger: str) -> None:
@@ -39,12 +37,11 @@ class ClosedFormFinger:
         ends = np.sort([self.lower * self._signs, self.upper * self._signs], axis=0)
         self.base: Vector = geometry.origin * [1.0, -1.0 if left else 1.0, 1.0]
         """Where joint 0 is in the palm frame, shape (3,), m."""
-        self._forms = (Thumb if geometry.is_thumb else ImaFinger)(geometry, *ends)
-        self._frame = Frame(geometry, self._forms.shift, left=left)
+        self._forms = (ThumbForms if geometry.is_thumb else FingerForms)(geometry, *ends)
+        self._frame = BaseFrame(geometry, self._forms.shift, left=left)
         self.scalar = ScalarKinematics(geometry, self.lower, self.upper, self._signs, left=left)
-        """The same for one target at a time on plain numbers, as little as a control loop needs."""
-        self._chain = Chain(self._forms, self._frame, float(self._signs[0]), self.scalar.fk)
-        self._bounds: dict[float, Bounds] = {}
+        """Inverse kinematics of one target at a time on plain numbers, as little as a control loop needs."""
+        self._chains: dict[float, Chain] = {}  # By margin.
 
     def fk(self, position: ArrayLike) -> Pose:
         """The fingertip in the palm frame, joints (..., 4), rad → position (..., 3), m, and rotation (..., 3, 3).
@@ -52,18 +49,18 @@ class ClosedFormFinger:
         NaN of a posture with a NaN, as of a branch that does not exist. Raises ConfigError for another shape.
         """
         q = self._joints(position)
-        return Pose(self._frame.out(self._forms.tip(q)), self._frame.turned_out(self._forms.rotation(q)))
+        return Pose(self._frame.to_palm(self._forms.tip(q)), self._frame.rotation_to_palm(self._forms.rotation(q)))
 
     def tip(self, position: ArrayLike) -> Array:
-        """The fingertip's place alone, joints (..., 4), rad → (..., 3), m: a third of what `fk` costs.
+        """The fingertip's position alone, joints (..., 4), rad → (..., 3), m: a third of the cost of `fk`.
 
         The matrix product runs over one row at a time where an axis of length one precedes the joints, and then the
         result of a row does not depend on how many there are.
         """
-        return self._frame.out(self._forms.tip(self._joints(position)))
+        return self._frame.to_palm(self._forms.tip(self._joints(position)))
 
     def _joints(self, position: ArrayLike) -> Array:
-        """As of the right hand's, (4, ...)."""
+        """Joints of the right hand, (4, ...), rad."""
         joints = rows(f"{self.name}: position of its 4 joints", position, 4)
         if np.isinf(joints).any():
             raise ConfigError(f"{self.name}: positions must be finite; {int(np.isinf(joints).sum())} of them are not")
@@ -92,17 +89,18 @@ class ClosedFormFinger:
         `margin` is taken off both ends of every joint's range, rad. Raises ConfigError for arguments that do not fit.
         """
         given = {**held, "rotation": rotation, "quaternion": quaternion, "euler": euler, "near": near}
-        target = read_target(self.name, isinstance(self._forms, Thumb), position, given)
+        target = read_target(self.name, isinstance(self._forms, ThumbForms), position, given)
         if not isinstance(margin, float):
             margin = float(finite(f"{self.name}: margin", margin))
-        bounds = self._bounds.get(margin) or self._bounded(margin)
+        chain = self._chains.get(margin) or self._chain_inside(margin)
         if isinstance(target.angle, float):
-            return single.solve(self._chain, bounds, target)
-        return batch.solve(self._chain, bounds, target)
+            return one_pose.solve(chain, target)
+        return many_poses.solve(chain, target)
 
-    def _bounded(self, margin: float) -> Bounds:
+    def _chain_inside(self, margin: float) -> Chain:
         check_margin(self.name, margin, self.lower, self.upper)
-        if len(self._bounds) >= _MARGINS:
-            self._bounds.clear()
-        bounds = self._bounds[margin] = Bounds(self._forms, self.lower + margin, self.upper - margin, self._signs)
-        return bounds
+        if len(self._chains) >= _MARGINS:
+            self._chains.clear()
+        limits = self.lower + margin, self.upper - margin
+        chain = self._chains[margin] = Chain(self._forms, self._frame, self.scalar.fk, limits, self._signs)
+        return chain

@@ -1,4 +1,4 @@
-"""The lengths of one finger, read from the table of facts: what the closed forms need and nothing more."""
+"""Lengths and base frame of one finger, from models/<model>.yaml, where its axes have a closed form."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.kinematics.orientation import matrix_from_euler
+from allegro_twin.kinematics.maths import T
+from allegro_twin.kinematics.orientation import Entries, matrix_from_euler
 from allegro_twin.types import Array, Vector, frozen
 
 _FINGER = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 1, 0]]
@@ -66,3 +67,41 @@ def load_geometry(model: str, finger: str) -> Geometry:
         rise=float(steps[1][2]) if is_thumb else 0.0,
         links=tuple(float(step[2]) for step in steps[2 if is_thumb else 1 :]),
     )
+
+
+class BaseFrame:
+    """The base frame of a finger, moved by the shift of its forms, in the palm frame of its hand; a left hand is the
+    mirror image of a right one."""
+
+    def __init__(self, geometry: Geometry, shift: Vector, *, left: bool) -> None:
+        self._reflect = np.array([1.0, -1.0 if left else 1.0, 1.0])
+        self._base, self._origin = geometry.base, geometry.base @ shift + geometry.origin
+        self._left = left
+        self._axes = tuple(map(float, geometry.base.T.ravel()))
+        self._start = tuple(map(float, self._origin))
+
+    def from_palm(self, x: T, y: T, z: T) -> tuple[T, T, T]:
+        """A point of the palm frame in this one, m."""
+        (a, b, c, d, e, f, g, h, i), (u, v, w) = self._axes, self._start
+        x, y, z = x - u, (-y if self._left else y) - v, z - w
+        return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+    def rotation_from_palm(self, turn: Entries[T]) -> Entries[T]:
+        """An orientation in the palm frame, row by row, in this one: Bᵀ S R S."""
+        a, b, c, d, e, f, g, h, i = self._axes
+        o, p, q, r, s, t, u, v, w = turn
+        if self._left:
+            p, r, t, v = -p, -r, -t, -v
+        return (
+            a * o + b * r + c * u, a * p + b * s + c * v, a * q + b * t + c * w,
+            d * o + e * r + f * u, d * p + e * s + f * v, d * q + e * t + f * w,
+            g * o + h * r + i * u, g * p + h * s + i * v, g * q + h * t + i * w,
+        )  # fmt: skip
+
+    def to_palm(self, tip: tuple[Array, Array, Array]) -> Array:
+        """A point of this frame, three of (...), in the palm frame, (..., 3), m."""
+        return np.asarray((np.stack(tip, axis=-1) @ self._base.T + self._origin) * self._reflect)
+
+    def rotation_to_palm(self, rotation: Array) -> Array:
+        """An orientation in this frame, (..., 3, 3), in the palm frame."""
+        return np.asarray((self._base @ rotation) * (self._reflect[:, None] * self._reflect))

@@ -1,1 +1,5 @@
-"""Gymnasium environments: the engine for one hand and for many, and what differs from episode to episode."""
+"""Gymnasium environments of a hand at a task: single, batched, and as tensors.
+
+`engine` simulates the episodes of all of them. `observation_model` says what hands and cameras report, `randomise` what
+differs from episode to episode.
+"""

@@ -1,4 +1,4 @@
-"""Episodes of an environment, kept: side by side, every one to its end, the same ones for every policy."""
+"""Collects whole episodes of a policy in an environment, for data sets."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.recording.exchange.environment_episodes import OBSERVATION, Episode
+from allegro_twin.recording.exchange.environment_episodes import OBSERVATION, EnvironmentEpisode
 
 
-def collected(
+def collect_episodes(
     policy: Callable[[Observation], Floats],
     task: str,
     keywords: dict[str, Any],
@@ -21,32 +21,33 @@ def collected(
     *,
     seed: int = 0,
     threads: int = 0,
-) -> list[Episode]:
-    """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
+) -> list[EnvironmentEpisode]:
+    """Run `episodes` episodes side by side, each to its end. Episode i is that of the single environment with the seed
+    `seed + i`. Raises ConfigError."""
     if episodes < 1:
         raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
     env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords)
     observation, report = env.reset(seed=seed)
-    seen, rows, going = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)
+    observations, rows, running = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)
     length, failed = np.zeros(episodes, np.int64), np.zeros(episodes, bool)
-    while going.any():
+    while running.any():
         action = np.asarray(policy(observation), np.float32)
         observation, reward, terminated, truncated, info = env.step(action)
-        seen.append(_parts(observation))
+        observations.append(_parts(observation))
         rows.append((np.clip(action, -1.0, 1.0), reward, info["is_success"]))
-        length += going
-        failed |= going & terminated
-        going &= ~(terminated | truncated)
+        length += running
+        failed |= running & terminated
+        running &= ~(terminated | truncated)
     env.close()
-    things = report.get("object", [""] * episodes)
+    objects = report.get("object", [""] * episodes)
     actions, rewards, successes = (np.stack(each) for each in zip(*rows, strict=True))
-    whole = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
+    arrays = {name: np.stack([each[name] for each in observations]) for name in observations[0]}
     purpose = env.engine.task.purpose
     return [
-        Episode(
+        EnvironmentEpisode(
             env.engine.task.id,
-            f"{purpose} ({things[row]})" if things[row] else purpose,
-            {name: values[: count + 1, row] for name, values in whole.items()},
+            f"{purpose} ({objects[row]})" if objects[row] else purpose,
+            {name: values[: count + 1, row] for name, values in arrays.items()},
             actions[:count, row],
             rewards[:count, row],
             successes[:count, row],

@@ -1,4 +1,4 @@
-"""Episodes in step: `n` hands at one task, decided on together and simulated side by side."""
+"""Episode engine: `n` hands at one task, simulated side by side, with one decision for all at a time."""
 
 from __future__ import annotations
 
@@ -8,38 +8,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import fetched, library
+from allegro_twin.array_api import array_namespace, fetch
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.learning.environments.observation_model import Sensing, State, Touch
+from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.randomise import Physics, drawn
-from allegro_twin.learning.environments.settings import EnvSettings, Options, read_options
-from allegro_twin.learning.policy.interface import BOUND, Floats, Memory, Observation
+from allegro_twin.learning.environments.randomise import PhysicsRandomiser, draw_values
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions, read_options
+from allegro_twin.learning.policy.interface import BOUND, Floats, InterfaceMemory, Observation
 from allegro_twin.learning.tasks import make_task
-from allegro_twin.learning.tasks.base import Flags, Outcome
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.learning.tasks.base import Flags, StepOutcome
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.types import Array
 
 
-class Engine:
-    """One environment is an engine of one: the vector environment runs the very same lines."""
+class EpisodeEngine:
+    """Runs the episodes of all environments. A single environment is an engine with n = 1, so both compute the same
+    lines."""
 
     def __init__(self, task: str, settings: EnvSettings, n: int, threads: int = 0) -> None:
         self.settings, self.n = settings, n
         self._substeps = substeps(settings.period, settings.timestep)
         self.task = make_task(task, settings, n, threads)
         self.worlds = self.task.worlds
-        self._physics = Physics(self.worlds, self.task.thing)
-        self._sensing = Sensing(settings.randomise, self.worlds)
-        self._touch = Touch(settings.randomise, self.worlds) if settings.touch else None
-        self._state = State(self.worlds, self.task.thing) if settings.state else None
+        self._physics = PhysicsRandomiser(self.worlds, self.task.thing)
+        self._sensing = SignalModel(settings.randomise, self.worlds)
+        self._touch = ExternalTorque(settings.randomise, self.worlds) if settings.touch else None
+        self._state = PrivilegedState(self.worlds, self.task.thing) if settings.state else None
         self.n_state = 0 if self._state is None else self._state.size
-        """Numbers of a critic's own."""
+        """Numbers of the privileged state; 0 without."""
         xp = self.worlds.xp
-        self.memory: Memory = self.task.interface.start(xp.zeros((n, self.task.spec.n_joints)))
+        self.memory: InterfaceMemory = self.task.interface.start(xp.zeros((n, self.task.spec.n_joints)))
         self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
-        """Actions an episode."""
+        """Actions per episode."""
         gains = self.task.interface.gains
         self._gains = xp.asarray(np.stack([gains.kp, gains.kd])[:, None])
         self._begun, self._seen = False, xp.zeros((n, self.task.interface.frame), np.float32)
@@ -49,14 +50,14 @@ class Engine:
     def reset(
         self, rows: Rows, generators: list[np.random.Generator], options: dict[str, Any] | None = None
     ) -> dict[str, Any]:
-        """New episodes of some simulations. What was drawn, one value for each of them."""
+        """Begin new episodes of some simulations. Returns what was drawn, one value for each of them."""
         mine, xp = [generators[row] for row in rows], self.worlds.xp
         rows = xp.asarray(rows)
-        values = self.begin(rows, Draws.of(mine, xp), options)
-        return {"randomised": self.fetched(values), **self.task.facts(rows)}
+        values = self.begin(rows, Draws.from_generators(mine, xp), options)
+        return {"randomised": self.fetch(values), **self.task.reset_info(rows)}
 
     def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
-        """New episodes of some simulations, of numbers that were drawn for them; the values that came of these."""
+        """Begin new episodes of some simulations from random numbers. Returns the randomised values."""
         if not self._begun and len(rows) < self.n:
             raise ConfigError(
                 f"the first reset is of all {self.n} simulations, not of {len(rows)}: leave out reset_mask"
@@ -64,14 +65,14 @@ class Engine:
         self._begun = True
         task = self.task
         chosen = read_options(options, task.options, task.name)
-        values = drawn(self.settings.randomise, draws)
+        values = draw_values(self.settings.randomise, draws)
         for name in ("size", "friction"):
             if (value := getattr(chosen, name)) is not None:
                 values[name] = self.worlds.xp.full(len(rows), value)
         variant = task.variant(rows, draws, chosen)
-        task.vary(rows, variant, draws, values, chosen)
+        task.draw_variation(rows, variant, draws, values, chosen)
         if "size" in values:
-            values["size"] = self._sized(variant, values["size"], chosen)
+            values["size"] = self._possible_sizes(variant, values["size"], chosen)
         self.worlds.choose(rows, variant)
         self._physics.apply(rows, values)
         task.begin(rows, variant, draws, values, chosen)
@@ -84,79 +85,83 @@ class Engine:
         self.count[rows] = 0
         return values
 
-    def placed(self, action: NDArray[np.floating[Any]]) -> Any:
-        """Actions (n, joints) as they are taken, within [-1, 1], where the simulations are. Raises CommandError for one
-        with a NaN."""
+    def clip_actions(self, action: NDArray[np.floating[Any]]) -> Any:
+        """Actions (n, joints) clipped to [-1, 1], on the simulations' device. Raises CommandError for an action with
+        NaN."""
         self._check(action)
         xp = self.worlds.xp
         return xp.minimum(xp.maximum(xp.asarray(action, np.float64), -1.0), 1.0)
 
-    def fetched(self, tree: Any) -> Any:
-        """As `arrays.fetched`, of the simulations' own arrays."""
-        return tree if self.worlds.xp is np else fetched(tree)
+    def fetch(self, tree: Any) -> Any:
+        """Arrays as NumPy arrays, as `array_api.fetched`."""
+        return tree if self.worlds.xp is np else fetch(tree)
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
-        """Let all simulations, or some, take an action each, (n, joints), as `placed` gives it."""
+        """Let all simulations, or some, take an action each, (n, joints), from `clip_actions`."""
         interface = self.task.interface
         rows = None if rows is None else self.worlds.xp.asarray(rows)
         memory = interface.act(action, self.memory, self._seen)
-        course = interface.course(memory)
-        self.task.plan(memory.tick)
-        worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
-        gains, pull, torque, step = sensing.gains(self._gains), interface.pull, worlds.torque, worlds.step
+        set_points = interface.set_points(memory)
+        self.task.plan_surroundings(memory.tick)
+        worlds, sensing, move, substeps = self.worlds, self._sensing, self.task.move_surroundings, self._substeps
+        gains, pd_torque_into, torque, step = (
+            sensing.gains(self._gains),
+            interface.pd_torque_into,
+            worlds.control,
+            worlds.step,
+        )
         live = worlds.live if sensing.ideal else None
         for k in range(interface.decimation):
             if live is not None:
-                pull(*live, course, k, gains, torque)
+                pd_torque_into(*live, set_points, k, gains, torque)
             else:
                 tick = memory.tick + k
-                sensing.drive(interface.told(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
-            drive(k)
+                sensing.send(interface.command(*sensing.measure(tick), set_points, k, (gains[0], gains[1])), tick)
+            move(k)
             step(rows, substeps)
         worlds.check()
-        self.memory = interface.elapsed(memory)
+        self.memory = interface.advance(memory)
         self.count += 1
 
-    def pass_period(self, told: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
-        """Let one control period pass, the k-th since `task.plan`, with the motors told torques, N·m, or where the hand
-        closes the loop positions, rad, (n, joints)."""
-        self._sensing.drive(told, tick)
-        self.task.drive(k)
+    def step_period(self, command: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
+        """Simulate one control period, the k-th since `plan_surroundings`. `command`: torques, N·m, or for hands that
+        close their own loop positions, rad, (n, joints)."""
+        self._sensing.send(command, tick)
+        self.task.move_surroundings(k)
         self.worlds.step(rows, self._substeps)
 
-    def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
+    def measure(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
-        return self._sensing.measured(tick)
+        return self._sensing.measure(tick)
 
     def observe(self) -> Observation:
-        """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""
-        position, velocity = self._sensing.measured(self.memory.tick)
+        """Observations of all simulations, as new arrays. A simulation that has diverged shows zeros."""
+        position, velocity = self._sensing.measure(self.memory.tick)
         xp = self.worlds.xp
         if not _finite(position):
             position, velocity = (xp.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         goal = self.task.goal() if self.task.interface.goal != "none" else None
-        told = self.task.interface.observe(position, velocity, self.memory, goal)
-        self._seen = told["observation"] if isinstance(told, dict) else told
-        return self.completed(told)
+        joints = self.task.interface.observe(position, velocity, self.memory, goal)
+        self._seen = joints["observation"] if isinstance(joints, dict) else joints
+        return self.complete_observation(joints)
 
-    def completed(self, told: Observation) -> Observation:
-        """What the interface makes of joints, with what no hand reports: what a camera or touch tells, an object's
-        goal, a critic's state."""
+    def complete_observation(self, joints: Observation) -> Observation:
+        """Add to an observation of joints what no hand reports: object, external torque, goal, privileged state."""
         xp, tick = self.worlds.xp, self.memory.tick
         self.task.look(tick)
         achieved, goal = self.task.achieved(tick), self.task.goal()
-        parts = dict(told) if isinstance(told, dict) else {"observation": told}
-        more = [self.task.seen(tick), None if self._touch is None else self._touch.felt(tick)]
+        parts = dict(joints) if isinstance(joints, dict) else {"observation": joints}
+        more = [self.task.privileged_observation(tick), None if self._touch is None else self._touch.observe(tick)]
         if extra := [each for each in more if each is not None]:
-            parts["observation"] = _lengthened(parts["observation"], extra)
+            parts["observation"] = _append_numbers(parts["observation"], extra)
         if achieved is not None and goal is not None:
             parts |= {"achieved_goal": xp.asarray(achieved, np.float32), "desired_goal": xp.copy(goal)}
         if self._state is not None:
             parts["state"] = self._state(tick)
         return parts if len(parts) > 1 else parts["observation"]
 
-    def outcome(self, action: Array, observation: Observation) -> tuple[Outcome, Flags]:
-        """What the last step came to, of actions as `placed` gave them, and which simulations have diverged: those have
+    def outcome(self, action: Array, observation: Observation) -> tuple[StepOutcome, Flags]:
+        """Outcome of the last step, for actions from `clip_actions`; and which simulations have diverged: those have
         failed, whatever they show."""
         xp, position = self.worlds.xp, self.worlds.position
         outcome = self.task.outcome(self.memory.tick, action, observation)
@@ -169,7 +174,7 @@ class Engine:
             success=outcome.success & ~diverged,
         ), diverged
 
-    def _sized(self, variant: Rows, drawn: Array, chosen: Options) -> Array:
+    def _possible_sizes(self, variant: Rows, drawn: Array, chosen: ResetOptions) -> Array:
         sizes = self._physics.sizes(variant, drawn)
         if chosen.size is not None and bool((sizes != drawn).any()):
             raise ConfigError(
@@ -179,10 +184,10 @@ class Engine:
 
     def _remember(self, rows: Rows) -> None:
         self.memory.tick[rows] = 0
-        position, _ = self._sensing.measured(self.memory.tick)
-        targets = self.task.targets(rows)
+        position, _ = self._sensing.measure(self.memory.tick)
+        targets = self.task.initial_targets(rows)
         fresh = self.task.interface.start(position[rows], self.task.scripts(rows), targets)
-        for name in Memory._fields:
+        for name in InterfaceMemory._fields:
             getattr(self.memory, name)[rows] = getattr(fresh, name)
 
     def _check(self, action: NDArray[np.floating[Any]]) -> None:
@@ -191,7 +196,7 @@ class Engine:
         wanted = (self.n, self.task.spec.n_joints)
         if tuple(action.shape) != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {tuple(action.shape)}")
-        # On a device asking would wait for it; there such a simulation diverges, and says so.
+        # On a device this check would wait; there such a simulation diverges and reports it.
         if isinstance(action, np.ndarray) and not _finite(action):
             row, joint = (int(index) for index in np.argwhere(~np.isfinite(action))[0])
             where = f" of simulation {row}" if self.n > 1 else ""
@@ -199,9 +204,9 @@ class Engine:
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
 
 
-def _lengthened(seen: Floats, more: list[Array]) -> Floats:
-    """With what no hand reports, within bounds."""
-    xp = library(seen)
+def _append_numbers(seen: Floats, more: list[Array]) -> Floats:
+    """Append numbers, within bounds."""
+    xp = array_namespace(seen)
     finite = [each if _finite(each) else xp.nan_to_num(each) for each in more]
     bounded = [xp.asarray(xp.minimum(xp.maximum(each, -BOUND), BOUND), np.float32) for each in finite]
     found: Floats = xp.concatenate([seen, *bounded], axis=-1)
@@ -209,6 +214,6 @@ def _lengthened(seen: Floats, more: list[Array]) -> Floats:
 
 
 def _finite(x: NDArray[np.floating[Any]]) -> bool:
-    """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at,
-    which is cheap on a device, and asking is not."""
+    """Whether all numbers are finite for certain: the sum is finite only then. After False each is checked, which is
+    cheap on a device, and this check is not."""
     return isinstance(x, np.ndarray) and math.isfinite(np.add.reduce(x, axis=None))

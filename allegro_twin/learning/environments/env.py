@@ -1,4 +1,4 @@
-"""One hand at one task as a Gymnasium environment."""
+"""Single environment: one hand at one task."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks.base import Goals
-from allegro_twin.viewing.batch import Pictures, has_screen
+from allegro_twin.learning.tasks.base import GoalTask
+from allegro_twin.viewing.batch import BatchCamera, has_screen
 
 _ONE = np.zeros(1, np.int64)
 
 
 class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
-    """A task by its name; the other keywords are those of `EnvSettings`. Raises ConfigError.
+    """Gymnasium environment of a task, by its name; further keywords are those of `EnvSettings`. Raises ConfigError.
 
-    A pickle holds how it was made, not what it is doing.
+    A pickle contains the arguments, not the state of the episode.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
@@ -38,15 +38,15 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
-        self.engine = Engine(task, read_settings(kwargs), 1, threads=1)
+        self.engine = EpisodeEngine(task, read_settings(kwargs), 1, threads=1)
         self.action_space = action_space(self.engine.task)
         self.observation_space = observation_space(self.engine.task, self.engine.n_state)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
-        self._pictures: Pictures | None = None
-        if isinstance(self.engine.task, Goals):
-            # Stable-Baselines3 takes everything that has these for a goal environment.
-            self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._reward_of
+        self._pictures: BatchCamera | None = None
+        if isinstance(self.engine.task, GoalTask):
+            # Stable-Baselines3 treats an environment with these as a goal environment.
+            self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._goal_reward
             self.compute_terminated = self.compute_truncated = _never
 
     def reset(
@@ -56,14 +56,14 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         report = self.engine.reset(_ONE, [self.np_random], options)
         if self.render_mode == "human":
             self.render()
-        return self._seen(), _of_one(report)
+        return self._observation(), _single_report(report)
 
     def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         engine = self.engine
-        actions = engine.placed(np.asarray(action)[None])
+        actions = engine.clip_actions(np.asarray(action)[None])
         engine.step(actions)
         seen = engine.observe()
-        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(actions, seen), engine.count))
+        observation, (outcome, diverged), count = engine.fetch((seen, engine.outcome(actions, seen), engine.count))
         info = {"is_success": bool(outcome.success[0])} | {name: float(row[0]) for name, row in outcome.terms.items()}
         if diverged[0]:
             info["diverged"] = True
@@ -76,7 +76,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         if self.render_mode is None:
             return None
         if self._pictures is None:
-            self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
+            self._pictures = BatchCamera(self.engine.worlds, *self._size, mode=self.render_mode)
         return self._pictures.take(0, self.engine.task.marks(0))
 
     def close(self) -> None:
@@ -84,29 +84,31 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             self._pictures.close()
             self._pictures = None
 
-    def _reward_of(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-        """Of goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or a row each.
+    def _goal_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+        """Reward for goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or one per
+        row.
 
-        Of the goals as they are given: those of an observation are what encoders or a camera tell, so with noise or
-        delay this is not what the step has paid, which follows from what is truly achieved."""
+        It follows from the goals as given. Those of an observation come from encoders or a camera; with noise or delay
+        the reward of the step is another, since it follows from the true state.
+        """
         task = self.engine.task
-        assert isinstance(task, Goals)
-        return task.reward(achieved_goal, desired_goal, _dropped(info))
+        assert isinstance(task, GoalTask)
+        return task.reward(achieved_goal, desired_goal, _loss_cost(info))
 
-    def _seen(self) -> Observation:
-        return _first(self.engine.fetched(self.engine.observe()))
+    def _observation(self) -> Observation:
+        return _first(self.engine.fetch(self.engine.observe()))
 
 
 def _first(observation: Observation) -> Observation:
-    """The only row; nobody else has the array."""
+    """The only row of an observation."""
     if isinstance(observation, dict):
         return {name: rows[0] for name, rows in observation.items()}
     return observation[0]  # type: ignore[no-any-return]  # A row of an array.
 
 
-def _of_one(report: dict[str, Any]) -> dict[str, Any]:
+def _single_report(report: dict[str, Any]) -> dict[str, Any]:
     """The only row of what a reset reports."""
-    return {name: _of_one(rows) if isinstance(rows, dict) else _plain(rows[0]) for name, rows in report.items()}
+    return {name: _single_report(rows) if isinstance(rows, dict) else _plain(rows[0]) for name, rows in report.items()}
 
 
 def _plain(value: Any) -> Any:
@@ -115,14 +117,14 @@ def _plain(value: Any) -> Any:
     )
 
 
-def _dropped(info: object) -> Any:
-    """What a loss cost, by one step's info or by those of many."""
+def _loss_cost(info: object) -> Any:
+    """Cost of a loss, from one step's info or from many."""
     if isinstance(info, dict):
         return info.get("dropped", 0.0)
     return np.array([each.get("dropped", 0.0) for each in info]) if isinstance(info, Iterable) else 0.0
 
 
 def _never(achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-    """Time truncates an episode and a loss terminates it; a goal does neither: the hand should stay there."""
+    """A goal neither truncates nor terminates an episode, since the hand should stay there: only time and a loss do."""
     shape = np.shape(achieved_goal)[:-1]
     return np.zeros(shape, bool) if shape else False

@@ -1,4 +1,4 @@
-"""An episode of an environment as a hand: whoever drives it, its object comes, is let go of and pushed all the same."""
+"""An episode of an environment as a backend: its object comes, is let go of and pushed, whatever controls the hand."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.errors import CommandError, HandFault
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.interface import Observation
 from allegro_twin.spec import HandSpec
@@ -20,32 +20,32 @@ from allegro_twin.types import Array, Command, HandState, Vector, frozen
 _ROW = np.zeros(1, np.int64)
 
 
-class Episode:
-    """The episode that `HandEnv(task, …).reset(seed=seed)` begins, as a backend: `reset` begins it anew.
+class EpisodeBackend:
+    """The episode that `HandEnv(task, …).reset(seed=seed)` begins, as a backend; `reset` begins it again.
 
-    What a hand reports is what the environment measures, noise and delays included. Raises ConfigError.
+    The hand reports what the environment measures, noise and delays included. Raises ConfigError.
     """
 
     live = False
     """Time passes only while this backend reads."""
 
     def __init__(self, task: str, settings: EnvSettings, seed: int = 0) -> None:
-        self.engine, self.seed = Engine(task, settings, 1, threads=1), seed
+        self.engine, self.seed = EpisodeEngine(task, settings, 1, threads=1), seed
         self._unknown = frozen(np.full(self.spec.n_actuators, math.nan))
         self._told = frozen(np.zeros(self.spec.n_actuators))
         self._most: NDArray[np.float64] | None = None
-        """What the motors of a hand that closes its own loop may give in this episode, (motors, 2), N·m."""
+        """Force limits of the motors in this episode, for hands that close their own loop, (motors, 2), N·m."""
         self._decimation = self.engine.task.interface.decimation
         self.success, self.over = False, False
-        """Of the episode so far, as the environment would tell it after its last step."""
+        """State of the episode, as the environment would report it after its last step."""
         self.reward = 0.0
-        """Of the period that just ended: a step's where a step ended with it, but for what actions cost."""
+        """Reward of the last period: that of a step where a step ended with it, without the cost of actions."""
         self.report: dict[str, Any] = {}
-        """What was drawn at the last reset, a row each."""
-        self.counted = 0.0
-        """What the episode has come to, where its task counts something: rad turned, goals reached."""
+        """What was drawn at the last reset, one row each."""
+        self.count = 0.0
+        """Value of the task's `count_term`, where it has one: rad turned, goals reached."""
         self.shares: dict[str, float] = {}
-        """Shares of the episode's time, by name, where its task tells such."""
+        """Shares of the episode's time, by name, where the task has such terms."""
 
     @property
     def spec(self) -> HandSpec:
@@ -57,34 +57,34 @@ class Episode:
 
     @property
     def goal(self) -> Vector | None:
-        """What a policy should bring its fingertips to in this episode, where the task has such goals."""
+        """Goal of the fingertips in this episode, where the task has such goals."""
         goal = self.engine.task.goal() if self.engine.task.interface.goal != "none" else None
         return None if goal is None else frozen(goal[0])
 
     @property
     def target(self) -> Vector | None:
-        """Where the joints are drawn to when the episode begins, rad; None: where they are."""
-        targets = self.engine.task.targets(_ROW)
+        """Initial set-points of the joints, rad; None: where they are."""
+        targets = self.engine.task.initial_targets(_ROW)
         return None if targets is None else frozen(targets[0])
 
-    def completed(self, observation: Observation) -> Observation:
-        """What a policy sees of the hand, with what no hand reports, as a camera beside it would tell it."""
+    def complete_observation(self, observation: Observation) -> Observation:
+        """Add to a policy's observation of the hand what no hand reports, as a camera beside it would."""
         parts = observation if isinstance(observation, dict) else {"observation": observation}
         rows = {name: part[None] for name, part in parts.items()}
-        told = self.engine.completed(rows if isinstance(observation, dict) else rows["observation"])
-        return {name: part[0] for name, part in told.items()} if isinstance(told, dict) else told[0]
+        completed = self.engine.complete_observation(rows if isinstance(observation, dict) else rows["observation"])
+        return {name: part[0] for name, part in completed.items()} if isinstance(completed, dict) else completed[0]
 
     @property
     def script(self) -> int:
-        """Which script a policy follows in this episode."""
+        """Number of the script in this episode."""
         return int(self.engine.task.scripts(_ROW)[0])
 
     def reset(self) -> HandState:
         self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
         self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
-        self.counted, self.shares = 0.0, dict.fromkeys(self.engine.task.shares, 0.0)
+        self.count, self.shares = 0.0, dict.fromkeys(self.engine.task.share_terms, 0.0)
         self._most = None
-        if self.engine.worlds.leads:
+        if self.engine.worlds.closes_loop:
             self._most = np.array(self._ranges())
         self.write(limp_of(self.spec))
         return self._state()
@@ -103,8 +103,8 @@ class Episode:
     def read(self) -> HandState:
         k = self._tick % self._decimation
         if k == 0:
-            self.engine.task.plan(np.array([self._tick]))
-        self.engine.pass_period(self._told[None], np.array([self._tick]), k)
+            self.engine.task.plan_surroundings(np.array([self._tick]))
+        self.engine.step_period(self._told[None], np.array([self._tick]), k)
         self._tick += 1
         self.reward = 0.0
         if self._tick % self._decimation == 0 and not self.over:
@@ -115,30 +115,30 @@ class Episode:
         self.write(limp_of(self.spec))
 
     def _ranges(self) -> NDArray[np.float64]:
-        """What the motors may give, live, (motors, 2), N·m."""
+        """Force limits of the motors, a view of the model, (motors, 2), N·m."""
         worlds = self.engine.worlds
         ranges: NDArray[np.float64] = worlds.expand("actuator_forcerange")[0, worlds.motors]
         return ranges
 
     def _judge(self) -> None:
-        """As after a step of the environment; a policy's action costs nothing here."""
+        """Evaluate the episode as after a step of the environment, without the cost of an action."""
         engine = self.engine
-        engine.memory = engine.task.interface.elapsed(engine.memory)
+        engine.memory = engine.task.interface.advance(engine.memory)
         engine.count += 1
         outcome, _ = engine.outcome(np.zeros((1, self.spec.n_joints)), engine.observe())
         self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
-        if name := engine.task.counted:
-            self.counted = float(outcome.terms[name][0])
-        self.shares = {each: float(outcome.terms[each][0]) for each in engine.task.shares}
+        if name := engine.task.count_term:
+            self.count = float(outcome.terms[name][0])
+        self.shares = {each: float(outcome.terms[each][0]) for each in engine.task.share_terms}
         self.over = bool(outcome.failed[0] or engine.count[0] >= engine.limit)
 
     def _state(self) -> HandState:
-        position, velocity = (frozen(x[0]) for x in self.engine.measured(np.array([self._tick])))
+        position, velocity = (frozen(x[0]) for x in self.engine.measure(np.array([self._tick])))
         if not np.isfinite(position).all():
             raise HandFault(f"the simulation diverged at {self._tick * self.period:.3f} s")
         t = self._tick * self.period
-        given = self._told if self._most is None else frozen(self.engine.worlds.given()[0])
-        return HandState(t, self._tick, position, velocity, given, self._unknown, frozen(self._gravity()))
+        torque = self._told if self._most is None else frozen(self.engine.worlds.applied_torque[0])
+        return HandState(t, self._tick, position, velocity, torque, self._unknown, frozen(self._gravity()))
 
     def _gravity(self) -> Array:
-        return np.full(3, math.nan)  # The environments' palms do not tell; a policy does not ask.
+        return np.full(3, math.nan)  # The environments' palms report no gravity, and policies need none.

@@ -1,4 +1,5 @@
-"""Between the simulation and the policy's law: what a hand measures, and what its motors make of a command."""
+"""Observation model: joint signals with noise and delay, external torques, object pose from a camera, privileged
+state."""
 
 from __future__ import annotations
 
@@ -7,20 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.array_api import array_namespace
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
-from allegro_twin.learning.tasks.vectors import turned
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.learning.tasks.vectors import rotate_vectors
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.types import Array
 
 
-class Sensing:
-    """Noise, quantisation and delays of `n` hands; whatever no range asks for costs nothing."""
+class SignalModel:
+    """Noise, quantisation and delays of the joint signals and commands of `n` hands. Ranges that are not set cost
+    nothing."""
 
-    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
         n, joints = worlds.position.shape
         self._worlds, self._xp = worlds, worlds.xp
         xp = worlds.xp
@@ -30,9 +32,9 @@ class Sensing:
             for name in ("encoder_noise", "velocity_noise", "quantisation")
             if getattr(settings, name) is not None
         }
-        # Where the hand closes the loop, both are the motors' own: `randomise` writes them into the models.
-        self._strength = None if settings.strength is None or worlds.leads else xp.ones((n, 1))
-        self._gains = None if settings.gains is None or worlds.leads else xp.ones((n, 2))
+        # Where the hand closes the loop, both belong to its motors: `randomise` writes them into the models.
+        self._strength = None if settings.strength is None or worlds.closes_loop else xp.ones((n, 1))
+        self._gains = None if settings.gains is None or worlds.closes_loop else xp.ones((n, 2))
         self._late = {
             name: xp.zeros(n, np.int64)
             for name in ("sensor_delay", "actuator_delay")
@@ -40,13 +42,13 @@ class Sensing:
         }
         self._past = {name: xp.zeros((LONGEST_DELAY + 1, n, 2 * joints)) for name in self._late}
         self.ideal = not self._noise and not self._late and self._strength is None
-        """Measurements are exact and at once, and so are torques."""
+        """Measurements and torques are exact and without delay."""
         self._limit = xp.asarray(worlds.spec.actuation.torque_limit)
         self._own = xp.arange(n)
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
-        """A new episode of some hands: `values` as they were drawn, (m,) each."""
-        self._key[rows] = draws.key()
+        """Begin new episodes of some hands, with randomised `values`, (m,) each."""
+        self._key[rows] = draws.keys()
         for name, own in self._noise.items():
             own[rows, 0] = values[name]
         if self._strength is not None:
@@ -59,18 +61,18 @@ class Sensing:
         if "sensor_delay" in self._past:
             here = self._xp.concatenate([self._worlds.position[rows], self._worlds.velocity[rows]], axis=-1)
             self._past["sensor_delay"][:, rows] = here
-        if "actuator_delay" in self._past and self._worlds.leads:
-            here = self._worlds.position[rows]  # Until the first word arrives it stays where it is.
+        if "actuator_delay" in self._past and self._worlds.closes_loop:
+            here = self._worlds.position[rows]  # Until the first command arrives the hand stays where it is.
             self._past["actuator_delay"][:, rows] = self._xp.concatenate([here, 0.0 * here], axis=-1)
 
-    def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
+    def measure(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
         position, velocity = self._worlds.position, self._worlds.velocity
         if self.ideal:
             return position, velocity
         joints, xp = position.shape[1], self._xp
-        if (late := self._late.get("sensor_delay")) is not None:
-            both = self._delayed("sensor_delay", late, xp.concatenate([position, velocity], axis=-1), tick)
+        if (delay := self._late.get("sensor_delay")) is not None:
+            both = self._delay("sensor_delay", delay, xp.concatenate([position, velocity], axis=-1), tick)
             position, velocity = both[:, :joints], both[:, joints:]
         if (width := self._noise.get("encoder_noise")) is not None:
             position = position + width * jitter(self._key, tick, 0, joints)
@@ -81,31 +83,33 @@ class Sensing:
         return position, velocity
 
     def gains(self, nominal: Array) -> Array:
-        """The law's gains, kp and kd (2, 1, joints), as these hands have them, (2, n, joints) where they differ."""
+        """The gains kp and kd of these hands, (2, n, joints) where they differ, from the nominal ones, (2, 1,
+        joints)."""
         return nominal if self._gains is None else nominal * self._gains.T[:, :, None]
 
-    def drive(self, told: Array, tick: NDArray[np.int64]) -> None:
-        """Tell the motors torques, N·m, or where the hand closes the loop positions, rad, (n, joints)."""
+    def send(self, command: Array, tick: NDArray[np.int64]) -> None:
+        """Send torques, N·m, or for hands that close their own loop positions, rad, (n, joints)."""
         if (late := self._late.get("actuator_delay")) is not None:
-            joints = told.shape[1]
-            padded = self._xp.concatenate([told, 0.0 * told], axis=-1)
-            told = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
+            joints = command.shape[1]
+            padded = self._xp.concatenate([command, 0.0 * command], axis=-1)
+            command = self._delay("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
-            told = self._xp.clip(told, -self._limit, self._limit) * self._strength
-        self._worlds.tell(told)
+            command = self._xp.clip(command, -self._limit, self._limit) * self._strength
+        self._worlds.command(command)
 
-    def _delayed(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
-        """What was `late` periods ago, from a ring with one place a period."""
+    def _delay(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
+        """Values from `late` periods ago, from a ring buffer with one place per period."""
         past, own = self._past[name], self._own
         past[tick % len(past), own] = now
         found: Array = past[(tick - late) % len(past), own]
         return found
 
 
-class Touch:
-    """Of `n` hands; with the dry friction of their joints, which nobody can tell from a contact in one moment."""
+class ExternalTorque:
+    """External torque on the joints of `n` hands, as a mirror beside a hand estimates it
+    (docs/explanation/mirror.md). It includes the joints' dry friction, which looks like a contact at one moment."""
 
-    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
         self._worlds = worlds
         self._xp, self._limit = worlds.xp, worlds.xp.asarray(worlds.spec.actuation.torque_limit)
         self._range = settings.touch_noise
@@ -113,16 +117,15 @@ class Touch:
         self._key = worlds.xp.zeros(worlds.n, np.uint64)
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
-        """A new episode of some hands; what is drawn joins `values`, (m,)."""
+        """Begin new episodes of some hands; the drawn noise joins `values`, (m,)."""
         if self._noise is not None and self._range is not None:
-            self._key[rows] = draws.key()
-            self._noise[rows] = draws.within(*self._range)
+            self._key[rows] = draws.keys()
+            self._noise[rows] = draws.uniform(*self._range)
             values["touch_noise"] = self._noise[rows, 0]
 
-    def felt(self, tick: NDArray[np.int64]) -> Array:
-        """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
-        has been felt."""
-        torque = self._xp.where(tick[:, None] > 0, self._worlds.external(), 0.0)
+    def observe(self, tick: NDArray[np.int64]) -> Array:
+        """Shares of the torque limit, (n, joints), at the hands' periods `tick` (n,); zeros before the first period."""
+        torque = self._xp.where(tick[:, None] > 0, self._worlds.external_torque, 0.0)
         if self._noise is not None:
             torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
         share: Array = torque / self._limit
@@ -130,18 +133,21 @@ class Touch:
 
 
 FACTORS = ("mass", "size", "friction")
-"""What an episode has drawn of these; 1, 1 and 0.8 where nothing was."""
+"""Randomised factors; 1, 1 and 0.8 where none was drawn."""
 _USUAL = {"mass": 1.0, "size": 1.0, "friction": 0.8}
 _PLACE, _FAST, _SPINS = 0.1, 0.5, 5.0
-"""m, m/s and rad/s by which an object's numbers are divided, to be of order 1."""
+"""m, m/s and rad/s: scales of an object's numbers."""
 
 
-class State:
-    """Of `n` hands. In order: the joints' positions (±1 at their limits), speeds (by 5 rad/s), the torques of their
-    motors and those from outside (by the limit), as they are; and where there is an object, in the world's axes, where
-    it is (by 0.1 m), its quaternion, velocity (by 0.5 m/s) and spin (by 5 rad/s), and `FACTORS`."""
+class PrivilegedState:
+    """What only the simulation knows, for a critic that sees more than its policy (Pinto et al. 2018).
 
-    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+    For each of `n` hands, in this order: joint positions (±1 at their limits), speeds (by 5 rad/s), motor torques and
+    external torques (by the limit). With an object, in world axes: its position (by 0.1 m), quaternion, velocity (by
+    0.5 m/s), angular velocity (by 5 rad/s), and `FACTORS`.
+    """
+
+    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         spec, self._xp = worlds.spec, worlds.xp
         place = worlds.xp.asarray
@@ -149,31 +155,32 @@ class State:
         self._limit = place(spec.actuation.torque_limit)
         self._factors = place(np.tile([_USUAL[name] for name in FACTORS], (worlds.n, 1)))
         self.size = 4 * spec.n_joints + (0 if thing is None else 13 + len(FACTORS))
-        """Numbers of one hand."""
+        """Numbers per hand."""
 
     def begin(self, rows: Rows, values: dict[str, Array]) -> None:
-        """A new episode of some hands, with what was drawn for it, (m, …) each."""
+        """Begin new episodes of some hands, with randomised values, (m, …) each."""
         for column, name in enumerate(FACTORS):
             self._factors[rows, column] = values.get(name, _USUAL[name])
 
     def __call__(self, tick: NDArray[np.int64]) -> Floats:
-        """Now, (n, size), `tick` (n,) periods after the beginning; zeros for a simulation that has diverged."""
+        """The state now, (n, size), `tick` (n,) periods after the beginning; zeros for a simulation that has
+        diverged."""
         worlds, begun, xp = self._worlds, tick[:, None] > 0, self._xp
         parts = [
             (worlds.position - self._middle) / self._half,
             worlds.velocity / SPEED,
-            xp.where(begun, worlds.given(), 0.0) / self._limit,
-            xp.where(begun, worlds.external(), 0.0) / self._limit,
+            xp.where(begun, worlds.applied_torque, 0.0) / self._limit,
+            xp.where(begun, worlds.external_torque, 0.0) / self._limit,
         ]
         if (thing := self._thing) is not None:
-            pose, spin = thing.pose, turned(thing.pose[:, 3:], thing.spin)
+            pose, spin = thing.pose, rotate_vectors(thing.pose[:, 3:], thing.spin)
             parts += [pose[:, :3] / _PLACE, pose[:, 3:], thing.velocity / _FAST, spin / _SPINS, self._factors]
         whole = xp.clip(xp.nan_to_num(xp.concatenate(parts, axis=-1)), -BOUND, BOUND)
         return xp.asarray(whole, np.float32)  # type: ignore[no-any-return]
 
 
-class Seen(NamedTuple):
-    """Of an object, all in the world's axes."""
+class ObjectObservation(NamedTuple):
+    """Pose and motion of an object as observed, in world axes."""
 
     position: Array
     """(n, 3), m."""
@@ -182,15 +189,15 @@ class Seen(NamedTuple):
     velocity: Array
     """(n, 3), m/s."""
     spin: Array
-    """(n, 3), rad/s."""
+    """Angular velocity, (n, 3), rad/s."""
 
 
-class Camera:
-    """Looks at a body of `n` simulations once a decision. Noise is drawn anew in each picture; a picture is late by
-    whole decisions. Speeds come from elsewhere and are late only."""
+class ObjectCamera:
+    """Observes a body in `n` simulations once per decision. Noise is drawn anew in each picture; a picture is late by
+    whole decisions. Speeds have the delay, but no noise."""
 
-    def __init__(self, settings: Randomise, body: Body, decimation: int) -> None:
-        n, xp = len(body.pose), library(body.pose)
+    def __init__(self, settings: Randomise, body: FreeBody, decimation: int) -> None:
+        n, xp = len(body.pose), array_namespace(body.pose)
         self._body, self._decimation, self._xp = body, decimation, xp
         self._key, self._own = xp.zeros(n, np.uint64), xp.arange(n)
         self._noise = {
@@ -200,16 +207,16 @@ class Camera:
         self._past = xp.zeros((LONGEST_DELAY + 1, n, 13))
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
-        """A new episode of some simulations: `values` as they were drawn, (m,) each."""
+        """Begin new episodes of some simulations, with randomised `values`, (m,) each."""
         if self._noise:
-            self._key[rows] = draws.key()
+            self._key[rows] = draws.keys()
         for name, own in self._noise.items():
             own[rows, 0] = values[name]
         if self._late is not None:
             self._late[rows] = self._xp.asarray(values["camera_delay"], np.int64)
             self._past[:, rows] = self._now()[rows]
 
-    def look(self, tick: NDArray[np.int64]) -> Seen:
+    def look(self, tick: NDArray[np.int64]) -> ObjectObservation:
         """The picture at the decision `tick` (n,) periods after the beginning."""
         shown, picture = self._now(), tick // self._decimation
         if self._late is not None:
@@ -219,10 +226,12 @@ class Camera:
         if (width := self._noise.get("camera_shift")) is not None:
             position = position + width * jitter(self._key, picture, 8, 3)
         if (width := self._noise.get("camera_turn")) is not None:
-            quaternion = turned_by(quaternion, width * jitter(self._key, picture, 9, 3))
-        return Seen(position, quaternion, velocity, spin)
+            quaternion = rotate_quaternion(quaternion, width * jitter(self._key, picture, 9, 3))
+        return ObjectObservation(position, quaternion, velocity, spin)
 
     def _now(self) -> Array:
         body = self._body
-        now: Array = self._xp.concatenate([body.pose, body.velocity, turned(body.pose[:, 3:], body.spin)], axis=-1)
+        now: Array = self._xp.concatenate(
+            [body.pose, body.velocity, rotate_vectors(body.pose[:, 3:], body.spin)], axis=-1
+        )
         return now

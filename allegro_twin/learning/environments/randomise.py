@@ -1,4 +1,4 @@
-"""What differs from episode to episode: ranges as typed settings, drawn anew at every reset for every simulation."""
+"""Domain randomisation: ranges as settings, drawn at every reset for every simulation."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pydantic import AfterValidator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector, quaternion_product
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -34,14 +34,14 @@ def _short(value: tuple[int, int]) -> tuple[int, int]:
     return value
 
 
-LONGEST_DELAY = 4  # Periods: 12 ms, twice what the default draws. Nobody has published a measured one.
+LONGEST_DELAY = 4  # Periods: 12 ms, twice the default. No measured one is published.
 Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
 Factor = Annotated[tuple[float, float], AfterValidator(_ordered), AfterValidator(_positive)]
 Periods = Annotated[tuple[int, int], AfterValidator(_ordered), AfterValidator(_short)]
 
 
 class Randomise(Settings):
-    """Smallest and largest of each; None: as in the model. `Randomise.default()` has a sane range for all."""
+    """Smallest and largest value of each quantity; None: as in the model. `Randomise.default()` has a range for all."""
 
     mass: Factor | None = None
     """Factor on the object's mass."""
@@ -50,9 +50,9 @@ class Randomise(Settings):
     friction: Range | None = None
     """Sliding friction of every contact."""
     gains: Range | None = None
-    """Factor on kp and kd, one draw each: of the law, or of the loop that the hand closes itself."""
+    """Factors on kp and kd, one each: of the control law, or of the loop that the hand closes itself."""
     strength: Range | None = None
-    """Factor on what the motors give: of a commanded torque, or at most where the hand closes the loop."""
+    """Factor on motor strength: on a commanded torque, or on the limit where the hand closes the loop."""
     armature: Range | None = None
     """kg·m², all joints."""
     damping: Range | None = None
@@ -70,21 +70,21 @@ class Randomise(Settings):
     sensor_delay: Periods | None = None
     """Whole control periods until a measurement arrives."""
     wrist_tilt: Range | None = None
-    """The palm leans by up to so much about each of its axes, rad."""
+    """Largest tilt of the palm about each of its axes, rad."""
 
     touch_noise: Range | None = None
     """Half-width of the noise on the external torque of joints, N·m."""
     camera_shift: Range | None = None
-    """Half-width of the noise on where a privileged task sees its object, m."""
+    """Half-width of the noise on an object's observed position, m, in privileged tasks."""
     camera_turn: Range | None = None
-    """Half-width of the noise on how it sees it turned, about each axis, rad."""
+    """Half-width of the noise on an object's observed orientation, about each axis, rad."""
     camera_delay: Periods | None = None
-    """Whole decisions until it sees it."""
+    """Whole decisions until a picture arrives."""
 
     @classmethod
     def default(cls, spec: HandSpec | None = None) -> Randomise:
-        """Around the nominal hand, which by default takes torques: for any other what is known of the first's own
-        motors is left out. Sources: docs/rl.md#randomisation."""
+        """Ranges around the nominal hand, which takes torques by default. For any other hand, what was measured on its
+        motors is left out. Sources: docs/reference/environments.md#randomisation."""
         everything = cls(
             mass=(0.7, 1.3),
             size=(0.95, 1.05),
@@ -111,8 +111,8 @@ class Randomise(Settings):
         return cls(**everything.model_dump(exclude=set(strange)))
 
 
-def preset(value: Any, spec: HandSpec | None = None) -> Any:
-    """From what a user may write: None, `off`, `default`, or the ranges. Raises ConfigError for another name."""
+def parse_randomise(value: Any, spec: HandSpec | None = None) -> Any:
+    """Read None, `off`, `default`, or the ranges. Raises ConfigError for another name."""
     if value is None or value == "off":
         return Randomise()
     if isinstance(value, str):
@@ -123,11 +123,11 @@ def preset(value: Any, spec: HandSpec | None = None) -> Any:
 
 
 _ROTORS = ("armature", "frictionloss")
-"""Ranges in units, of joints that a motor turns each; not of those that hang on a tendon."""
+"""Ranges in physical units, for joints with a motor each; not for joints on tendons."""
 
 
-def applicable(settings: Randomise, spec: HandSpec) -> None:
-    """Raise ConfigError for a range that this hand has no use for."""
+def check_randomise(settings: Randomise, spec: HandSpec) -> None:
+    """Raise ConfigError for a range that does not apply to this hand."""
     for name in _ROTORS if spec.followers else ():
         if getattr(settings, name) is not None:
             raise ConfigError(f"randomise.{name} is of joints that a motor turns each, and {spec.name} has tendons: "
@@ -135,11 +135,11 @@ def applicable(settings: Randomise, spec: HandSpec) -> None:
 
 
 LATER = ("touch_noise",)
-"""Drawn by who needs it, after everything else: the episodes of a seed are the same whether anybody does."""
+"""Drawn by their user, after everything else: the episodes of a seed are the same with and without."""
 
 
-def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
-    """One value of each range that is given for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
+def draw_values(settings: Randomise, draws: Draws) -> dict[str, Array]:
+    """One value of each given range for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
     found: dict[str, Array] = {}
     for name in Randomise.model_fields:
         if name in LATER:
@@ -147,9 +147,9 @@ def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
         count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)
         low, high = getattr(settings, name) or (0.0, 0.0)
         if name.endswith("delay"):
-            values = draws.whole(low, high)
+            values = draws.integers_between(low, high)
         else:
-            values = draws.within(low, high, count)
+            values = draws.uniform(low, high, count)
         if getattr(settings, name) is not None:
             found[name] = values if count > 1 else values[:, 0]
     if (tilt := found.get("wrist_tilt")) is not None:
@@ -157,22 +157,22 @@ def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
     return found
 
 
-class Physics:
-    """Writes what was drawn into the models of the simulations."""
+class PhysicsRandomiser:
+    """Writes randomised values into the models of the simulations."""
 
-    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         self._dofs = worlds.xp.asarray(worlds.dofs)
         self._loss = worlds.xp.asarray(worlds.model.dof_damping[worlds.dofs])
 
     def sizes(self, variant: Rows, factor: Array) -> Array:
-        """Of what was drawn for simulations of these variants, (m,), what can be: a mesh keeps its size."""
+        """Possible size factors, (m,), for simulations of these variants: a mesh keeps its size."""
         if self._thing is None:
             return factor
         return self._worlds.xp.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)  # type: ignore[no-any-return]
 
     def apply(self, rows: Rows, values: dict[str, Array]) -> None:
-        """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""
+        """`values` from `draw_values`, shape (m,) each; for simulations that have just chosen their variant."""
         for name, value in values.items():
             if (how := _HOW.get(name)) is not None:
                 how(self, rows, value)
@@ -185,7 +185,7 @@ class Physics:
             self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None]
 
     def _size(self, rows: Rows, factor: Array) -> None:
-        """At the same mass."""
+        """The mass stays the same."""
         if self._thing is None:
             return
         geoms = self._thing.geoms
@@ -209,8 +209,8 @@ class Physics:
         self._worlds.expand("dof_frictionloss")[rows[:, None], self._dofs] = torque[:, None]
 
     def _gains(self, rows: Rows, factors: Array) -> None:
-        """Of the loop that a hand closes itself: stiffness and damping, (m, 2)."""
-        if self._worlds.leads:
+        """Stiffness and damping of the loop that a hand closes itself, (m, 2)."""
+        if self._worlds.closes_loop:
             stiffness, motors = factors[:, None, :1], self._worlds.motors
             self._worlds.expand("actuator_gainprm")[rows, motors, :1] *= stiffness
             bias = self._worlds.expand("actuator_biasprm")
@@ -218,24 +218,24 @@ class Physics:
             bias[rows, motors, 2:3] *= factors[:, None, 1:]
 
     def _strength(self, rows: Rows, factor: Array) -> None:
-        if self._worlds.leads:
+        if self._worlds.closes_loop:
             self._worlds.expand("actuator_forcerange")[rows, self._worlds.motors] *= factor[:, None, None]
 
     def _tilt(self, rows: Rows, angles: Array) -> None:
-        """Turned by a rotation vector in the palm's own axes, rad."""
+        """Rotate by a rotation vector in the palm's own axes, rad."""
         palm = self._worlds.model.body("palm_link").id
         own = self._worlds.expand("body_quat")
-        own[rows, palm] = product(own[rows, palm], quaternion_from_vector(angles))
+        own[rows, palm] = quaternion_product(own[rows, palm], quaternion_from_vector(angles))
 
 
-_HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {
-    "mass": Physics._mass,
-    "size": Physics._size,
-    "friction": Physics._friction,
-    "armature": Physics._armature,
-    "damping": Physics._damping,
-    "frictionloss": Physics._frictionloss,
-    "gains": Physics._gains,
-    "strength": Physics._strength,
-    "wrist_tilt": Physics._tilt,
+_HOW: dict[str, Callable[[PhysicsRandomiser, Rows, Array], None]] = {
+    "mass": PhysicsRandomiser._mass,
+    "size": PhysicsRandomiser._size,
+    "friction": PhysicsRandomiser._friction,
+    "armature": PhysicsRandomiser._armature,
+    "damping": PhysicsRandomiser._damping,
+    "frictionloss": PhysicsRandomiser._frictionloss,
+    "gains": PhysicsRandomiser._gains,
+    "strength": PhysicsRandomiser._strength,
+    "wrist_tilt": PhysicsRandomiser._tilt,
 }

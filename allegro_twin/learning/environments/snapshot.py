@@ -1,4 +1,4 @@
-"""Everything that decides how simulations on processors go on, taken from an environment and put back into another."""
+"""Snapshots of environments on processors: everything that decides how their simulations continue."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 
 _OURS = ("allegro_twin.learning.environments.", "allegro_twin.learning.tasks.", "allegro_twin.sim.batch.")
 _PHYSICS = "physics"
@@ -16,16 +16,16 @@ _FIELD = "engine/worlds/_rows/"
 
 
 class _Slot(NamedTuple):
-    """A value, and where it can be set anew."""
+    """A value, and where it can be replaced."""
 
     owner: Any
     key: Any
     value: Any
 
 
-def taken(env: Any) -> dict[str, Any]:
-    """Of an environment whose `engine` simulates on processors: arrays by their paths in it, copies, and numbers."""
-    engine: Engine = env.engine
+def take_snapshot(env: Any) -> dict[str, Any]:
+    """Copies of all arrays and numbers of an environment with an `engine` on processors, by their paths."""
+    engine: EpisodeEngine = env.engine
     found: dict[str, Any] = {_PHYSICS: np.stack([engine.worlds.state(row) for row in range(engine.n)])}
     for path, slot in _slots(env, engine):
         value = slot.value
@@ -33,9 +33,10 @@ def taken(env: Any) -> dict[str, Any]:
     return found
 
 
-def put_back(env: Any, content: dict[str, Any]) -> None:
-    """Into an environment of the same settings and size. Raises ConfigError where it has no place for a part."""
-    engine: Engine = env.engine
+def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
+    """Restore a snapshot in an environment of the same settings and size. Raises ConfigError where a part does not
+    fit."""
+    engine: EpisodeEngine = env.engine
     for path in content:
         if path.startswith(_FIELD):
             engine.worlds.expand(path.removeprefix(_FIELD))
@@ -46,7 +47,7 @@ def put_back(env: Any, content: dict[str, Any]) -> None:
                 engine.worlds.restore(row, state)
         elif path in slots:
             _set(path, slots[path], value)
-    again = taken(env)
+    again = take_snapshot(env)
     different = [path for path, value in content.items() if path in slots and not _same(again[path], value)]
     if different:
         raise ConfigError(
@@ -64,7 +65,7 @@ def _set(path: str, slot: _Slot, value: Any) -> None:
         raise ConfigError(f"the checkpoint's {path} has the shape {np.shape(value)}, and here it is {slot.value.shape}")
     else:
         given = np.asarray(value)
-        # In its place, so that views of it stay views. PyTorch has no whole numbers without a sign.
+        # In place, so that views of it stay views. PyTorch has no unsigned integers.
         slot.value[...] = given.view(np.uint64) if slot.value.dtype == np.uint64 else given
 
 
@@ -74,26 +75,28 @@ def _same(one: Any, other: Any) -> bool:
     return np.array_equal(one, other, equal_nan=isinstance(one, np.ndarray) and one.dtype.kind == "f")
 
 
-def _slots(env: Any, engine: Engine) -> Iterator[tuple[str, _Slot]]:
-    """Arrays with a row a simulation and plain numbers, by their paths."""
+def _slots(env: Any, engine: EpisodeEngine) -> Iterator[tuple[str, _Slot]]:
+    """Arrays with a row per simulation, and plain numbers, by their paths."""
     modules = (*_OURS, type(engine.task).__module__)
-    yield from _within(env, "", engine.n, modules, set())
+    yield from _nested_slots(env, "", engine.n, modules, set())
 
 
-def _within(owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[int]) -> Iterator[tuple[str, _Slot]]:
+def _nested_slots(
+    owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[int]
+) -> Iterator[tuple[str, _Slot]]:
     if id(owner) in seen:
         return
     seen.add(id(owner))
     for key, value in _parts(owner):
         here = f"{path}/{key}" if path else str(key)
         if isinstance(value, np.ndarray):
-            # What is read-only is what the last step has put out, or never changes.
+            # Read-only arrays are results of the last step, or never change.
             if value.flags.writeable and value.dtype.kind in "biuf" and n in value.shape[:2]:
                 yield here, _Slot(owner, key, value)
         elif isinstance(value, bool | int | float):
             yield here, _Slot(owner, key, value)
-        elif isinstance(value, dict | list | tuple) or _is_ours(value, modules):
-            yield from _within(value, here, n, modules, seen)
+        elif isinstance(value, dict | list | tuple) or _is_environment_part(value, modules):
+            yield from _nested_slots(value, here, n, modules, seen)
 
 
 def _parts(owner: Any) -> list[tuple[Any, Any]]:
@@ -106,8 +109,8 @@ def _parts(owner: Any) -> list[tuple[Any, Any]]:
     return list(vars(owner).items())
 
 
-def _is_ours(value: Any, modules: tuple[str, ...]) -> bool:
-    """Objects of the environments, and of a user's own task: not what they were made of, settings and models."""
+def _is_environment_part(value: Any, modules: tuple[str, ...]) -> bool:
+    """Objects of the environments and of a user's own task: not their settings and models."""
     return (
         hasattr(value, "__dict__")
         and type(value).__module__.startswith(modules)

@@ -1,4 +1,4 @@
-"""The spaces of a task, from its interface."""
+"""Gymnasium spaces of a task."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from gymnasium import spaces
 from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
 from allegro_twin.learning.tasks.base import Task
 
-_ROOM = 0.4  # m. No fingertip of the hand is farther from the palm's origin: its longest finger has 0.15.
+_ROOM = 0.4  # m. No fingertip is farther from the palm's origin: the longest finger has 0.15.
 
-_UNIT = 1.001  # Of a quaternion's numbers, with room for the rounding to float32.
+_UNIT = 1.001  # Bound of a quaternion's numbers, with room for the rounding to float32.
 
 
 def action_space(task: Task) -> spaces.Space[Floats]:
@@ -20,9 +20,9 @@ def action_space(task: Task) -> spaces.Space[Floats]:
 
 
 def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
-    """`state`: how many numbers a critic sees besides."""
+    """`state`: numbers of the privileged state."""
     parts: dict[str, spaces.Space[Any]] = {}
-    parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.unmeasured,), np.float32)
+    parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.n_unmeasured,), np.float32)
     goal = task.goal()
     if goal is not None:
         room = _ROOM if task.interface.n_goal else _UNIT
@@ -33,8 +33,8 @@ def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
     return parts["observation"] if len(parts) == 1 else spaces.Dict(parts)  # type: ignore[return-value]  # Of a Dict.
 
 
-def described(space: spaces.Space[Any]) -> str:
-    """How many numbers it has, and their bounds; of a dictionary, of each part."""
+def describe_space(space: spaces.Space[Any]) -> str:
+    """Number of values and their bounds; for a dictionary, of each part."""
     if isinstance(space, spaces.Dict):
         return ", ".join(f"{name} {part.shape[0]}" for name, part in space.items() if part.shape)
     assert isinstance(space, spaces.Box)

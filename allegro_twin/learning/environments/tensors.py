@@ -1,4 +1,4 @@
-"""Many hands for a learner in PyTorch: actions, observations and rewards are tensors, where the simulations are."""
+"""Batched environment for learners in PyTorch: actions, observations and rewards are tensors."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.array_api import tensors
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.array_api import tensor_namespace
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import read_settings
-from allegro_twin.learning.environments.snapshot import put_back, taken
+from allegro_twin.learning.environments.snapshot import restore_snapshot, take_snapshot
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 
 
 class TensorVectorEnv:
-    """`num_envs` simulations of a task; keywords as of `gymnasium.make`. On a Warp device nothing leaves it; on
-    processors tensors share the memory of NumPy's arrays.
+    """`num_envs` simulations of a task; keywords as for `gymnasium.make`. On a Warp device all data stay there; on
+    processors tensors share memory with NumPy's arrays.
 
-    What is drawn for an episode follows from `seed`, the simulation's number and the episode's. An episode that has
-    ended begins anew in the same step. Raises ConfigError.
+    Random numbers of an episode follow from `seed`, the simulation's number and the episode's number. An episode that
+    has ended begins anew in the same step. Raises ConfigError.
     """
 
     def __init__(
         self, task: str, num_envs: int, *, seed: int = 0, max_episode_steps: int | None = None, **kwargs: Any
     ) -> None:
-        self.engine = Engine(task, read_settings(kwargs), num_envs)
+        self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
-        self.xp = tensors("cpu") if self._own is np else self._own
+        self.xp = tensor_namespace("cpu") if self._own is np else self._own
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)
@@ -36,15 +36,16 @@ class TensorVectorEnv:
         self._episode = self._own.zeros(num_envs, np.int64)
 
     def reset(self) -> Any:
-        """New episodes of all; what is seen: (num_envs, k), or a dictionary of such."""
+        """Begin new episodes of all simulations. Returns observations (num_envs, k), or a dictionary of such."""
         self._begin(self._all)
-        return self._shared(self.engine.observe())
+        return self._as_tensors(self.engine.observe())
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """As Gymnasium's vector environments: `info` has `is_success`, the reward's terms, and what those that ended
-        saw last, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with a NaN is `info["diverged"]`."""
+        """Step, as Gymnasium's vector environments do. `info` has `is_success`, the reward's terms, and the last
+        observations of ended episodes, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with NaN is
+        `info["diverged"]`."""
         engine, own = self.engine, self._own
-        taken = engine.placed(actions.numpy() if own is np else actions)
+        taken = engine.clip_actions(actions.numpy() if own is np else actions)
         engine.step(taken)
         observation: Any = engine.observe()
         outcome, diverged = engine.outcome(taken, observation)
@@ -55,16 +56,16 @@ class TensorVectorEnv:
             info["final_obs"] = observation
             self._begin(rows)
             observation = engine.observe()
-        return self._shared((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]
+        return self._as_tensors((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]
 
-    def spread(self) -> None:
-        """Set the simulations at random places of their time, so that they do not all end together."""
+    def stagger_episodes(self) -> None:
+        """Set the simulations to random times of their episodes, so that they do not all end together."""
         torch = self.xp.torch
-        self._shared(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
+        self._as_tensors(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
 
-    def saved(self) -> dict[str, Any] | None:
-        """Everything that decides how the simulations go on, what `load` takes, as tensors and numbers. None on a Warp
-        device, whose runs are not equal anyway."""
+    def state_dict(self) -> dict[str, Any] | None:
+        """Everything that decides how the simulations continue, as tensors and numbers. None on a Warp device, whose
+        runs are not reproducible."""
         if self._own is not np:
             return None
         torch = self.xp.torch
@@ -72,29 +73,29 @@ class TensorVectorEnv:
             path: torch.from_numpy(part.view(np.int64) if part.dtype == np.uint64 else part)
             if isinstance(part, np.ndarray)
             else part
-            for path, part in taken(self).items()
+            for path, part in take_snapshot(self).items()
         }
 
     def load(self, content: dict[str, Any] | None) -> bool:
-        """Go on where another of the same settings was saved, on processors; False where that cannot be, and nothing
-        has changed. Raises ConfigError for one of other settings."""
+        """Continue from a `state_dict` of the same settings, on processors. Returns False where that is not possible,
+        and nothing has changed. Raises ConfigError for one of other settings."""
         if content is None or self._own is not np:
             return False
-        put_back(self, {path: _array(part) for path, part in content.items()})
+        restore_snapshot(self, {path: _array(part) for path, part in content.items()})
         return True
 
     def _begin(self, rows: Any) -> None:
         self._episode[rows] += 1
-        self.engine.begin(rows, Draws.counted(self._key[rows], self._episode[rows]))
+        self.engine.begin(rows, Draws.from_counters(self._key[rows], self._episode[rows]))
 
-    def _shared(self, tree: Any) -> Any:
-        """Arrays as tensors of the same memory; single precision for what is learned from."""
+    def _as_tensors(self, tree: Any) -> Any:
+        """Arrays as tensors of the same memory; single precision for learning."""
         if self._own is not np:
             return tree
         if isinstance(tree, dict):
-            return {name: self._shared(part) for name, part in tree.items()}
+            return {name: self._as_tensors(part) for name, part in tree.items()}
         if isinstance(tree, tuple):
-            return tuple(self._shared(part) for part in tree)
+            return tuple(self._as_tensors(part) for part in tree)
         return self.xp.torch.from_numpy(tree)
 
 

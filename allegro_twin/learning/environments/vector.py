@@ -1,4 +1,4 @@
-"""Many hands at one task as a Gymnasium vector environment, on all processors and without a loop over them."""
+"""Vector environment: many hands at one task, on all processors and without a loop over them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.viewing.batch import Pictures
+from allegro_twin.viewing.batch import BatchCamera
 
 Rows = NDArray[np.int64]
 
 
 class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
-    """`num_envs` simulations; number i behaves as the single environment seeded with `seed + i` does, to the bit.
+    """`num_envs` simulations. Number i behaves as the single environment with the seed `seed + i` does, to the bit.
 
-    `autoreset`: `next_step` as Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset` takes
-    the option `reset_mask`. `threads`: 0 for one a processor. Other keywords as in `HandEnv`. Raises ConfigError.
+    `autoreset`: `next_step` as in Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset` takes
+    the option `reset_mask`. `threads`: 0 for one per processor. Other keywords as in `HandEnv`. Raises ConfigError.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
@@ -53,7 +53,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             raise ConfigError(f"autoreset {autoreset!r} is none of {', '.join(modes)}")
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
-        self.engine = Engine(task, read_settings(kwargs), num_envs, threads)
+        self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
@@ -65,24 +65,24 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         self.metadata = self.metadata | {"autoreset_mode": self._mode, "render_fps": fps}
         self._generators: list[np.random.Generator] = []
         self._ended = np.zeros(num_envs, bool)
-        self._pictures: Pictures | None = None
+        self._pictures: BatchCamera | None = None
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        rows, options = self._masked(options)
+        rows, options = self._reset_rows(options)
         self._seed(seed, rows)
         info = self._restart(rows, options)
-        return self.engine.fetched(self.engine.observe()), info
+        return self.engine.fetch(self.engine.observe()), info
 
     def step(self, actions: Floats) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        taken = self.engine.placed(np.asarray(actions))
+        taken = self.engine.clip_actions(np.asarray(actions))
         new = np.flatnonzero(self._ended) if self._mode is AutoresetMode.NEXT_STEP else np.zeros(0, np.int64)
         going = np.flatnonzero(~self._ended) if len(new) else None
         self.engine.step(taken, going)
         info = self._restart(new, None) if len(new) else {}
         engine, seen = self.engine, self.engine.observe()
-        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(taken, seen), engine.count))
+        observation, (outcome, diverged), count = engine.fetch((seen, engine.outcome(taken, seen), engine.count))
         terminated, truncated = outcome.failed, count >= self.limit
         reward, success = outcome.reward, outcome.success
         if len(new):
@@ -94,15 +94,15 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             info["diverged"] = diverged
         self._ended = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
-            observation, info = self._restarted(observation, info)
+            observation, info = self._same_step_reset(observation, info)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[Any], ...] | None:
-        """A picture of every simulation."""
+        """Pictures of all simulations."""
         if self.render_mode is None:
             return None
         if self._pictures is None:
-            self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
+            self._pictures = BatchCamera(self.engine.worlds, *self._size, mode=self.render_mode)
         frames = [self._pictures.take(row, self.engine.task.marks(row)) for row in range(self.num_envs)]
         return tuple(frame for frame in frames if frame is not None)
 
@@ -110,7 +110,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         if self._pictures is not None:
             self._pictures.close()
 
-    def _masked(self, options: dict[str, Any] | None) -> tuple[Rows, dict[str, Any]]:
+    def _reset_rows(self, options: dict[str, Any] | None) -> tuple[Rows, dict[str, Any]]:
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if mask is None:
@@ -120,7 +120,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         return np.flatnonzero(mask), options
 
     def _seed(self, seed: int | list[int | None] | None, rows: Rows) -> None:
-        """As Gymnasium's vector environments: simulation i takes `seed + i`, or its own of a list."""
+        """Seed as Gymnasium's vector environments do: simulation i gets `seed + i`, or its own from a list."""
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + row for row in range(self.num_envs)]
         else:
@@ -135,18 +135,18 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
                 self._generators[row] = seeding.np_random(seeds[row])[0]
 
     def _restart(self, rows: Rows, options: dict[str, Any] | None) -> dict[str, Any]:
-        """New episodes; what was drawn, with a mask of who drew it, as Gymnasium has it."""
+        """Begin new episodes. Returns what was drawn, with a mask of the simulations, as Gymnasium does."""
         self._ended[rows] = False
         return self._spread(self.engine.reset(rows, self._generators, options), rows)
 
-    def _restarted(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
-        """Reset who has ended in this very step, and hand over what they saw and knew last."""
+    def _same_step_reset(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
+        """Reset simulations that ended in this step, and return what they saw and reported last."""
         rows = np.flatnonzero(self._ended)
         last = info.copy()
         mask = self._ended.copy()
         info |= {"final_obs": observation, "_final_obs": mask, "final_info": last, "_final_info": mask.copy()}
         info |= self._restart(rows, None)
-        return self.engine.fetched(self.engine.observe()), info
+        return self.engine.fetch(self.engine.observe()), info
 
     def _spread(self, report: dict[str, Any], rows: Rows) -> dict[str, Any]:
         spread: dict[str, Any] = {}

@@ -1,1 +1,1 @@
-"""Policies: what they see, what they may do, how they are kept in a file, and the controller that runs one."""
+"""Policies: interface to a hand, files with cards, and the controller that runs one."""

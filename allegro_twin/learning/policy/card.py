@@ -1,4 +1,4 @@
-"""A policy's card: for which hand, task and control mode it was trained, and what it needs to run anywhere."""
+"""Policy cards: for which hand, task and control mode a policy was trained, and what it needs to run elsewhere."""
 
 from __future__ import annotations
 
@@ -10,20 +10,26 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
-from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
+from allegro_twin.learning.policy.script import (
+    SampledScript,
+    closing_moves,
+    holding_script,
+    sample_script,
+    script_table,
+)
 from allegro_twin.spec import HandSpec, Side
 
 KEY = "allegro_twin"
-"""Under which an ONNX file keeps the card in its metadata; a zip has it as the member `allegro_twin.json`."""
+"""Key of the card in an ONNX file's metadata; a zip has it as the member `allegro_twin.json`."""
 MEMBER = f"{KEY}.json"
 
 
-class Closed(Settings):
+class GraspScript(Settings):
     """A script that closes a grasp of the library."""
 
     grasp: str
@@ -32,20 +38,20 @@ class Closed(Settings):
     squeeze: Positive
     """s from closed to squeezed."""
     holds: bool = False
-    """No motion: the squeeze from the beginning."""
+    """The squeeze from the beginning, without motion."""
 
-    def sampled(self, spec: HandSpec, periods: int, period: float) -> Script:
+    def sampled(self, spec: HandSpec, periods: int, period: float) -> SampledScript:
         grasp = load_grasp(self.grasp, spec)
         if self.holds:
-            return holding(grasp, periods)
-        return sampled(closing(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
+            return holding_script(grasp, periods)
+        return sample_script(closing_moves(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
 
 
-class Card(Settings):
-    """What a policy file says of itself."""
+class PolicyCard(Settings):
+    """Description inside a policy file."""
 
     version: int = VERSION
-    """Of the meaning of observations and actions."""
+    """Version of the meaning of observations and actions."""
     task: str
     """Id of the environment."""
     hand: str = HAND
@@ -58,24 +64,24 @@ class Card(Settings):
     reach: Positive
     gains: str
     goal: Literal["none", "fingertips"]
-    scripts: tuple[Closed, ...] = ()
+    scripts: tuple[GraspScript, ...] = ()
     periods: int = 0
     """Length of the scripts, in control periods."""
     observation: int
-    """Numbers that the policy sees, without goals."""
+    """Numbers in an observation, without goals."""
     action: int
-    """Numbers that it gives."""
+    """Numbers in an action."""
     history: Annotated[int, Field(ge=1)] = 1
-    """How many decisions the policy sees."""
+    """Decisions in an observation."""
     privileged: int = 0
-    """How many of the former no real hand has."""
+    """Numbers of the observation that no real hand has."""
     algorithm: str = "PPO"
-    """Stable-Baselines3's class, for a zip."""
+    """Class of Stable-Baselines3, for a zip."""
     note: str = ""
     """How it was trained."""
 
     def interface(self, spec: HandSpec) -> Interface:
-        """What joins the policy to a hand. Raises ConfigError for the other hand, another version, or one that no
+        """Make the interface to a hand. Raises ConfigError for the other hand, another version, or a policy that no
         real hand can serve."""
         if self.version != VERSION:
             raise ConfigError(f"this policy is of version {self.version}; this package runs {VERSION}: train it anew")
@@ -89,7 +95,7 @@ class Card(Settings):
                 "by any hand; it runs in its environment only"
             )
         rows = [closed.sampled(spec, self.periods, self.period) for closed in self.scripts]
-        scripts = table(rows) if rows else None
+        scripts = script_table(rows) if rows else None
         gains = load_gains(self.gains, spec)
         made = Interface(
             spec,
@@ -111,26 +117,26 @@ class Card(Settings):
         return made
 
     def script(self, grasp: str) -> int:
-        """The number of a grasp's script. Raises ConfigError with the nearest names."""
+        """Number of a grasp's script. Raises ConfigError with the nearest names."""
         names = [closed.grasp for closed in self.scripts]
         if grasp not in names:
             raise ConfigError(unknown("grasp of this policy", grasp, sorted({*names})))
         return names.index(grasp)
 
 
-def read_card(path: Path) -> Card:
-    """The card in a policy file. Raises ConfigError where there is none, or no such file."""
+def read_card(path: Path) -> PolicyCard:
+    """Read the card in a policy file. Raises ConfigError without a card or file."""
     if not path.is_file():
         raise ConfigError(f"{path}: no such policy file")
-    text = _of_zip(path) if path.suffix == ".zip" else _of_onnx(path)
+    text = _zip_text(path) if path.suffix == ".zip" else _onnx_text(path)
     if text is None:
         raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
     content: Any = json.loads(text)
-    return parse(Card, content, str(path))
+    return parse_settings(PolicyCard, content, str(path))
 
 
-def write_card(path: Path, card: Card) -> None:
-    """Put a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
+def write_card(path: Path, card: PolicyCard) -> None:
+    """Write a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
     text = card.model_dump_json()
     if path.suffix == ".zip":
         with zipfile.ZipFile(path, "a") as archive:
@@ -147,7 +153,7 @@ def write_card(path: Path, card: Card) -> None:
     onnx.save(model, str(path))
 
 
-def _of_zip(path: Path) -> str | None:
+def _zip_text(path: Path) -> str | None:
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(MEMBER).decode() if MEMBER in archive.namelist() else None
@@ -155,13 +161,13 @@ def _of_zip(path: Path) -> str | None:
         raise ConfigError(f"{path}: not a zip file") from error
 
 
-def _of_onnx(path: Path) -> str | None:
-    found: dict[str, str] = session(path).get_modelmeta().custom_metadata_map
+def _onnx_text(path: Path) -> str | None:
+    found: dict[str, str] = onnx_session(path).get_modelmeta().custom_metadata_map
     return found.get(KEY)
 
 
-def session(path: Path) -> Any:
-    """An open ONNX file, computing on one thread. Raises ConfigError where onnxruntime is missing."""
+def onnx_session(path: Path) -> Any:
+    """Open an ONNX file, to compute on one thread. Raises ConfigError where onnxruntime is missing."""
     try:
         import onnxruntime
         from onnxruntime.capi import onnxruntime_pybind11_state as state
@@ -169,7 +175,7 @@ def session(path: Path) -> Any:
         raise ConfigError("an ONNX policy needs onnxruntime: pip install 'allegro-twin[policy]'") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # So small a network gains nothing by more.
-    refusals = (  # They share no base of their own.
+    refusals = (  # They share no base class.
         state.Fail, state.InvalidArgument, state.InvalidGraph, state.InvalidProtobuf, state.NoModel, state.NoSuchFile,
         state.NotImplemented, state.RuntimeException,
     )  # fmt: skip

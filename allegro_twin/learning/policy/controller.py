@@ -1,5 +1,5 @@
-"""A policy as a controller like any other: it decides every few periods, and between them its set-points are held by
-a PD law, or by the hand's own."""
+"""Policies as controllers: decisions every few periods, and between them PD control, or the hand's own, of their
+set-points."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.learning.policy.interface import Course, Floats, Interface, Memory, Observation
+from allegro_twin.learning.policy.interface import DecisionSetPoints, Floats, Interface, InterfaceMemory, Observation
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 
 class Policy(Protocol):
-    """From one observation, or a batch of them, to actions in [-1, 1]; without a memory of its own."""
+    """A function from one observation, or a batch of them, to actions in [-1, 1], without a memory of its own."""
 
     def __call__(self, observation: Observation) -> Floats: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Still:
-    """The policy that does nothing: with a script, the scripted player."""
+class ZeroPolicy:
+    """The policy without action: with a script, the script alone."""
 
     n_joints: int
 
@@ -31,59 +31,59 @@ class Still:
         return np.zeros((*seen.shape[:-1], self.n_joints), np.float32)
 
 
-class Deciding(NamedTuple):
-    """What the controller remembers."""
+class PolicyMemory(NamedTuple):
+    """Memory of the controller."""
 
-    memory: Memory
-    course: Course
+    memory: InterfaceMemory
+    set_points: DecisionSetPoints
     age: int
     """Control periods since the last decision."""
     tick: int
-    """Of the state that was answered last."""
+    """Tick of the last state."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyController:
-    """Runs a policy on any backend. The hand's clock counts: where periods were missed, decisions are not late."""
+    """Runs a policy on any backend. It counts the hand's periods, so lost periods do not delay decisions."""
 
     policy: Policy
     interface: Interface
     goal: Vector | None = None
-    """For a policy with goals: where the fingertips should be in the palm frame, shape (3 * fingers,), m."""
+    """For a policy with goals: goal of the fingertips in the palm frame, shape (3 * fingers,), m."""
     script: int = 0
-    """Which of the interface's scripts."""
+    """Number of the interface's script."""
     target: Vector | None = None
-    """Where the joints are drawn to at the beginning, rad; None: to the script's beginning, or to where they are."""
-    beside: Callable[[Observation], Observation] | None = None
-    """What completes an observation with what no hand reports, as a camera beside it would."""
+    """Initial set-points of the joints, rad; None: the script's beginning, or where the joints are."""
+    complete: Callable[[Observation], Observation] | None = None
+    """Adds to an observation what no hand reports, as a camera beside it would."""
 
     def __post_init__(self) -> None:
-        wanted = self.interface.n_goal
-        given = 0 if self.goal is None else np.size(self.goal)
-        if given != wanted:
-            raise ConfigError(f"this policy takes a goal of {wanted} numbers, not {given}")
+        expected = self.interface.n_goal
+        size = 0 if self.goal is None else np.size(self.goal)
+        if size != expected:
+            raise ConfigError(f"this policy takes a goal of {expected} numbers, not {size}")
 
-    def start(self, state: HandState) -> Deciding:
-        return self._decided(state, self.interface.start(state.position, self.script, self.target), 0)
+    def start(self, state: HandState) -> PolicyMemory:
+        return self._decide(state, self.interface.start(state.position, self.script, self.target), 0)
 
-    def __call__(self, state: HandState, memory: Deciding) -> tuple[Command, Deciding]:
+    def __call__(self, state: HandState, memory: PolicyMemory) -> tuple[Command, PolicyMemory]:
         inner, age = memory.memory, memory.age + state.tick - memory.tick
         while age >= self.interface.decimation:
-            inner, age = self.interface.elapsed(inner), age - self.interface.decimation
+            inner, age = self.interface.advance(inner), age - self.interface.decimation
         if inner is memory.memory:
             memory = memory._replace(age=age, tick=state.tick)
         else:
-            memory = self._decided(state, inner, age)
-        told = self.interface.told(state.position, state.velocity, memory.course, age)
-        return PositionCommand(told) if self.interface.leads else TorqueCommand(told), memory
+            memory = self._decide(state, inner, age)
+        command = self.interface.command(state.position, state.velocity, memory.set_points, age)
+        return PositionCommand(command) if self.interface.takes_positions else TorqueCommand(command), memory
 
-    def _decided(self, state: HandState, memory: Memory, age: int) -> Deciding:
+    def _decide(self, state: HandState, memory: InterfaceMemory, age: int) -> PolicyMemory:
         observation = self.interface.observe(state.position, state.velocity, memory, self.goal)
-        if self.beside is not None:
-            observation = self.beside(observation)
+        if self.complete is not None:
+            observation = self.complete(observation)
         action = self.policy(observation)
         if not np.isfinite(action).all():
             raise CommandError(f"the policy's action at {state.t:.3f} s is not finite: {action}")
         seen = observation["observation"] if isinstance(observation, dict) else observation
         memory = self.interface.act(action, memory, seen)
-        return Deciding(memory, self.interface.course(memory), age, state.tick)
+        return PolicyMemory(memory, self.interface.set_points(memory), age, state.tick)

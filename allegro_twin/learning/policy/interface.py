@@ -1,7 +1,8 @@
-"""What a policy sees and what its actions mean: one object, used by training and by every hand that a policy drives.
+"""Interface of a policy: observations of a hand, and the meaning of actions. Training and every hand use the same
+object.
 
-Everything broadcasts over leading batch dimensions `(..., n)`. A row comes out the same, bit for bit, whatever the size
-of the batch it stands in.
+Everything broadcasts over leading batch dimensions `(..., n)`. A row's result is the same, bit for bit, for any size of
+its batch.
 """
 
 from __future__ import annotations
@@ -19,39 +20,52 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.learning.policy.script import Scripts
+from allegro_twin.learning.policy.script import ScriptTable
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
+VERSION = 1
+"""Version of the meaning of observations and actions. A policy of another version is refused."""
+MODES = ("delta", "absolute", "torque")
+Mode: TypeAlias = Literal["delta", "absolute", "torque"]
+Floats: TypeAlias = NDArray[np.float32]
+Observation: TypeAlias = Floats | dict[str, Floats]
+Goal: TypeAlias = NDArray[np.floating[Any]]
+Pair: TypeAlias = tuple[Array, Array]
+BOUND = 5.0
+"""Bound of every number in an observation: clipped to ±5, since a space must be finite."""
+# rad/s; half the hand's no-load speed (docs/reference/allegro_model.md#actuation): usual speeds are of order 1.
+SPEED = 5.0
 
-class Memory(NamedTuple):
-    """What the interface remembers between two decisions."""
+
+class InterfaceMemory(NamedTuple):
+    """Memory between two decisions."""
 
     begin: Array
-    """Offset from the base when the running action was taken, shape (..., n), rad."""
+    """Offset from the base at the last decision, shape (..., n), rad."""
     end: Array
-    """Offset to be reached when the next is taken, shape (..., n), rad."""
+    """Offset to be reached at the next decision, shape (..., n), rad."""
     push: Array
     """Torque of the running action, shape (..., n), N·m; only in the mode `torque`."""
     tick: NDArray[np.int64]
-    """Control periods since the beginning when the running action was taken, shape (...)."""
+    """Control periods from the beginning to the last decision, shape (...)."""
     script: NDArray[np.int64]
-    """Which motion is followed, shape (...)."""
+    """Number of the script, shape (...)."""
     past: NDArray[np.float32]
-    """What was seen at the decisions before, the last one first; zeros where there were none. Shape (..., k)."""
+    """Earlier observations, the last one first; zeros where there were none. Shape (..., k)."""
 
 
-class Course(NamedTuple):
+class DecisionSetPoints(NamedTuple):
     """Set-points of every control period from one decision to the next."""
 
-    wish: Array | None
+    targets: Array | None
     """Targets, rad, and their rates, rad/s: shape (decimation, 2, ..., n); None: torque alone."""
-    push: Array | None
-    """Torque on top, shape (..., n), N·m."""
+    torque: Array | None
+    """Additional torque, shape (..., n), N·m."""
 
 
-class Numbers(NamedTuple):
-    """Shape (n,) where nothing else is said, or (1, …, n) as `Lifted` has them."""
+class InterfaceConstants(NamedTuple):
+    """Constants of the interface. Shape (n,) unless noted, or (1, …, n) from `ConstantsByRank`."""
 
     step: Vector
     middle: Vector
@@ -63,73 +77,75 @@ class Numbers(NamedTuple):
     kd: Vector
     limit: Vector
     scale: Vector
-    """What the numbers of an observation are divided by, (frame,)."""
+    """Scale of an observation's numbers, (frame,)."""
     parts: Vector
-    """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
+    """Share of the way to the new offset that is done, one per period, (decimation,)."""
     periods: NDArray[np.int64]
-    """The numbers of these periods, from 0, (decimation,)."""
+    """Numbers of these periods, from 0, (decimation,)."""
     scripts: tuple[Array, Array] | None
     """Set-points and their rates, one script after the other, (s * t, n)."""
     length: int
     """Periods of a script, t."""
 
-    def base(self, xp: Any, memory: Memory) -> Array:
-        """What offsets are counted from when a decision is taken, (..., n)."""
+    def base(self, xp: Any, memory: InterfaceMemory) -> Array:
+        """Base of the offsets at a decision, (..., n)."""
         return self.middle if self.scripts is None else take(self.scripts[0], self._row(xp, memory, 0), 0)
 
-    def bases(self, xp: Any, memory: Memory) -> tuple[Array, Array]:
-        """In every period until the next, with their rates, (decimation, ..., n) or (..., n) each."""
+    def bases(self, xp: Any, memory: InterfaceMemory) -> tuple[Array, Array]:
+        """Bases of all periods until the next decision, with their rates, (decimation, ..., n) or (..., n) each."""
         if self.scripts is None:
             return self.middle, self.rest
         row = self._row(xp, memory, self.periods)
         return take(self.scripts[0], row, 0), take(self.scripts[1], row, 0)
 
-    def _row(self, xp: Any, memory: Memory, later: NDArray[np.int64] | int) -> Any:
-        """Where in the table of scripts a period stands; the last set-points stay."""
+    def _row(self, xp: Any, memory: InterfaceMemory, later: NDArray[np.int64] | int) -> Any:
+        """Row of a period in the table of scripts; the last set-points stay."""
         return memory.script * self.length + xp.minimum(memory.tick + later, self.length - 1)
 
 
 _OF_JOINTS = ("step", "middle", "rest", "lower", "upper", "span", "kp", "kd", "limit", "scale")
 
 
-class Lifted:
-    """The numbers with as many dimensions as what they are reckoned with: NumPy adds arrays of the same shape, as those
-    of one hand then are, in a third of the time."""
+class ConstantsByRank:
+    """The constants with as many dimensions as the arrays they are combined with: NumPy adds arrays of the same shape
+    in a third of the time."""
 
-    def __init__(self, numbers: Numbers) -> None:
+    def __init__(self, numbers: InterfaceConstants) -> None:
         self._flat = numbers
-        self._known: dict[int, Numbers] = {}
+        self._known: dict[int, InterfaceConstants] = {}
 
-    def __call__(self, ndim: int) -> Numbers:
+    def __call__(self, ndim: int) -> InterfaceConstants:
         if ndim not in self._known:
             flat, ones = self._flat, (1,) * (ndim - 1)
             wide = {name: getattr(flat, name).reshape(*ones, -1) for name in _OF_JOINTS}
             parts, periods = flat.parts.reshape(-1, *ones, 1), flat.periods.reshape(-1, *ones)
-            self._known[ndim] = Numbers(**wide, parts=parts, periods=periods, scripts=flat.scripts, length=flat.length)
+            self._known[ndim] = InterfaceConstants(
+                **wide, parts=parts, periods=periods, scripts=flat.scripts, length=flat.length
+            )
         return self._known[ndim]
 
 
-def radian_of(spec: HandSpec) -> Vector:
-    """What a radian of a joint is in positions of its motor, (n,): 1; but where motors move joints through tendons or
-    linkages as much of the motor's range as a radian is of a quarter turn."""
+def radian_scale(spec: HandSpec) -> Vector:
+    """A radian of a joint in its motor's positions, (n,): 1. Where motors move joints through tendons or linkages: the
+    share of the motor's range that a radian is of a quarter turn."""
     span = spec.upper - spec.lower
     return span / (np.pi / 2) if spec.followers else np.ones_like(span)
 
 
-def numbers_of(
+def make_constants(
     spec: HandSpec,
     gains: Gains,
     sizes: tuple[Vector, Vector, Vector, Vector],
     decimation: int,
-    scripts: Scripts | None,
+    scripts: ScriptTable | None,
     xp: Any,
-) -> Numbers:
-    """`sizes`: half the range, what a speed is divided by, the largest offset and the step of a decision, (n,) each."""
+) -> InterfaceConstants:
+    """`sizes`: half the range, the scale of a speed, the largest offset and the step of a decision, (n,) each."""
     half, speed, span, step = sizes
     limit = spec.actuation.torque_limit
     scale = np.concatenate([half, speed, limit, span, [] if scripts is None else [float(scripts.periods)]])
     place, middle = xp.asarray, (spec.lower + spec.upper) / 2
-    return Numbers(
+    return InterfaceConstants(
         step=place(step),
         middle=place(middle),
         rest=place(np.zeros_like(middle)),
@@ -142,37 +158,25 @@ def numbers_of(
         scale=place(scale),
         parts=place(np.arange(1, decimation + 1) / decimation),
         periods=place(np.arange(decimation)),
-        scripts=None if scripts is None else _rows_of(scripts, place),
+        scripts=None if scripts is None else _script_rows(scripts, place),
         length=0 if scripts is None else scripts.periods,
     )
 
 
-def _rows_of(scripts: Scripts, place: Callable[[Array], Array]) -> tuple[Array, Array]:
+def _script_rows(scripts: ScriptTable, place: Callable[[Array], Array]) -> tuple[Array, Array]:
     joints = scripts.position.shape[-1]
     return place(scripts.position.reshape(-1, joints)), place(scripts.velocity.reshape(-1, joints))
 
 
-VERSION = 1
-"""Of the meaning of observations and actions. A policy of another version is refused."""
-MODES = ("delta", "absolute", "torque")
-Mode: TypeAlias = Literal["delta", "absolute", "torque"]
-Floats: TypeAlias = NDArray[np.float32]
-Observation: TypeAlias = Floats | dict[str, Floats]
-Goal: TypeAlias = NDArray[np.floating[Any]]
-Pair: TypeAlias = tuple[Array, Array]
-BOUND = 5.0
-"""Every number in an observation lies within ±5: clipped, for a space must be finite."""
-SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
-
-
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to what it takes.
+    """Converts a hand's reports to observations, actions in [-1, 1] to set-points, and set-points to commands.
 
     The base is the script's set-point or, without a script, the middle of the joint range. In the mode `delta` an
-    action adds `step` times itself to the offset from the base, in `absolute` it is the offset in units of `span`; the
-    target travels there in a straight line until the next decision. In `torque` it is a part of the torque limit, on
-    top of what holds the script where there is one. A hand that closes its own loop is told the set-points themselves.
+    action adds `step` times itself to the offset from the base; in `absolute` it is the offset in units of `span`. The
+    target moves there in a straight line until the next decision. In `torque` an action is a share of the torque limit,
+    added to the torque that holds the script, if there is one. A hand that closes its own loop gets the set-points
+    themselves.
     """
 
     spec: HandSpec
@@ -183,22 +187,22 @@ class Interface:
     decimation: int = 13
     """Control periods between two decisions."""
     step: float = 0.1
-    """rad a decision, in the mode `delta`; as `numbers.radian_of` has it for the hand."""
-    scripts: Scripts | None = None
+    """rad per decision, in the mode `delta`; in the units of `radian_scale`."""
+    scripts: ScriptTable | None = None
     reach: float = 0.3
-    """With a script: the farthest that a policy may go from it, rad, likewise."""
+    """With a script: largest distance from it, rad, likewise."""
     goal: Literal["none", "fingertips"] = "none"
-    """`fingertips`: where they should be in the palm frame, shape (..., 3 * fingers), m."""
+    """`fingertips`: goals are fingertip positions in the palm frame, shape (..., 3 * fingers), m."""
 
     history: int = 1
-    """How many decisions an observation shows, this one and those before."""
+    """Decisions in an observation: this one and those before."""
     xp: Any = np
-    """Where its numbers lie: `numpy`, or `arrays.Tensors`, and then every array here is a tensor."""
+    """Array library: `numpy`, or `array_api.Tensors`; then every array here is a tensor."""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ConfigError(f"control mode {self.mode!r} is none of {', '.join(MODES)}")
-        if self.mode == "torque" and self.leads:
+        if self.mode == "torque" and self.takes_positions:
             raise ConfigError(
                 f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute"
             )
@@ -206,8 +210,8 @@ class Interface:
             raise ConfigError(f"decimation {self.decimation} must be at least 1 control period a decision")
 
     @property
-    def leads(self) -> bool:
-        """Whether the hand closes its own loop, and is told where to be."""
+    def takes_positions(self) -> bool:
+        """Whether the hand closes its own loop and takes positions."""
         return "torque" not in self.spec.commands
 
     @cached_property
@@ -220,15 +224,15 @@ class Interface:
 
     @cached_property
     def span(self) -> Vector:
-        """The largest offset from the base, shape (n,), rad."""
-        return self.half if self.scripts is None else self.reach * radian_of(self.spec)
+        """Largest offset from the base, shape (n,), rad."""
+        return self.half if self.scripts is None else self.reach * radian_scale(self.spec)
 
     @cached_property
-    def _own(self) -> Lifted:
-        """What is reckoned with at every decision, lying where the arrays do, for arrays of so many dimensions."""
-        unit = radian_of(self.spec)
+    def _constants(self) -> ConstantsByRank:
+        """Constants on the arrays' device, by number of dimensions."""
+        unit = radian_scale(self.spec)
         sizes = self.half, SPEED * unit, self.span, self.step * unit
-        return Lifted(numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
+        return ConstantsByRank(make_constants(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
 
     @property
     def frame(self) -> int:
@@ -245,100 +249,114 @@ class Interface:
 
     @property
     def seconds(self) -> float:
-        """Between two decisions."""
+        """Time between two decisions."""
         return self.period * self.decimation
 
-    def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
-        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
-        the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
-        own, xp, shape = self._own(position.ndim), self.xp, position.shape[:-1]
+    def start(
+        self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None
+    ) -> InterfaceMemory:
+        """Memory for the first state; `position` as measured, shape (..., n), rad. `target`: initial set-points; None:
+        the script's beginning, or without a script where the joints are."""
+        own, xp, shape = self._constants(position.ndim), self.xp, position.shape[:-1]
         base = own.middle if own.scripts is None else own.scripts[0][script * own.length]
         drawn = (position if own.scripts is None else base) if target is None else target
-        offset = xp.zeros(position.shape) + _within(xp, drawn - base, -own.span, own.span)
+        offset = xp.zeros(position.shape) + _clip(xp, drawn - base, -own.span, own.span)
         number = xp.zeros(shape, np.int64) + xp.asarray(script, np.int64)
         past = xp.zeros((*shape, self.frame * (self.history - 1)), np.float32)
-        return Memory(offset, xp.copy(offset), xp.zeros(position.shape), xp.zeros(shape, np.int64), number, past)
+        return InterfaceMemory(
+            offset, xp.copy(offset), xp.zeros(position.shape), xp.zeros(shape, np.int64), number, past
+        )
 
-    def act(self, action: NDArray[np.floating[Any]], memory: Memory, seen: Floats | None = None) -> Memory:
-        """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
-        `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
-        xp, own = self.xp, self._own(memory.end.ndim)
-        wish = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
+    def act(
+        self, action: NDArray[np.floating[Any]], memory: InterfaceMemory, seen: Floats | None = None
+    ) -> InterfaceMemory:
+        """Take a decision: returns the memory until the next. `action` is clipped to [-1, 1], shape (..., n). `seen`:
+        the observation of this decision, without goals; needed with a history."""
+        xp, own = self.xp, self._constants(memory.end.ndim)
+        clipped = _clip(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
         if self.history > 1:
             assert seen is not None
             past = xp.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
         match self.mode:
             case "torque":
-                return Memory(begin, end, wish * own.limit, tick, script, past)
+                return InterfaceMemory(begin, end, clipped * own.limit, tick, script, past)
             case "delta":
-                return Memory(end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past)
+                return InterfaceMemory(
+                    end, _clip(xp, end + own.step * clipped, -own.span, own.span), push, tick, script, past
+                )
             case _:
-                return Memory(end, wish * own.span, push, tick, script, past)
+                return InterfaceMemory(end, clipped * own.span, push, tick, script, past)
 
-    def course(self, memory: Memory) -> Course:
+    def set_points(self, memory: InterfaceMemory) -> DecisionSetPoints:
         """The set-points from a decision to the next."""
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
-            return Course(None, push)
-        xp, own = self.xp, self._own(memory.end.ndim)
+            return DecisionSetPoints(None, push)
+        xp, own = self.xp, self._constants(memory.end.ndim)
         base, speed = own.bases(xp, memory)
         travel = memory.end - memory.begin
-        wish = xp.zeros((self.decimation, 2, *travel.shape))
-        wish[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
-        wish[:, 1] = speed + travel / self.seconds
-        return Course(wish, push)
+        targets = xp.zeros((self.decimation, 2, *travel.shape))
+        targets[:, 0] = _clip(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
+        targets[:, 1] = speed + travel / self.seconds
+        return DecisionSetPoints(targets, push)
 
-    def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
-        """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
-        if self.leads and course.wish is not None:
-            return np.asarray(course.wish[k, 0])
-        return self.torque(position, velocity, course, k, gains)
+    def command(
+        self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Pair | None = None
+    ) -> Array:
+        """The hand's command `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
+        if self.takes_positions and set_points.targets is not None:
+            return np.asarray(set_points.targets[k, 0])
+        return self.torque(position, velocity, set_points, k, gains)
 
-    def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
-        """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
-        wish, push = course
-        if wish is None:
+    def torque(
+        self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Pair | None = None
+    ) -> Array:
+        """Motor torques `k` periods after the decision, shape (..., n), N·m. `gains`: other kp and kd."""
+        targets, push = set_points
+        if targets is None:
             assert push is not None
             return push
-        own = self._own(position.ndim)
+        own = self._constants(position.ndim)
         kp, kd = (own.kp, own.kd) if gains is None else gains
-        pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
+        pull = laws.pd(targets[k, 0] - position, targets[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
 
-    def pull(self, position: Array, velocity: Array, course: Course, k: int, gains: Array, out: Array) -> None:
-        """As `torque`, to the bit, without new arrays: into one (..., n) that is there, with kp and kd in one
-        (2, ..., n). It uses the course's k-th set-points up."""
-        wish, push = course
-        if wish is None:
+    def pd_torque_into(
+        self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Array, out: Array
+    ) -> None:
+        """As `torque`, to the bit, without new arrays: into `out` (..., n), with kp and kd in one array (2, ..., n). It
+        overwrites the k-th set-points."""
+        targets, push = set_points
+        if targets is None:
             assert push is not None
             out[...] = push
             return
-        error = wish[k]  # What is left of the way, and then the two torques.
-        way, rate = error[0], error[1]
-        np.subtract(way, position, way)
-        np.subtract(rate, velocity, rate)
+        error = targets[k]  # The error, and then the two torques.
+        position_error, velocity_error = error[0], error[1]
+        np.subtract(position_error, position, position_error)
+        np.subtract(velocity_error, velocity, velocity_error)
         np.multiply(error, gains, error)
-        np.add(way, rate, out)
+        np.add(position_error, velocity_error, out)
         if push is not None:
             np.add(out, push, out)
 
-    def elapsed(self, memory: Memory) -> Memory:
-        """The memory when the set-points of a decision have run out and the next is due."""
+    def advance(self, memory: InterfaceMemory) -> InterfaceMemory:
+        """The memory after the set-points of a decision have run out, for the next one."""
         return memory._replace(tick=memory.tick + self.decimation)
 
     def observe(
-        self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
+        self, position: Array, velocity: Array, memory: InterfaceMemory, goal: NDArray[np.floating[Any]] | None = None
     ) -> Observation:
-        """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
-        environments have it. docs/rl.md#observations says which number is what."""
-        xp, own = self.xp, self._own(position.ndim)
-        target = _within(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
+        """Observation from measured joints (..., n), rad and rad/s. With a goal, a dictionary as in goal environments.
+        docs/reference/environments.md#observations describes each number."""
+        xp, own = self.xp, self._constants(position.ndim)
+        target = _clip(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
         parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
         if self.scripts is not None:
             parts.append(memory.tick[..., None])
-        seen = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
-        joints = xp.asarray(seen, np.float32)
+        clipped = _clip(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
+        joints = xp.asarray(clipped, np.float32)
         if self.history > 1:
             joints = xp.concatenate([joints, memory.past], axis=-1)
         if goal is None:
@@ -347,7 +365,7 @@ class Interface:
         return {"observation": joints, "achieved_goal": achieved, "desired_goal": xp.copy(xp.asarray(goal, np.float32))}
 
     def fingertips(self, position: Array) -> Array:
-        """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
+        """Fingertips in the palm frame, in the spec's order, shape (..., 3 * fingers), m."""
         tips = self._fingertips(position)
         flat: Array = tips.reshape(*tips.shape[:-2], -1)
         return flat
@@ -357,7 +375,7 @@ class Interface:
         return hand_kinematics(self.spec).batch_fingertips(self.xp)
 
 
-def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
-    """What `clip` does, without the 5 µs a call of NumPy's."""
+def _clip(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
+    """As `clip`, without NumPy's 5 µs per call."""
     found: Array = xp.minimum(xp.maximum(x, low), high)
     return found

@@ -1,4 +1,4 @@
-"""Policies from files: ONNX through onnxruntime, and Stable-Baselines3's own zip."""
+"""Loads policies from files: ONNX through onnxruntime, and Stable-Baselines3's own zip."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.learning.policy.card import Card, read_card, session
+from allegro_twin.learning.policy.card import PolicyCard, onnx_session, read_card
 from allegro_twin.learning.policy.controller import Policy, PolicyController
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.spec import HandSpec
@@ -16,49 +16,51 @@ from allegro_twin.types import Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Loaded:
+class LoadedPolicy:
     """A policy and its card."""
 
     policy: Policy
-    card: Card
+    card: PolicyCard
 
 
-def load_policy(path: str | Path, *, trust: bool = False) -> Loaded:
-    """From `.onnx`, or from `.zip` where `trust` says that its maker is trusted: what is pickled in it is run.
+def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
+    """Load a policy from `.onnx`, or from `.zip` where `trust` says that its maker is trusted: loading it runs what is
+    pickled in it.
 
-    Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted."""
+    Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted.
+    """
     file = Path(path)
     if file.suffix not in (".onnx", ".zip"):
         raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
     card = read_card(file)
     if file.suffix == ".onnx":
-        return Loaded(_Onnx(file, card), card)
+        return LoadedPolicy(_Onnx(file, card), card)
     if not trust:
         raise ConfigError(
             f"{path}: a zip of Stable-Baselines3 can run any program when it is loaded: take the policy's .onnx, or, "
             "if you trust who made it, load_policy(…, trust=True), in a config trust: true"
         )
-    return Loaded(_Baselines(file, card), card)
+    return LoadedPolicy(_Baselines(file, card), card)
 
 
 def policy_controller(
     path: str | Path, spec: HandSpec, *, goal: Vector | None = None, grasp: str | None = None
 ) -> PolicyController:
-    """The controller that a policy file is, for this hand. `grasp`: which of its scripts; None for the first."""
+    """Make the controller of a policy file for this hand. `grasp`: choose one of its scripts; None for the first."""
     loaded = load_policy(path)
     script = 0 if grasp is None else loaded.card.script(grasp)
     return PolicyController(loaded.policy, loaded.card.interface(spec), goal, script)
 
 
 class _Onnx:
-    """Inputs are named as the observation's parts, or `observation` alone; the output is `action`."""
+    """Inputs have the names of the observation's parts, or `observation` alone; the output is `action`."""
 
-    def __init__(self, path: Path, card: Card) -> None:
-        self._session = session(path)
+    def __init__(self, path: Path, card: PolicyCard) -> None:
+        self._session = onnx_session(path)
         self._inputs = [entry.name for entry in self._session.get_inputs()]
         sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
-        given = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
-        _fitting(path, given, card)
+        found = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
+        _check_sizes(path, found, card)
 
     def __call__(self, observation: Observation) -> Floats:
         parts = observation if isinstance(observation, dict) else {"observation": observation}
@@ -71,7 +73,7 @@ class _Onnx:
 class _Baselines:
     """A model of Stable-Baselines3, deterministic."""
 
-    def __init__(self, path: Path, card: Card) -> None:
+    def __init__(self, path: Path, card: PolicyCard) -> None:
         try:
             import stable_baselines3
         except ImportError as error:
@@ -81,16 +83,16 @@ class _Baselines:
             raise ConfigError(f"{path}: {unknown('algorithm', card.algorithm, stable_baselines3.__all__)}")
         self._model = getattr(stable_baselines3, card.algorithm).load(str(path), device="cpu")
         space = self._model.observation_space
-        seen = space["observation"] if hasattr(space, "spaces") else space
-        _fitting(path, (seen.shape[-1], self._model.action_space.shape[-1]), card)
+        part = space["observation"] if hasattr(space, "spaces") else space
+        _check_sizes(path, (part.shape[-1], self._model.action_space.shape[-1]), card)
 
     def __call__(self, observation: Observation) -> Floats:
         action: Floats = self._model.predict(observation, deterministic=True)[0]
         return action
 
 
-def _fitting(path: Path, given: tuple[object, object], card: Card) -> None:
+def _check_sizes(path: Path, sizes: tuple[object, object], card: PolicyCard) -> None:
     """Raise ConfigError unless the file's spaces are its card's. A free axis of an ONNX file is no number."""
-    for mine, its, what in zip(given, (card.observation, card.action), ("sees", "gives"), strict=True):
-        if isinstance(mine, int) and mine != its:
-            raise ConfigError(f"{path}: the network {what} {mine} numbers; its card says {its}, for {card.task}")
+    for size, expected, what in zip(sizes, (card.observation, card.action), ("sees", "gives"), strict=True):
+        if isinstance(size, int) and size != expected:
+            raise ConfigError(f"{path}: the network {what} {size} numbers; its card says {expected}, for {card.task}")

@@ -1,4 +1,4 @@
-"""A scripted motion sampled at every control period: what a residual policy is added to."""
+"""Scripted motions, sampled at every control period: a residual policy adds its actions to one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from allegro_twin.types import Array, Vector, frozen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Script:
+class SampledScript:
     """Set-points of one motion; after the last the hand stays there."""
 
     position: Array
@@ -23,8 +23,8 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scripts:
-    """Several motions in one table, so that a batch reads each simulation's own in one go."""
+class ScriptTable:
+    """Several motions in one table, so that a batch reads each simulation's own at once."""
 
     position: Array
     """Shape (s, t, n), rad."""
@@ -36,21 +36,21 @@ class Scripts:
         return int(self.position.shape[1])
 
 
-def sampled(moves: Moves, start: Vector, periods: int, period: float) -> Script:
-    """The motion from `start` at every period, exactly as a PD controller with the same reference would follow it."""
+def sample_script(moves: Moves, start: Vector, periods: int, period: float) -> SampledScript:
+    """Sample the motion from `start` at every period, exactly as a PD controller with the same reference follows it."""
     path = moves.begin(start)
     points = [path(k * period) for k in range(periods)]
-    return Script(frozen([point.position for point in points]), frozen([point.velocity for point in points]))
+    return SampledScript(frozen([point.position for point in points]), frozen([point.velocity for point in points]))
 
 
-def table(scripts: Sequence[Script]) -> Scripts:
-    """One table of motions of the same length."""
-    return Scripts(frozen([s.position for s in scripts]), frozen([s.velocity for s in scripts]))
+def script_table(scripts: Sequence[SampledScript]) -> ScriptTable:
+    """Join motions of the same length to one table."""
+    return ScriptTable(frozen([s.position for s in scripts]), frozen([s.velocity for s in scripts]))
 
 
-def closing(grasp: Grasp, wait: float, squeeze: float) -> Moves:
-    """What the scripted player does with a grasp: it takes its pre-shape for `wait` seconds, closes at the grasp's own
-    speed, and squeezes for `squeeze` seconds."""
+def closing_moves(grasp: Grasp, wait: float, squeeze: float) -> Moves:
+    """Motion of a scripted grasp: the pre-shape for `wait` seconds, closing at the grasp's own speed, and the squeeze
+    for `squeeze` seconds."""
     return Moves(
         [
             grasp.waypoint("preshape", wait),
@@ -60,12 +60,12 @@ def closing(grasp: Grasp, wait: float, squeeze: float) -> Moves:
     )
 
 
-def holding(grasp: Grasp, periods: int) -> Script:
-    """The squeeze of a grasp and nothing else."""
+def holding_script(grasp: Grasp, periods: int) -> SampledScript:
+    """The squeeze of a grasp alone."""
     still = frozen(np.tile(grasp.squeeze, (periods, 1)))
-    return Script(still, frozen(np.zeros_like(still)))
+    return SampledScript(still, frozen(np.zeros_like(still)))
 
 
-def closed_after(grasp: Grasp, wait: float, squeeze: float) -> float:
-    """When that player has squeezed, s."""
+def closing_time(grasp: Grasp, wait: float, squeeze: float) -> float:
+    """When the scripted grasp has squeezed, s."""
     return wait + travel_time(grasp.preshape, grasp.waypoint("close")) + squeeze

@@ -1,4 +1,4 @@
-"""The tasks by name; each is imported when it is made."""
+"""Tasks by name; each is imported when it is made."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from importlib import import_module
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Task
+from allegro_twin.plugins import entry_points_of
 
 TASKS = {
     "Reach": "reach",
@@ -17,44 +18,50 @@ TASKS = {
     "Reorient": "reorient",
     "Rotate": "rotate",
 }
-"""Where each task is."""
-ALONE = "ArmPick"
-"""The environment that has no batch, and so no recipe and no card of a policy."""
+"""Module of each task."""
+GROUP = "allegro_twin.tasks"
+"""Entry points of installed packages: a name, and its `module:Class`."""
+NO_BATCH = "ArmPick"
+"""An environment without a batch, and so without recipes and policy cards."""
+
+
+def task_names() -> tuple[str, ...]:
+    """The tasks of the package, and those that installed packages add by entry point."""
+    return (*TASKS, *(name for name in sorted(entry_points_of(GROUP)) if name not in TASKS))
 
 
 def task_type(name: str) -> type[Task]:
-    """One of the package's, or `module:Class` of somebody else's. Raises ConfigError with the nearest names."""
-    if ":" in name:
-        return _foreign(name)
-    if name == ALONE:
-        raise ConfigError(alone())
-    if name not in TASKS:
-        raise ConfigError(unknown("task", name, TASKS))
-    found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), name)
-    return found
+    """A task of the package or of an installed one, or `module:Class` of your own. Raises ConfigError with the nearest
+    names."""
+    if name == NO_BATCH:
+        raise ConfigError(explain_no_batch())
+    if name in TASKS:
+        found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), f"{name}Task")
+        return found
+    if ":" not in name and name not in task_names():
+        raise ConfigError(unknown("task", name, task_names()))
+    return _user_task(name if ":" in name else entry_points_of(GROUP)[name].value)
 
 
-def alone() -> str:
-    """Why nothing here takes the environment without a batch, and what does."""
+def explain_no_batch() -> str:
+    """Message for the environment without a batch."""
     return (
-        f"{ALONE} is a single environment: train, evaluate and collect take the tasks that have a batch; any library "
-        f'trains on gymnasium.make("AllegroTwin/{ALONE}-v0")'
+        f"{NO_BATCH} is a single environment: train, evaluate and collect take the tasks that have a batch; "
+        f'any library trains on gymnasium.make("AllegroTwin/{NO_BATCH}-v0")'
     )
 
 
-def _foreign(name: str) -> type[Task]:
+def _user_task(name: str) -> type[Task]:
     module, _, attribute = name.partition(":")
     try:
         found = getattr(import_module(module), attribute, None)
     except ImportError as error:
         raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Task)):
-        raise ConfigError(
-            f"task {name!r}: {attribute!r} in {module} is no class of allegro_twin.learning.tasks.base.Task"
-        )
+        raise ConfigError(f"task {name!r}: {attribute!r} in {module} is no subclass of allegro_twin.gym.Task")
     return found
 
 
 def make_task(name: str, settings: EnvSettings, n: int, threads: int) -> Task:
-    """A task for `n` simulations on so many threads; 0 for one a processor."""
+    """Make a task for `n` simulations on `threads` threads; 0 for one per processor."""
     return task_type(name)(settings, n, threads)

@@ -1,4 +1,4 @@
-"""What a task is: a scene, a script, a goal, and the sense in which an episode went well; written for a whole batch."""
+"""Base class of tasks: scene, script, goal, reward and success, written for a whole batch."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.randomise import applicable
-from allegro_twin.learning.environments.settings import OWN, EnvSettings, Options
-from allegro_twin.learning.policy.card import Card, Closed
+from allegro_twin.learning.environments.randomise import check_randomise
+from allegro_twin.learning.environments.settings import TASK_SETTINGS, EnvSettings, ResetOptions
+from allegro_twin.learning.policy.card import GraspScript, PolicyCard
 from allegro_twin.learning.policy.interface import Interface, Observation
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
@@ -25,24 +25,24 @@ Flags = NDArray[np.bool_]
 Ticks = NDArray[np.int64]
 
 
-class Outcome(NamedTuple):
-    """What a step came to, one value a simulation, shape (n,)."""
+class StepOutcome(NamedTuple):
+    """Outcome of a step, one value per simulation, shape (n,)."""
 
     reward: Array
     failed: Flags
-    """The episode cannot go well any more, and ends."""
+    """The episode cannot succeed any more, and ends."""
     success: Flags
     terms: dict[str, Array]
-    """What the reward is made of."""
+    """Terms of the reward, and further values to report."""
 
 
 @runtime_checkable
-class Goals(Protocol):
-    """What a task with goals can besides."""
+class GoalTask(Protocol):
+    """A task with goals."""
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
-        """Of goals (..., k), whatever they come from; `dropped` (...) is what the loss of an object costs. A step pays
-        for the goal that is truly achieved, which what a policy sees is with neither noise nor delay."""
+        """Reward for goals (..., k) from any source; `dropped` (...): cost of the loss of an object. A step uses the
+        true goal state. A policy sees it only with noise and delay."""
         ...
 
 
@@ -53,32 +53,32 @@ class Task(ABC):
     purpose: ClassVar[str]
     """One line for lists."""
     seconds: float
-    """How long an episode takes."""
+    """Duration of an episode."""
     options: ClassVar[tuple[str, ...]]
-    """Which `Options` a reset takes."""
-    own: ClassVar[tuple[str, ...]] = ()
-    """Which of the settings that only some tasks have (`OWN`) it has."""
-    extra: int = 0
-    """Numbers in an observation that no real hand has: the task is privileged when there are any."""
+    """Names of the `ResetOptions` that a reset takes."""
+    own_settings: ClassVar[tuple[str, ...]] = ()
+    """Names of the TASK_SETTINGS that this task has."""
+    n_privileged: int = 0
+    """Numbers in an observation that no real hand has. A task with any is privileged."""
     settings: EnvSettings
     interface: Interface
-    worlds: Worlds
-    counted: ClassVar[str] = ""
-    """Of what an outcome tells, what an episode has come to besides success; with its unit in `unit`."""
-    unit: ClassVar[str] = ""
-    shares: ClassVar[tuple[str, ...]] = ()
-    """Of what an outcome tells, shares of the episode's time so far, from 0 to 1, that an evaluation reports."""
-    turns: ClassVar[bool] = False
-    """Its goals are orientations, quaternions w, x, y, z."""
+    worlds: SimBatch
+    count_term: ClassVar[str] = ""
+    """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
+    count_unit: ClassVar[str] = ""
+    share_terms: ClassVar[tuple[str, ...]] = ()
+    """Terms of the outcome that are shares of the episode's time so far, from 0 to 1, which an evaluation reports."""
+    goal_is_orientation: ClassVar[bool] = False
+    """Goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
-    """How far new goals are at most, rad, where a task has such."""
-    thing: Body | None = None
+    """Largest distance of new goals, rad, where a task has such."""
+    thing: FreeBody | None = None
     """The object, where there is one."""
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         self.settings, self.n = settings, n
-        for name in OWN:
-            if name in settings.model_fields_set and name not in self.own:
+        for name in TASK_SETTINGS:
+            if name in settings.model_fields_set and name not in self.own_settings:
                 raise ConfigError(f"{self.name} has no {name} to choose")
         action = settings.period * settings.decimation
         if action > self.seconds / 2:
@@ -87,67 +87,72 @@ class Task(ABC):
                 f"episode of {self.name} {self.seconds:g} s: choose a smaller decimation or period"
             )
         self.spec = load_spec(settings.hand, settings.side)
-        applicable(settings.randomise, self.spec)
+        check_randomise(settings.randomise, self.spec)
         self.gains = load_gains(settings.gains, self.spec)
 
     @abstractmethod
-    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
-        """Which of the batch's variants each new episode takes, (m,)."""
+    def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
+        """Variant of the batch's models for each new episode, (m,)."""
 
     @abstractmethod
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
-        """Set up new episodes of simulations that have their variant and what was randomised (`values`, (m,) each)."""
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
+        """Set up new episodes of simulations that have their variant and their randomised `values`, (m,) each."""
 
-    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
-        """Add to `values` what the task itself draws of `Randomise`'s quantities, where nobody else has."""
+    def draw_variation(
+        self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
+    ) -> None:
+        """Add to `values` the randomised quantities that the task itself draws, where they are missing."""
         return
 
-    def targets(self, rows: Rows) -> Array | None:
-        """Where the fingers are drawn to at the beginning, (m, joints), rad; None: where they are."""
+    def initial_targets(self, rows: Rows) -> Array | None:
+        """Initial set-points of the fingers, (m, joints), rad; None: where they are."""
         return None
 
-    def plan(self, tick: Ticks) -> None:
-        """Prepare what surrounds the hands for the step that begins `tick` (n,) periods after the beginning."""
+    def plan_surroundings(self, tick: Ticks) -> None:
+        """Prepare the surroundings of the hands for the step that begins `tick` (n,) periods after the beginning."""
         return
 
-    def drive(self, k: int) -> None:
-        """Move what surrounds the hands for the k-th control period of that step."""
+    def move_surroundings(self, k: int) -> None:
+        """Move the surroundings of the hands for the k-th control period of that step."""
         return
 
     @abstractmethod
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
-        """What the step that ended at `tick` came to. `action` as it was taken, shape (n, joints).
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
+        """Outcome of the step that ended at `tick`. `action`: as it was taken, shape (n, joints).
 
-        Judged by the simulation's own state (`worlds`, `thing`). `observation` is what the policy sees, with the noise
-        and the delays of `randomise`: no reward, success or failure may follow from it (test)."""
+        It follows from the simulation's own state (`worlds`, `thing`). `observation` is what the policy sees, with
+        noise and delays of `randomise`: reward, success and failure must not depend on it (test).
+        """
 
     def scripts(self, rows: Rows) -> Rows:
-        """Which script each simulation follows, (m,)."""
+        """Number of each simulation's script, (m,)."""
         found: Rows = self.worlds.xp.zeros(len(rows), np.int64)
         return found
 
     def goal(self) -> NDArray[np.floating[Any]] | None:
-        """What to reach, shape (n, k), for tasks with goals."""
+        """Goals, shape (n, k), for tasks with goals."""
         return None
 
     def achieved(self, tick: Ticks) -> Array | None:
-        """What of the goal is so at that decision, shape (n, k), where the interface cannot tell it from the joints."""
+        """State to compare with the goal at that decision, shape (n, k), where the interface cannot compute it from the
+        joints."""
         return None
 
     def look(self, tick: Ticks) -> None:
-        """Look around at the decision `tick` (n,) periods after the beginning, once, for `achieved` and `seen`."""
+        """Observe the surroundings at the decision `tick` (n,) periods after the beginning, once, for `achieved` and
+        `privileged_observation`."""
         return
 
-    def seen(self, tick: Ticks) -> Array | None:
-        """What no real hand has, shape (n, extra), at the decision `tick` (n,) periods after the beginning."""
+    def privileged_observation(self, tick: Ticks) -> Array | None:
+        """What no real hand has, shape (n, n_privileged), at the decision `tick` (n,) periods after the beginning."""
         return None
 
     def marks(self, row: int) -> Sequence[Mark]:
-        """What should be drawn of a simulation's goal."""
+        """Marks that show a simulation's goal in pictures."""
         return ()
 
-    def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
-        """What a reset should report besides what was randomised, (m, …) each."""
+    def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
+        """What a reset reports besides randomised values, (m, …) each."""
         return {}
 
     def _interface(self, **given: object) -> Interface:
@@ -158,21 +163,21 @@ class Task(ABC):
         return Interface(self.spec, self.gains, **(common | given | chosen))
 
     @property
-    def unmeasured(self) -> int:
+    def n_unmeasured(self) -> int:
         """Numbers at the end of an observation that no hand reports by itself."""
-        return self.extra + (self.spec.n_joints if self.settings.touch else 0)
+        return self.n_privileged + (self.spec.n_joints if self.settings.touch else 0)
 
     @property
     def id(self) -> str:
-        """Of the environment, for cards."""
+        """Id of the environment, for cards."""
         kind = type(self)
         own = kind.__module__.startswith("allegro_twin.")
         return f"AllegroTwin/{self.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"
 
-    def card(self) -> Card:
-        """What a policy that was trained here should say of itself."""
+    def card(self) -> PolicyCard:
+        """The card of a policy that was trained in this task."""
         interface, settings = self.interface, self.settings
-        return Card(
+        return PolicyCard(
             task=self.id,
             hand=self.spec.model,
             side=self.spec.side,
@@ -183,14 +188,14 @@ class Task(ABC):
             reach=interface.reach,
             gains=settings.gains,
             goal=interface.goal,
-            scripts=self.closed_scripts(),
+            scripts=self.grasp_scripts(),
             periods=0 if interface.scripts is None else interface.scripts.periods,
-            observation=interface.n_observation + self.unmeasured,
+            observation=interface.n_observation + self.n_unmeasured,
             action=self.spec.n_joints,
             history=interface.history,
-            privileged=self.unmeasured,
+            privileged=self.n_unmeasured,
         )
 
-    def closed_scripts(self) -> tuple[Closed, ...]:
-        """What the scripts are made of, one each."""
+    def grasp_scripts(self) -> tuple[GraspScript, ...]:
+        """Descriptions of the scripts, one each."""
         return ()

@@ -1,4 +1,4 @@
-"""Grasp: close on an object that somebody presents, and hold it when it is let go of and pushed."""
+"""Grasp task: close on a presented object, and hold it when it is let go of and pushed."""
 
 from __future__ import annotations
 
@@ -6,31 +6,28 @@ from typing import ClassVar
 
 import numpy as np
 
-from allegro_twin.learning.environments.objects import Given
+from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.scenes import Scene, known, presented, some
-from allegro_twin.learning.tasks.scripted_closing import Closing
-from allegro_twin.learning.tasks.vectors import effort_of, length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.scenes import TaskScene, known_scenarios, presented_scene, require_objects
+from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
+from allegro_twin.learning.tasks.vectors import effort_cost, length
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array, Vector
 
 APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the hand.
-GRACE = 0.1  # s between the scripted squeeze and the letting go.
+GRACE = 0.1  # s between the scripted squeeze and the release of the object.
 CALM = 0.3  # s until the push begins,
-PUSHED = 1.0  # s that it lasts, half of DexGraspBench's 2 s,
-PUSH = (
-    0.5,
-    1.5,
-)  # and how strong it is, in weights of the object; DexGraspBench: 1 on top of no gravity, we have both.
-HELD, LOST = 0.03, 0.05  # m from where the object was let go: still held, and gone. DexGraspBench: 0.05.
+PUSHED = 1.0  # s of its duration, half of DexGraspBench's 2 s,
+PUSH = (0.5, 1.5)  # and its strength, in weights of the object; DexGraspBench: 1 without gravity, here with gravity.
+HELD, LOST = 0.03, 0.05  # m from where the object was released: still held, and lost. DexGraspBench: 0.05.
 WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 1/e.
 
 
-class Grasp(Closing):
-    """The scripted player closes where the object should be; it is off by the position noise."""
+class GraspTask(ScriptedClosingTask):
+    """The scripted grasp closes where the object should be; the object is off by the position noise."""
 
     name = "Grasp"
     purpose = "close on a presented object and hold it through a push"
@@ -44,48 +41,50 @@ class Grasp(Closing):
         self.push = xp.zeros((n, 3))
         """N, world."""
         self.place = xp.zeros((n, 3))
-        """Where the object was at the first observation after it was let go, m, world."""
+        """Position of the object at the first observation after its release, m, world."""
         self._hand, self._way, self._holds = self.worlds.presenter()
         self._periods = xp.arange(settings.decimation)[:, None]
 
-    def things(self) -> tuple[Given, ...]:
-        return self.settings.objects or some(tuple(known(self.spec.model))[:12], self.spec, self.name)
+    def object_choices(self) -> tuple[ObjectChoice, ...]:
+        return self.settings.objects or require_objects(
+            tuple(known_scenarios(self.spec.model))[:12], self.spec, self.name
+        )
 
-    def scene(self, given: Given, grasp: str | None) -> Scene:
-        return presented(given, self.spec, self.settings, grasp)
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
+        return presented_scene(choice, self.spec, self.settings, grasp)
 
-    def apart(self, scene: Scene, size: float) -> Vector:
+    def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
         return np.zeros(3)
 
-    def learned(self) -> None:
+    def update_tables(self) -> None:
         period = self.settings.period
         part = np.minimum(np.arange(self.periods + 1) * period / APPROACH, 1.0)
         place = self.worlds.xp.asarray
         self._left = place(1.0 - part**3 * (10 + part * (6 * part - 15)))  # Minimum jerk.
         self._arrived = int((part < 1.0).sum())
-        self._release = place(np.array([self.closed(scene) + round(GRACE / period) for scene in self.scenes]))
+        self._release = place(np.array([self.closing_period(scene) + round(GRACE / period) for scene in self.scenes]))
         self._retreats = place(np.array([scene.retreat for scene in self.scenes]))
         self._middles = place(np.array([scene.pose[:3] for scene in self.scenes]))
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, 0 * rows)
         self._way[rows] = self.thing.pose[rows, 3:]
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
-        self.push[rows] = draws.direction() * draws.within(*PUSH) * weight[:, None]
+        self.push[rows] = draws.directions() * draws.uniform(*PUSH) * weight[:, None]
         self.place[rows] = self._middles[variant]
         self._holds[rows] = 1.0
 
-    def plan(self, tick: Ticks) -> None:
-        """What is the same in every period of the step is set here, once."""
+    def plan_surroundings(self, tick: Ticks) -> None:
+        """Sets what is the same in every period of the step once."""
         assert self.thing is not None
         release, calm = self._release[self.script], CALM / self.settings.period
         first = tick - release
         going = first + self._periods
         self._path = self._forces = None
-        known = self.worlds.xp is np  # On a device asking costs more than doing it all.
+        known = self.worlds.xp is np  # On a device a check costs more than doing it all.
         earliest, latest = (first.min(), going[-1].max()) if known else (-1, calm)
         if earliest >= 0:
             self._holds[:] = 0.0
@@ -99,7 +98,7 @@ class Grasp(Closing):
         else:
             self.thing.force[:] = 0.0
 
-    def drive(self, k: int) -> None:
+    def move_surroundings(self, k: int) -> None:
         assert self.thing is not None
         if self._path is not None:
             self._hand[:] = self._path[k]
@@ -107,7 +106,7 @@ class Grasp(Closing):
         if self._forces is not None:
             self.thing.force[:] = self._forces[k]
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         going = tick - self._release[self.script]
         alone = going > 0
@@ -116,14 +115,14 @@ class Grasp(Closing):
         self.place[...] = xp.where(just[:, None], self.thing.pose[:, :3], self.place)
         drift = xp.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
         hold = xp.where(alone, xp.exp(-((drift / WIDTH) ** 2)), 0.0)
-        effort = effort_of(action)
+        effort = effort_cost(action)
         failed = drift > LOST
         over = going >= (CALM + PUSHED) / self.settings.period
         terms = {"hold": hold, "effort": effort}
-        return Outcome(hold + effort, failed, over & (drift < HELD), terms)
+        return StepOutcome(hold + effort, failed, over & (drift < HELD), terms)
 
     def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
-        """Where the presenter's hand is, (..., 3), m, world."""
+        """Position of the presenter's hand, (..., 3), m, world."""
         number = self.script[rows]
         left = self._left[self.worlds.xp.minimum(tick, len(self._left) - 1)]
         place: Array = self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]

@@ -1,4 +1,4 @@
-"""HoldDisturbed: an object is in the hand already; keep it there while it is pushed again and again."""
+"""HoldDisturbed task: keep a grasped object in the hand while it is pushed again and again."""
 
 from __future__ import annotations
 
@@ -7,23 +7,29 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from allegro_twin.array_api import host
+from allegro_twin.array_api import to_numpy
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.learning.environments.objects import Given, name_of
+from allegro_twin.learning.environments.objects import ObjectChoice, object_name
 from allegro_twin.learning.environments.random_streams import Draws, jitter
-from allegro_twin.learning.environments.settings import EnvSettings, Level, Options
-from allegro_twin.learning.policy.card import Closed
+from allegro_twin.learning.environments.settings import EnvSettings, Level, ResetOptions
+from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, Grasp
-from allegro_twin.learning.tasks.scenes import THING, Scene, known, some
-from allegro_twin.learning.tasks.scripted_closing import Variation
-from allegro_twin.learning.tasks.vectors import effort_of, length
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.learning.policy.script import (
+    SampledScript,
+    closing_moves,
+    holding_script,
+    sample_script,
+    script_table,
+)
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, GraspTask
+from allegro_twin.learning.tasks.scenes import THING, TaskScene, known_scenarios, require_objects
+from allegro_twin.learning.tasks.scripted_closing import ObjectVariation
+from allegro_twin.learning.tasks.vectors import effort_cost, length
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -32,27 +38,28 @@ if TYPE_CHECKING:
     import mujoco
 
 
-EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.
+EVERY, LASTS = 0.5, 0.3  # s between pushes, and their duration.
 STRONGEST = 2.5  # Weights of the object. Along each axis a push is drawn from [-this, this].
-SETTLE = 0.3  # s after the presenter has let go, before the episode begins.
-# Those that the scripted grasp keeps without a push (docs/rl.md#tasks); of other hands all are tried.
+SETTLE = 0.3  # s after the presenter's release, before the episode begins.
+# Objects that the scripted grasp holds without a push (docs/reference/environments.md#tasks); for other hands all are
+# tried.
 _OBJECTS = ("tennis_ball", "rubiks_cube", "apple", "foam_brick", "lemon", "gelatin_box", "mug")
 
-# Presented, a mug is held through all pushes by the whole hand around it, on both sides, and in 1 of 20 episodes by the
-# grasp of its scenario, which was made to pick it off a table.
+# A presented mug is held through all pushes by a grasp of the whole hand around it, on both sides. The grasp of its
+# scenario, made to pick it off a table, holds it in 1 of 20 episodes.
 _GRASPS = {"mug": "power_sphere"}
 
 
-class HoldDisturbed(Grasp):
-    """The base of the actions is the grasp's squeeze; the object begins as the scripted player has grasped it."""
+class HoldDisturbedTask(GraspTask):
+    """Actions are added to the grasp's squeeze; episodes begin in the state that the scripted grasp reaches."""
 
     name = "HoldDisturbed"
     purpose = "keep a grasped object in the hand while it is pushed at random"
     seconds = 4.0
     options: ClassVar[tuple[str, ...]] = ("object", "friction", "grasp")
-    levels: ClassVar[dict[Level, Variation]] = {
-        "easy": Variation(noise=0.0),
-        "default": Variation(noise=0.0, friction=(0.4, 1.0), mass=(0.5, 2.0), push=1.5),
+    levels: ClassVar[dict[Level, ObjectVariation]] = {
+        "easy": ObjectVariation(noise=0.0),
+        "default": ObjectVariation(noise=0.0, friction=(0.4, 1.0), mass=(0.5, 2.0), push=1.5),
     }
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
@@ -60,49 +67,53 @@ class HoldDisturbed(Grasp):
         self._weight = self.worlds.xp.zeros(n)
         self._key = self.worlds.xp.zeros(n, np.uint64)
         self._push: Ticks = self.worlds.xp.zeros(n, np.int64) - 1
-        """Of the push whose force is known; -1 where it is not."""
+        """Number of the push whose force is known; -1 where it is not."""
         self._caught = 0
         self._holds_by_itself: list[int] = []
-        self._catch()
+        self._prepare_starts()
         if not self._holds_by_itself:
-            names = ", ".join(map(name_of, self.things()))
+            names = ", ".join(map(object_name, self.object_choices()))
             raise ConfigError(f"{self.name}: {self.spec.model} keeps none of {names} even when nothing pushes: choose "
                               "other objects")  # fmt: skip
 
-    def things(self) -> tuple[Given, ...]:
-        mine = _OBJECTS if self.spec.model == HAND else some(tuple(known(self.spec.model)), self.spec, self.name)
-        return self.settings.objects or mine
+    def object_choices(self) -> tuple[ObjectChoice, ...]:
+        defaults = (
+            _OBJECTS
+            if self.spec.model == HAND
+            else require_objects(tuple(known_scenarios(self.spec.model)), self.spec, self.name)
+        )
+        return self.settings.objects or defaults
 
-    def scene(self, given: Given, grasp: str | None) -> Scene:
-        own = _GRASPS.get(name_of(given)) if self.spec.model == HAND else None
-        return super().scene(given, grasp or own)
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
+        own = _GRASPS.get(object_name(choice)) if self.spec.model == HAND else None
+        return super().make_scene(choice, grasp or own)
 
-    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+    def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
         if self.settings.objects is not None or options.object is not None or options.grasp is not None:
             found = super().variant(rows, draws, options)
         else:
-            found = self._kept[draws.number(len(self._kept))]
+            found = self._kept[draws.integers(len(self._kept))]
         for number in sorted({*found.tolist()} - {*self._kept.tolist()}):
             scene = self.scenes[number]
             raise ConfigError(f"{self.name}: the grasp {scene.grasp.name} does not keep {scene.thing} even when "
                               "nothing pushes: choose another object or grasp")  # fmt: skip
         return found
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         assert self.thing is not None
         self.script[rows] = variant
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         self._weight[rows] = mass * -self.worlds.model.opt.gravity[2]
-        self._key[rows], self._push[rows] = draws.key(), -1
+        self._key[rows], self._push[rows] = draws.keys(), -1
         self.place[rows] = self.thing.pose[rows, :3]
 
-    def plan(self, tick: Ticks) -> None:
+    def plan_surroundings(self, tick: Ticks) -> None:
         assert self.thing is not None
         period = self.settings.period
         ticks = tick + self._periods
         into = ticks * period % EVERY
         number = self.worlds.xp.asarray(ticks[-1] * period // EVERY, np.int64)
-        known = self.worlds.xp is np  # On a device asking costs more than doing it all.
+        known = self.worlds.xp is np  # On a device a check costs more than doing it all.
         if not known or (number != self._push).any():
             force = jitter(self._key, number, 7, 3) * (STRONGEST * self.variation.push * self._weight)[:, None]
             self._force, self._push = force, number
@@ -113,70 +124,72 @@ class HoldDisturbed(Grasp):
         else:
             self.thing.force[:] = 0.0
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         drift = length(self.thing.pose[:, :3] - self.place)
-        hold, effort = self.worlds.xp.exp(-((drift / WIDTH) ** 2)), effort_of(action)
+        hold, effort = self.worlds.xp.exp(-((drift / WIDTH) ** 2)), effort_cost(action)
         over = tick * self.settings.period >= self.seconds - self.interface.seconds
-        return Outcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
+        return StepOutcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
 
-    def verdict(self, scene: Scene) -> float:
-        return 0.0  # It is closed when an episode begins.
+    def verdict_time(self, scene: TaskScene) -> float:
+        return 0.0  # The hand is closed when an episode begins.
 
-    def closed_scripts(self) -> tuple[Closed, ...]:
-        return tuple(closed.model_copy(update={"holds": True}) for closed in super().closed_scripts())
+    def grasp_scripts(self) -> tuple[GraspScript, ...]:
+        return tuple(closed.model_copy(update={"holds": True}) for closed in super().grasp_scripts())
 
-    def _number(self, given: Given, grasp: str | None) -> int:
-        number = super()._number(given, grasp)
-        self._catch()
+    def _variant_number(self, choice: ObjectChoice, grasp: str | None) -> int:
+        number = super()._variant_number(choice, grasp)
+        self._prepare_starts()
         return number
 
-    def _catch(self) -> None:
-        """Let the scripted player grasp what is new, keep the state, and make its squeeze the base of the actions."""
+    def _prepare_starts(self) -> None:
+        """Play the scripted grasp for new scenes, keep the state as their start, and make its squeeze the base of the
+        actions."""
         for number in range(self._caught, len(self.scenes)):
-            if self._grasped(number):
+            if self._prepare_start(number):
                 self._holds_by_itself.append(number)
-            self._scripts[number] = holding(self.scenes[number].grasp, self.periods)
+            self._scripts[number] = holding_script(self.scenes[number].grasp, self.periods)
         self._caught = len(self.scenes)
-        self.interface = self._interface(scripts=table(self._scripts), reach=self.settings.reach)
+        self.interface = self._interface(scripts=script_table(self._scripts), reach=self.settings.reach)
         self._kept = self.worlds.xp.asarray(np.array(self._holds_by_itself, np.int64))
 
-    def _grasped(self, number: int) -> bool:
-        """Begin a variant as the scripted player has grasped its object; whether that is still in the hand."""
+    def _prepare_start(self, number: int) -> bool:
+        """Play the scripted grasp for a variant and keep the state as its start. Returns whether the object is still in
+        the hand."""
         scene, period = self.scenes[number], self.settings.period
         release = int(self._release[number])
         last = release + round(SETTLE / period)
-        path = scene.pose[:3] - host(self._left)[:, None] * scene.retreat
-        seen: list[Array] = []
+        path = scene.pose[:3] - to_numpy(self._left)[:, None] * scene.retreat
+        positions: list[Array] = []
 
-        def around(worlds: Worlds, k: int) -> None:
+        def around(worlds: SimBatch, k: int) -> None:
             hand, _, holds = worlds.presenter()
             if k == 0:
-                worlds.free(THING).pose[0, :3] = path[0]
+                worlds.free_body(THING).pose[0, :3] = path[0]
             hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
             if k in (release, last - 1):
-                seen.append(np.array(worlds.free(THING).pose[0, :3]))
+                positions.append(np.array(worlds.free_body(THING).pose[0, :3]))
 
-        caught = sampled(closing(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
-        self.worlds.keep_start(number, played(self.spec, scene.model, self.gains, caught, self.settings, around))
-        return bool(np.linalg.norm(seen[-1] - seen[0]) < HELD)
+        script = sample_script(closing_moves(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
+        self.worlds.keep_start(number, play_script(self.spec, scene.model, self.gains, script, self.settings, around))
+        return bool(np.linalg.norm(positions[-1] - positions[0]) < HELD)
 
 
-def played(
+def play_script(
     spec: HandSpec,
     model: mujoco.MjModel,
     gains: Gains,
-    script: Script,
+    script: SampledScript,
     settings: EnvSettings,
-    around: Callable[[Worlds, int], None],
+    before_period: Callable[[SimBatch, int], None],
 ) -> Array:
-    """The state after the hand has followed a script; `around` acts on the one simulation before every period."""
-    worlds = Worlds(spec, model, 1, 1)
+    """State after the hand has followed a script; `before_period` acts on the one simulation before every period."""
+    worlds = SimBatch(spec, model, 1, 1)
     worlds.choose(np.zeros(1, np.int64), np.zeros(1, np.int64))
     worlds.place(np.zeros(1, np.int64), script.position[:1])
     for k, (position, velocity) in enumerate(zip(script.position, script.velocity, strict=True)):
-        around(worlds, k)
+        before_period(worlds, k)
         error, rate = position - worlds.position[0], velocity - worlds.velocity[0]
-        worlds.tell(position[None] if worlds.leads else laws.pd(error, rate, gains.kp, gains.kd)[None])
+        worlds.command(position[None] if worlds.closes_loop else laws.pd(error, rate, gains.kp, gains.kd)[None])
         worlds.step(None, substeps(settings.period, settings.timestep))
     return worlds.state(0)

@@ -1,5 +1,4 @@
-"""What tasks with an object in the upturned hand share. They begin with it in the fingertips, and see it as a camera
-would."""
+"""Base class of in-hand tasks: an object in the fingertips of the upturned hand, observed by a camera."""
 
 from __future__ import annotations
 
@@ -8,18 +7,19 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.learning.environments.objects import thing_of
-from allegro_twin.learning.environments.observation_model import Camera, Seen
+from allegro_twin.kinematics.orientation import quaternion_product
+from allegro_twin.learning.environments.objects import load_object
+from allegro_twin.learning.environments.observation_model import ObjectCamera, ObjectObservation
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.tasks.base import Flags, Task, Ticks
-from allegro_twin.learning.tasks.scenes import THING, upturned, worlds
-from allegro_twin.learning.tasks.start_states import Held, held
+from allegro_twin.learning.tasks.scenes import THING, make_worlds, upturned_model
+from allegro_twin.learning.tasks.start_states import StartStates, load_start_states
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.objects import catalogue
 from allegro_twin.types import Array
 
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 from collections.abc import Sequence
 from typing import Any
 
-from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.kinematics.orientation import quaternion_from_vector
 from allegro_twin.learning.tasks.scenes import FACING, PALM
-from allegro_twin.learning.tasks.vectors import turned
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.learning.tasks.vectors import rotate_vectors
+from allegro_twin.sim.objects.catalogue import GraspObject
 
 ON_PALM = 0.005
-"""m. An object whose lowest point is less than this above the plane of the palm's surface counts as on the palm: it
-begins 8 mm or more above (`search._GAP`), and one that lies there is within 1 mm of it."""
+"""m. An object whose lowest point is less than this above the palm's surface counts as on the palm. Episodes begin 8 mm
+or more above (`start_states._GAP`), and an object on the palm is within 1 mm of it."""
 _CORNERS, _ROUND, _TUBE, _MESH = range(4)
 _KINDS = {"box": _CORNERS, "sphere": _ROUND, "ellipsoid": _ROUND, "cylinder": _TUBE, "mesh": _MESH}
 
 
-class Shapes:
-    """Objects to choose from, on the device of the simulations: which kind each is, its half-sizes, (k, 3), m, and of
-    meshes the vertices, (k, vertices, 3), m."""
+class ObjectShapes:
+    """Shapes of objects, on the device of the simulations: kind, half-sizes, (k, 3), m, and for meshes the vertices,
+    (k, vertices, 3), m."""
 
-    def __init__(self, things: Sequence[Thing], xp: Any) -> None:
+    def __init__(self, things: Sequence[GraspObject], xp: Any) -> None:
         self.kind = xp.asarray(np.array([_KINDS[thing.shape] for thing in things]), np.int64)
         self.half = xp.asarray(np.stack([thing.half_extents() for thing in things]))
         vertices = [thing.mesh().vertices if thing.shape == "mesh" else np.zeros((1, 3)) for thing in things]
@@ -54,18 +54,18 @@ class Shapes:
 
 
 def palm_normal(tilt: Array) -> Array:
-    """Where the surface of the upturned palm looks, world, whose wrist is turned by rotation vectors (..., 3), rad, in
-    the palm's own axes; shape (..., 3)."""
-    facing = library(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
-    upward = library(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
-    return turned(product(facing, quaternion_from_vector(tilt)), upward)
+    """Normal of the upturned palm's surface, world, for wrists turned by rotation vectors (..., 3), rad, in the palm's
+    own axes; shape (..., 3)."""
+    facing = array_namespace(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
+    upward = array_namespace(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
+    return rotate_vectors(quaternion_product(facing, quaternion_from_vector(tilt)), upward)
 
 
-def clearance(pose: Array, shapes: Shapes, kind: Array, factor: Array, normal: Array) -> Array:
-    """Of the lowest points of objects over the palm's surface, shape (n,), m; below it negative. Poses (n, 7), world;
-    which of the shapes each is (n,), and its size as a factor of that (n,); the palm's normal (n, 3)."""
-    xp, back = library(pose), pose[:, 3:] * library(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
-    down, half = -turned(back, normal), shapes.half[kind] * factor[:, None]
+def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array) -> Array:
+    """Height of the objects' lowest points over the palm's surface, shape (n,), m; negative below it. `pose`: (n, 7),
+    world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3)."""
+    xp, back = array_namespace(pose), pose[:, 3:] * array_namespace(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
+    down, half = -rotate_vectors(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
     shape = shapes.kind[kind]
     tube = length(parts[:, :2]) + parts[:, 2]
@@ -77,77 +77,79 @@ def clearance(pose: Array, shapes: Shapes, kind: Array, factor: Array, normal: A
     return found
 
 
-LARGEST = 0.09  # m. Longer ones do not lie between the fingers and the thumb.
+LARGEST = 0.09  # m. Longer ones do not fit between the fingers and the thumb.
 ASIDE = 0.06  # m from where it began: no longer in the hand.
-DROPPED = -20.0  # What losing the object costs: more than the steps of a throw can have earned.
-FAST, SPINS = 0.5, 5.0  # m/s and rad/s by which what is seen is divided, to be of order 1.
+DROPPED = -20.0  # Cost of losing the object: more than the steps of a throw can earn.
+FAST, SPINS = 0.5, 5.0  # m/s and rad/s: scales of the observed speeds.
 _HAND, _PLACE = 0.02, 0.001  # rad and m, half-widths of the noise on the start.
 _FRICTION = (0.5, 1.0)
-_NEAR = 16  # States in order of size, among which one of a wanted size is drawn.
+_NEAR = 16  # States in order of size, among which one near a wanted size is drawn.
 
 
-class InHand(Task):
-    """The palm looks up, and an episode begins in one of the states that `held` has found, with some noise. Nothing
-    forbids the palm: `on_palm` tells how long an object was there."""
+class InHandTask(Task):
+    """The palm looks up, and an episode begins in one of the start states, with some noise. The object may touch the
+    palm: `on_palm` is the share of time that it is there."""
 
     step: ClassVar[float] = 0.08
-    """rad an action, where the settings name no other."""
+    """rad per action, where the settings name no other."""
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
-    own: ClassVar[tuple[str, ...]] = ("observation",)
+    own_settings: ClassVar[tuple[str, ...]] = ("observation",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         if self.spec.model != HAND:
             raise ConfigError(f"{self.name} has no states to begin in for {self.spec.model}: how its fingertips hold "
                               f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
-        self.extra = 13 if settings.observation == "full" else 0
-        self._held: list[Held] = []
-        self._things: list[catalogue.Thing] = []
+        self.n_privileged = 13 if settings.observation == "full" else 0
+        self._held: list[StartStates] = []
+        self._things: list[catalogue.GraspObject] = []
         self._names: list[str] = []
-        self._table: Held | None = None
-        for given in settings.objects or ("rubiks_cube",):
-            self._learn(thing_of(given), n, threads)
+        self._table: StartStates | None = None
+        for choice in settings.objects or ("rubiks_cube",):
+            self._add_object(load_object(choice), n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
-        self.thing = self.worlds.free(THING)
-        self.camera = Camera(settings.randomise, self.thing, settings.decimation)
+        self.thing = self.worlds.free_body(THING)
+        self.camera = ObjectCamera(settings.randomise, self.thing, settings.decimation)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))
-        """Where the object was at the beginning, m, world."""
+        """Position of the object at the beginning, m, world."""
         self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
         self.start: Array = xp.zeros((n, self.spec.n_joints))
-        """Targets of the fingers at the beginning, rad."""
+        """Set-points of the fingers at the beginning, rad."""
         self._factor, self._low = xp.ones(n), xp.zeros(n)
-        """Of the objects' sizes; decisions since the reset at which they were on the palm."""
-        self._shapes: Shapes | None = None
+        """Size factors of the objects; decisions since the reset at which they were on the palm."""
+        self._shapes: ObjectShapes | None = None
         self._normal = palm_normal(xp.zeros((n, 3)))
-        self.shown: Seen
-        """What a camera told at this decision."""
+        self.shown: ObjectObservation
+        """The camera's observation at this decision."""
 
-    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
-        drawn = draws.number(len(self.settings.objects or (1,)))
+    def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
+        drawn = draws.integers(len(self.settings.objects or (1,)))
         if options.object is None:
             return drawn
         if options.object not in self._names:
-            self._learn(thing_of(options.object), self.n, 1)
+            self._add_object(load_object(options.object), self.n, 1)
         return drawn * 0 + self._names.index(options.object)
 
-    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
-        """The state to begin in, and with it the object's size; the friction."""
-        friction, among = draws.within(*_FRICTION)[:, 0], draws.within(0.0, 1.0)[:, 0]
+    def draw_variation(
+        self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
+    ) -> None:
+        """Draw the start state, which gives the object's size, and the friction."""
+        friction, among = draws.uniform(*_FRICTION)[:, 0], draws.uniform(0.0, 1.0)[:, 0]
         values.setdefault("friction", friction)
         table = self._states()
-        state = _chosen(table.size[variant], values.get("size"), among)
+        state = _choose_state(table.size[variant], values.get("size"), among)
         self._state[rows] = state
         values["size"] = table.size[variant, state]
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         assert self.thing is not None
         table, state = self._states(), self._state[rows]
         position, target, pose = (part[variant, state] for part in (table.position, table.target, table.pose))
-        noise = draws.within(-_HAND, _HAND, self.spec.n_joints)
+        noise = draws.uniform(-_HAND, _HAND, self.spec.n_joints)
         self.worlds.position[rows] = self.worlds.xp.clip(position + noise, self._lower, self._upper)
-        pose[:, :3] += draws.within(-_PLACE, _PLACE, 3)
+        pose[:, :3] += draws.uniform(-_PLACE, _PLACE, 3)
         self.thing.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self._factor[rows], self._low[rows] = values["size"], 0.0
@@ -155,19 +157,20 @@ class InHand(Task):
         self._normal[rows] = palm_normal(0.0 * pose[:, :3] if tilt is None else tilt)
         self.camera.begin(rows, values, draws)
 
-    def targets(self, rows: Rows) -> Array:
+    def initial_targets(self, rows: Rows) -> Array:
         return self.start[rows]
 
     def look(self, tick: Ticks) -> None:
-        if self.extra:
+        if self.n_privileged:
             self.shown = self.camera.look(tick)
 
-    def seen(self, tick: Ticks) -> Array | None:
-        return self.told(self.shown) if self.extra else None
+    def privileged_observation(self, tick: Ticks) -> Array | None:
+        return self.encode_object(self.shown) if self.n_privileged else None
 
-    def told(self, seen: Seen) -> Array:
-        """The object's shift from where it began, in 5 cm; where its own z points, two numbers; cosine and sine of
-        four times its yaw, for a quarter turn looks as none; its velocity and its spin. All in the world's axes."""
+    def encode_object(self, seen: ObjectObservation) -> Array:
+        """The object's shift from where it began, in 5 cm; the direction of its own z axis, two numbers; cosine and
+        sine of four times its yaw, since a quarter turn looks the same; its velocity and angular velocity. All in world
+        axes."""
         w, x, y, z = (seen.quaternion[:, k] for k in range(4))
         xp = self.worlds.xp
         yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -178,42 +181,41 @@ class InHand(Task):
         found[:, 7:10], found[:, 10:] = seen.velocity / FAST, seen.spin / SPINS
         return found
 
-    def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
+    def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         return {"object": np.array([self._names[number] for number in self.kind[rows].tolist()], dtype=object)}
 
     def lost(self) -> Flags:
         assert self.thing is not None
         return length(self.thing.pose[:, :3] - self.place) > ASIDE
 
-    def over_palm(self, tick: Ticks) -> dict[str, Array]:
-        """How far the object's lowest point is above the palm's surface, m (`clearance`), and at which share of the
-        decisions since the reset that was less than `ON_PALM` (`on_palm`), (n,) each. Once a decision."""
+    def palm_terms(self, tick: Ticks) -> dict[str, Array]:
+        """Height of the object's lowest point above the palm's surface, m (`clearance`), and the share of decisions
+        since the reset at which it was less than `ON_PALM` (`on_palm`), (n,) each. Call once per decision."""
         assert self.thing is not None
         xp = self.worlds.xp
         if self._shapes is None:
-            self._shapes = Shapes(self._things, xp)
-        over = clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
+            self._shapes = ObjectShapes(self._things, xp)
+        over = palm_clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
         self._low += (over < ON_PALM) & (tick > 0)
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
         return {"clearance": over, "on_palm": self._low / decisions}
 
-    def _learn(self, thing: catalogue.Thing, n: int, threads: int) -> None:
-        """A further object, in the states in which fingertips hold it. Raises ConfigError for one too large."""
+    def _add_object(self, thing: catalogue.GraspObject, n: int, threads: int) -> None:
+        """Add an object with its start states. Raises ConfigError for one that is too large."""
         longest = 2 * thing.half_extents().max()
         if longest > LARGEST:
             raise ConfigError(
                 f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
-        self._held.append(held(thing, self.settings.side))
+        self._held.append(load_start_states(thing, self.settings.side))
         self._table = self._shapes = None
         self._things.append(thing)
-        self._add(upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
+        self._add(upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
         self._names.append(thing.name)
 
-    def _states(self) -> Held:
-        """Those of every object in one table, (objects, states, …); those with fewer are filled up with states of
-        infinite size."""
+    def _states(self) -> StartStates:
+        """Start states of all objects in one table, (objects, states, …). Missing states have infinite size."""
         if self._table is None:
             most = max(len(held.size) for held in self._held)
             fill = {"size": np.inf, "position": 0.0, "target": 0.0, "pose": 0.0}
@@ -225,20 +227,20 @@ class InHand(Task):
                     for c in columns
                 ]
                 parts[name] = self.worlds.xp.asarray(np.stack(padded))
-            self._table = Held(**parts)
+            self._table = StartStates(**parts)
         return self._table
 
     def _add(self, model: mujoco.MjModel, n: int, threads: int) -> None:
         if self._names:
             self.worlds.add(model)
         else:
-            self.worlds = worlds(self.spec, model, n, threads, self.settings)
+            self.worlds = make_worlds(self.spec, model, n, threads, self.settings)
 
 
-def _chosen(sizes: Array, wanted: Array | None, among: Array) -> Rows:
-    """One of each row's states in order of size (m, k), inf where there are no more, by numbers in [0, 1), (m,); of
-    about the wanted size (m,). Raises ConfigError where there is none."""
-    xp = library(sizes)
+def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:
+    """Index of a start state for each row, from sizes in order (m, k), inf where there are no more, and numbers `among`
+    in [0, 1), (m,); near the wanted size (m,). Raises ConfigError where there is none."""
+    xp = array_namespace(sizes)
     count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:
         state: Rows = xp.minimum(xp.asarray(among * count, np.int64), count - 1)

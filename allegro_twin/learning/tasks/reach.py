@@ -1,38 +1,43 @@
-"""Reach: bring all fingertips to where they are wanted."""
+"""Reach task: bring all fingertips to given points."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import host, own
+from allegro_twin.array_api import as_array, to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.named import load_posture, posture_names
+from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks.base import Outcome, Task, Ticks
-from allegro_twin.learning.tasks.scenes import compiled, worlds
+from allegro_twin.learning.tasks.base import StepOutcome, Task, Ticks
+from allegro_twin.learning.tasks.scenes import compile_task_scene, make_worlds
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.worlds import Rows
-from allegro_twin.sim.contact.probe import free_of_contact
+from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.contact.probe import contact_free_postures
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
-GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.
-INSIDE = 0.8  # Of each joint's range, in which these postures lie.
-REACHED = 0.010  # m, every fingertip. A PD law without the hand's weight is off by 1 mm (docs/models.md#gains).
+GOALS, SEED = (
+    1024,
+    20260101,
+)  # The goals are the fingertips of this many postures without contact, always the same ones.
+INSIDE = 0.8  # Share of each joint's range in which these postures lie.
+# m, every fingertip. PD control without gravity compensation is off by 1 mm (docs/reference/allegro_model.md#gains).
+REACHED = 0.010
 
 MARK, GREEN = 0.006, (0.1, 0.75, 0.3, 1.0)  # m, radius of a goal in pictures; its colour.
 
 
-class Reach(Task):
-    """The hand alone, upright. A goal is what the fingertips of some posture without contact would be.
+class ReachTask(Task):
+    """The hand alone, upright. A goal is the fingertip positions of some posture without contact.
 
-    Reward and success follow from where the joints truly are. `achieved_goal` is what the hand reports, with the noise
-    and delay of `randomise`, and so `compute_reward` of it is then another number."""
+    Reward and success follow from the true joint positions. `achieved_goal` is what the hand reports, with the noise
+    and delay of `randomise`, so `compute_reward` of it differs from the reward.
+    """
 
     name = "Reach"
     purpose = "bring all fingertips to given points in the palm frame"
@@ -43,54 +48,54 @@ class Reach(Task):
         super().__init__(settings, n, threads)
         if settings.objects is not None:
             raise ConfigError("Reach has no objects to choose")
-        model = compiled(self.spec, Stage(np.zeros(3), quaternion_facing((1, 0, 0), (0, 0, 1))), settings)
-        self.worlds = worlds(self.spec, model, n, threads, settings)
+        model = compile_task_scene(self.spec, Stage(np.zeros(3), quaternion_facing((1, 0, 0), (0, 0, 1))), settings)
+        self.worlds = make_worlds(self.spec, model, n, threads, settings)
         self.interface = self._interface(goal="fingertips", step=0.15)
         middle, half = self.interface.middle, self.interface.half
-        # The table of the right hand, mirrored: the sides have the same goals.
+        # The table of the right hand, mirrored: both sides have the same goals.
         wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
-        free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
+        free, xp = contact_free_postures(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
         self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
         home = load_posture("home", self.spec) if posture_names(self.spec.model) else self.spec.rest
         self._start = xp.asarray(home)
 
-    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+    def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
         found: Rows = self.worlds.xp.zeros(len(rows), np.int64)
         return found
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         xp = self.worlds.xp
         start = self._start if options.posture is None else xp.asarray(load_posture(options.posture, self.spec))
         self.worlds.place(rows, start)
-        self._goal[rows] = self._goals[draws.number(len(self._goals))]
+        self._goal[rows] = self._goals[draws.integers(len(self._goals))]
 
     def marks(self, row: int) -> list[Mark]:
-        """A ball at each goal; the palm's frame is the world's, but for a drawn tilt of the wrist."""
+        """A ball at each goal. The palm's frame is the world's, except for a randomised tilt of the wrist."""
         size = np.full(3, MARK)
-        places = host(self._goal[row]).astype(np.float64).reshape(-1, 3)
+        places = to_numpy(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
 
     def goal(self) -> Floats:
         return self._goal
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         xp = self.worlds.xp
-        # In the precision of observations: without noise `compute_reward` of what was seen is the reward to the bit.
+        # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         achieved = xp.asarray(self.interface.fingertips(xp.nan_to_num(self.worlds.position)), np.float32)
-        apart = self._distances(achieved, self._goal)
-        reward = self._rewarded(apart)
-        return Outcome(reward, xp.zeros(self.n, bool), xp.max(apart, axis=-1) < REACHED, {"distance": -reward})
+        distances = self._distances(achieved, self._goal)
+        reward = self._reward(distances)
+        return StepOutcome(reward, xp.zeros(self.n, bool), xp.max(distances, axis=-1) < REACHED, {"distance": -reward})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
-        return self._rewarded(self._distances(achieved, desired))
+        return self._reward(self._distances(achieved, desired))
 
-    def _rewarded(self, apart: Array) -> Array:
-        reward: Array = apart.sum(axis=-1) * (-10.0 / apart.shape[-1])
+    def _reward(self, distances: Array) -> Array:
+        reward: Array = distances.sum(axis=-1) * (-10.0 / distances.shape[-1])
         return reward
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
-        """Of every fingertip, (..., fingers), m."""
-        apart = own(desired) - own(achieved)
-        return length(apart.reshape(*apart.shape[:-1], -1, 3))
+        """Distance of every fingertip, (..., fingers), m."""
+        distances = as_array(desired) - as_array(achieved)
+        return length(distances.reshape(*distances.shape[:-1], -1, 3))

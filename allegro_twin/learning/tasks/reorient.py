@@ -1,4 +1,4 @@
-"""Reorient: turn a box in the upturned hand, from the fingertips on, to one wanted orientation after another."""
+"""Reorient task: turn a box in the upturned hand to one goal orientation after another."""
 
 from __future__ import annotations
 
@@ -7,42 +7,41 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.array_api import host, library, own
-from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
+from allegro_twin.array_api import array_namespace, as_array, to_numpy
+from allegro_twin.kinematics.orientation import angle_between_quaternions, rotate_quaternion
 from allegro_twin.learning.environments.random_streams import Draws, jitter
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.in_hand import DROPPED, InHand
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import twist
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
 REACHED = 0.1  # rad, as in MuJoCo Playground's LeapCubeReorient.
-NEAREST = 0.3  # rad that a new goal is away at least: never reached already.
-FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name nothing else.
+NEAREST = 0.3  # rad: least distance of a new goal, so that it is never reached already.
+FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name no other.
 WIDTH = 0.5  # rad of angle at which the reward for being near has fallen to 1/e.
-BESIDE = (0.12, 0.0, 0.03)  # m, of the goal in pictures from where the object began.
-BONUS = (
-    10.0  # For a goal: what ten seconds within reach of it would be paid, so that it never pays to stay short of it.
-)
+BESIDE = (0.12, 0.0, 0.03)  # m: place of the goal in pictures, from where the object began.
+BONUS = 10.0  # For a goal: as much as ten seconds within reach of it, so that staying short of it never pays.
 
 
-class Reorient(InHand):
-    """A goal is an orientation, as a quaternion w, x, y, z in the world, whose x is where the fingers point. When it is
-    reached, the next step brings another.
+class ReorientTask(InHandTask):
+    """A goal is an orientation, a quaternion w, x, y, z in the world; the fingers point along x. When it is reached,
+    the next step brings another.
 
-    Rewards, `reached` and success follow from where the object truly is. `achieved_goal` is what a camera tells, with
-    its noise and delay where `randomise` has them, and so `compute_reward` of it is then another number."""
+    Rewards, `reached` and success follow from the true orientation. `achieved_goal` is what a camera observes, with the
+    noise and delay of `randomise`, so `compute_reward` of it differs from the reward.
+    """
 
     name = "Reorient"
     purpose = "turn a cube in the hand to one goal orientation after another"
     seconds = 30.0
-    counted, unit = "reached", "goals"
-    shares = ("on_palm",)
-    own: ClassVar[tuple[str, ...]] = ("goals", "farthest")
-    turns = True
+    count_term, count_unit = "reached", "goals"
+    share_terms = ("on_palm",)
+    own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest")
+    goal_is_orientation = True
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -52,24 +51,24 @@ class Reorient(InHand):
         self._key = xp.zeros(n, np.uint64)
         self._renewed = xp.zeros(n, bool)
         self.reached = xp.zeros(n, np.int64)
-        """Goals since the reset."""
+        """Goals reached since the reset."""
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
-        self._key[rows], self.reached[rows], self._renewed[rows] = draws.key(), 0, False
-        self._renew(rows)
+        self._key[rows], self.reached[rows], self._renewed[rows] = draws.keys(), 0, False
+        self._draw_goals(rows)
 
-    def plan(self, tick: Ticks) -> None:
+    def plan_surroundings(self, tick: Ticks) -> None:
         rows = self.worlds.xp.flatnonzero(self._renewed)
         if len(rows):
-            self._renew(rows)
+            self._draw_goals(rows)
             self._renewed[rows] = False
 
     def marks(self, row: int) -> list[Mark]:
-        """The object as it should be turned, beside the hand."""
+        """The object in its goal orientation, beside the hand."""
         assert self.thing is not None
-        size = host(self.worlds.expand("geom_size")[row, self.thing.geoms.start])
-        pose = np.concatenate([host(self.place[row]) + BESIDE, host(self._goal[row])])
+        size = to_numpy(self.worlds.expand("geom_size")[row, self.thing.geoms.start])
+        pose = np.concatenate([to_numpy(self.place[row]) + BESIDE, to_numpy(self._goal[row])])
         kind = "box" if size.min() > 0 else "sphere"
         return [Mark(kind, np.array(size), pose, material="object_look")]
 
@@ -82,9 +81,9 @@ class Reorient(InHand):
     def achieved(self, tick: Ticks) -> Array:
         return self.shown.quaternion
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
-        # In the precision of observations: without noise `compute_reward` of what was seen is the reward to the bit.
+        # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         angle = _angle(self.worlds.xp.asarray(self.thing.pose[:, 3:], np.float32), self._goal)
         lost = self.lost()
         there = (angle < REACHED) & ~lost
@@ -95,20 +94,23 @@ class Reorient(InHand):
         terms = {"near": self._near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
         reward = terms["near"] + terms["bonus"] + dropped
         reached = xp.asarray(self.reached, np.float64)
-        return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.over_palm(tick))
+        return StepOutcome(
+            reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.palm_terms(tick)
+        )
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
-        """How near the orientations (..., 4) are, from 0 to 1 a second, the bonus for a goal, and what a loss costs."""
+        """Reward for orientations (..., 4): nearness, from 0 to 1 per second, the bonus for a goal, and the cost of a
+        loss."""
         angle = _angle(achieved, desired)
         return self._near(angle) + _bonus(angle) + dropped
 
     def _near(self, angle: Array) -> Array:
-        """A second at the goal is worth 1, however many decisions it has."""
-        found: Array = self.interface.seconds * library(angle).exp(-angle / WIDTH)
+        """A second at the goal is worth 1, for any number of decisions per second."""
+        found: Array = self.interface.seconds * array_namespace(angle).exp(-angle / WIDTH)
         return found
 
-    def _renew(self, rows: Rows) -> None:
-        """New goals, from where the objects are: each simulation's own numbers, the same in every batch."""
+    def _draw_goals(self, rows: Rows) -> None:
+        """New goals, from the present orientations: each simulation's own numbers, the same in every batch."""
         assert self.thing is not None
         xp = self.worlds.xp
         even = (jitter(self._key[rows], self.reached[rows], 10, 3) + 1.0) / 2.0
@@ -117,20 +119,20 @@ class Reorient(InHand):
         here = self.thing.pose[rows, 3:]
         if self.settings.goals == "yaw":
             axis = xp.stack([0.0 * z, 0.0 * z, xp.where(z < 0.5, -1.0, 1.0)], axis=-1)
-            half = twist(here) / 2.0  # Upright, however the object leans: a lean is nothing to repeat.
+            half = twist(here) / 2.0  # Upright, however the object leans.
             here = xp.stack([xp.cos(half), 0.0 * half, 0.0 * half, xp.sin(half)], axis=-1)
         else:
             height = 2.0 * z - 1.0
             radius = xp.sqrt(xp.maximum(1.0 - height * height, 0.0))
             axis = xp.stack([radius * xp.cos(2 * np.pi * around), radius * xp.sin(2 * np.pi * around), height], axis=-1)
-        turned = turned_by(here, axis * angle[:, None])
+        turned = rotate_quaternion(here, axis * angle[:, None])
         self._goal[rows] = xp.asarray(turned, np.float32)
 
 
 def _angle(achieved: ArrayLike, desired: ArrayLike) -> Array:
-    return angle_between_quaternions(own(achieved), own(desired))
+    return angle_between_quaternions(as_array(achieved), as_array(desired))
 
 
 def _bonus(angle: Array) -> Array:
-    found: Array = library(angle).where(angle < REACHED, BONUS, 0.0)
+    found: Array = array_namespace(angle).where(angle < REACHED, BONUS, 0.0)
     return found

@@ -1,35 +1,35 @@
-"""Rotate: turn a box in the upturned hand about the vertical, on and on, from the fingertips above the palm on."""
+"""Rotate task: turn a box in the upturned hand about the vertical, continuously."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.in_hand import DROPPED, InHand
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import length, tilt, twist
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array
 
-FASTEST = 0.6  # rad/s. Turning faster than this earns no more.
-UPRIGHT, ENOUGH_UPRIGHT = np.radians(25.0), np.radians(30.0)  # Tilts up to which turning is paid, and success can be.
-TOPPLED = np.radians(50.0)  # From there a box goes over on its side.
+FASTEST = 0.6  # rad/s. Faster turning earns no more.
+UPRIGHT, ENOUGH_UPRIGHT = np.radians(25.0), np.radians(30.0)  # Largest tilts for reward and for success.
+TOPPLED = np.radians(50.0)  # Beyond this a box falls on its side.
 ENOUGH = 2.0 * np.pi  # rad in an episode, net.
-# Weights of what a step costs, after hora (Qi et al. 2022): its ratios, with our units.
+# Weights of the costs of a step, after hora (Qi et al. 2022): its ratios, with our units.
 _SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
-class Rotate(InHand):
+class RotateTask(InHandTask):
     """Counter-clockwise seen from above for the right hand; clockwise for the left. The object may be put down on the
-    palm and turned there: that is neither paid nor charged, and `on_palm` in `info` tells it."""
+    palm and turned there: reward and cost are the same, and `on_palm` in `info` reports it."""
 
     name = "Rotate"
     purpose = "rotate an object in the hand about the vertical, continuously"
     seconds = 30.0
-    counted, unit = "turned", "rad"
-    shares = ("on_palm",)
+    count_term, count_unit = "turned", "rad"
+    share_terms = ("on_palm",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -41,28 +41,28 @@ class Rotate(InHand):
         """Net since the reset, rad."""
         self._farthest = xp.zeros(n)
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self._before[rows] = twist(self.thing.pose[rows, 3:])
         self.turned[rows] = self._farthest[rows] = 0.0
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         xp, now = self.worlds.xp, self.thing.pose[:, 3:]
-        # Where it looks, not its spin about z: a rocking object turns without one.
+        # The heading, not the angular velocity about z: a rocking object has one without turning.
         heading = twist(now)
         turn = self._sign * ((heading - self._before + np.pi) % (2.0 * np.pi) - np.pi)
         leaning = tilt(now)
         self._before, self.turned = heading, self.turned + turn
         lost = self.lost() | (leaning > TOPPLED)
-        # Only what has never been turned before is paid, or else it pays to rock: forth while upright and slowly, and
-        # back while leaning, or fast. What is gained while leaning is not paid later either.
+        # Only new angles are paid, otherwise rocking would pay: forward while upright and slow, and back while leaning,
+        # or fast. What is gained while leaning is not paid later either.
         farthest = xp.maximum(self._farthest, self.turned)
         gained = xp.minimum((farthest - self._farthest) / self.interface.seconds / FASTEST, 1.0)
         self._farthest = farthest
         away = self.worlds.position - self.start
-        torque = xp.minimum(xp.maximum(self.worlds.torque, -self._limit), self._limit)
+        torque = xp.minimum(xp.maximum(self.worlds.control, -self._limit), self._limit)
         terms = {
             "speed": xp.where(leaning < UPRIGHT, gained, 0.0),
             "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),
@@ -72,6 +72,6 @@ class Rotate(InHand):
             "dropped": xp.where(lost, DROPPED, 0.0),
         }
         reward = xp.stack(list(terms.values())).sum(axis=0)
-        told = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
+        values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
-        return Outcome(reward, lost, success, terms | told | self.over_palm(tick))
+        return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))

@@ -1,4 +1,4 @@
-"""Scenes of tasks with an object: a scenario of the package, its object presented or standing on a table."""
+"""Scenes of tasks with an object: a scenario's object, presented, standing on a table, or over the upturned palm."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.learning.environments.objects import Given, name_of, scenario_of, scenarios
+from allegro_twin.learning.environments.objects import ObjectChoice, object_name, object_scenarios, scenario_of
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.sim.batch.warp import WarpWorlds
-from allegro_twin.sim.batch.worlds import Worlds
+from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.warp import WarpBatch
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import N_SIZES, Placement, Thing
+from allegro_twin.sim.objects.catalogue import SIZES_OF_KIND, GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     import mujoco
 
 THING = "object"
-"""What every object is called in these scenes, so that they have the same layout."""
+"""Name of every object in these scenes, so that they have the same layout."""
 _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class TaskScene:
     """One object, the grasp for it, and where both are when the fingers close."""
 
     thing: str
@@ -42,87 +42,95 @@ class Scene:
     pose: Vector
     """Of the object, position and quaternion in the world, (7,), m."""
     retreat: Vector
-    """From the place of the grasp to where the palm waits, seen from the object, (3,), m, world axes."""
+    """From the place of the grasp to where the palm waits, relative to the object, (3,), m, world axes."""
 
 
 @cache
-def known(hand: str = HAND) -> dict[str, str]:
-    """The scenarios of the catalogue's objects for a model of hand, read once."""
-    return scenarios(hand)
+def known_scenarios(hand: str = HAND) -> dict[str, str]:
+    """Scenarios of the catalogue's objects for a model of hand, read once."""
+    return object_scenarios(hand)
 
 
-def from_above(hand: str = HAND) -> tuple[str, ...]:
-    """The objects that are grasped from above."""
-    return tuple(name for name, path in known(hand).items() if load_scenario(path)[0].wrist.retreat[2] > 0)
+def grasped_from_above(hand: str = HAND) -> tuple[str, ...]:
+    """Objects that are grasped from above."""
+    return tuple(name for name, path in known_scenarios(hand).items() if load_scenario(path)[0].wrist.retreat[2] > 0)
 
 
-def some(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
-    """The objects of a task by default. Raises ConfigError for a hand that the package knows no grasps of."""
+def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
+    """The default objects of a task. Raises ConfigError for a hand without grasps in the package."""
     if not names:
         raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
-                          f"as allegro-twin plan OBJECT --hand {spec.called} writes them")  # fmt: skip
+                          f"as allegro-twin plan OBJECT --hand {spec.model_reference} writes them")  # fmt: skip
     return names
 
 
-def presented(
-    given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
-) -> Scene:
-    """An object in somebody's fingers before a hand that stands still."""
-    found, around, retreat = _found(given if scenario is None else str(load_scenario(scenario)[1]), spec)
-    position = np.asarray(around.position) - retreat
-    around = replace(around, position=position, wrist=False, table=False, stand=None, presented=True)
-    return _built(name_of(given), around, retreat, spec, settings, grasp or found.grasp)
+def presented_scene(
+    choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
+) -> TaskScene:
+    """An object in a presenter's fingers before a hand that stands still."""
+    found, surroundings, retreat = _find_scenario(choice if scenario is None else str(load_scenario(scenario)[1]), spec)
+    position = np.asarray(surroundings.position) - retreat
+    surroundings = replace(surroundings, position=position, wrist=False, table=False, stand=None, presented=True)
+    return _build_scene(object_name(choice), surroundings, retreat, spec, settings, grasp or found.grasp)
 
 
-def on_table(given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> Scene:
-    """An object on a table under a hand that a slide lowers. Raises ConfigError for one grasped from the side."""
-    found, around, retreat = _found(given, spec)
+def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
+    """An object on a table under a hand that a slide lowers. Raises ConfigError for an object that is grasped from the
+    side."""
+    found, surroundings, retreat = _find_scenario(choice, spec)
     if retreat[2] <= 0:
         raise ConfigError(
-            f"{name_of(given)} is grasped from its side; the slide serves {', '.join(from_above(spec.model))}"
+            f"{object_name(choice)} is grasped from its side; the slide serves "
+            f"{', '.join(grasped_from_above(spec.model))}"
         )
-    return _built(name_of(given), replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
+    return _build_scene(
+        object_name(choice), replace(surroundings, slide=True), retreat, spec, settings, grasp or found.grasp
+    )
 
 
-def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
-    settings, folder = scenario_of(given, known(spec.model))
+def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
+    settings, folder = scenario_of(choice, known_scenarios(spec.model))
     if settings.model != spec.model:
-        raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one is "
-                          f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
+        raise ConfigError(
+            f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is {spec.model}: "
+            f"allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
+        )
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
-    around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
-    return settings, around, mirror * settings.wrist.retreat
+    surroundings = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
+    return settings, surroundings, mirror * settings.wrist.retreat
 
 
-def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> Scene:
-    placed = around.things[0]
-    thing = replace(placed, thing=replace(placed.thing, name=THING))
+def _build_scene(
+    name: str, surroundings: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str
+) -> TaskScene:
+    placed = surroundings.things[0]
+    obj = replace(placed, thing=replace(placed.thing, name=THING))
     # On a device a geom has the same type in all simulations.
-    one_layout = settings.device != "cpu" and placed.thing.shape in N_SIZES
-    model = compiled(spec, replace(around, things=[thing], every_shape=one_layout), settings)
+    one_layout = settings.device != "cpu" and placed.thing.shape in SIZES_OF_KIND
+    model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
-    return Scene(name, load_grasp(grasp, spec), model, pose, retreat)
+    return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 
 
 PALM = 0.0111
-"""m: the palm's surface above the palm's origin, where it looks up."""
+"""m: height of the palm's surface above the palm's origin, in the upturned hand."""
 FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
-"""Of the upturned palm in the world: its x points up, its fingers along the world's x."""
+"""Orientation of the upturned palm in the world: its x points up, its fingers along the world's x."""
 
 
-def upturned(
-    spec: HandSpec, thing: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
+def upturned_model(
+    spec: HandSpec, obj: GraspObject, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
 ) -> mujoco.MjModel:
-    """An object at a place (3,), m, over the palm that looks up. The fingers point along the world's x, so the palm's
-    x is up and its y the world's y."""
-    placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
-    around = Stage(np.zeros(3), FACING, [placed], friction=friction)
-    return compiled(spec, around, settings)
+    """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
+    palm's x is up and its y the world's y."""
+    placed = PlacedObject(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction)
+    return compile_task_scene(spec, surroundings, settings)
 
 
-def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
-    """The model of a scene, with the physics that the settings ask for."""
-    model = compile_scene(spec, around)
+def compile_task_scene(spec: HandSpec, surroundings: Stage, settings: EnvSettings) -> mujoco.MjModel:
+    """Compile a scene, with the physics of the settings."""
+    model = compile_scene(spec, surroundings)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
     if settings.coarse:
         model.geom_condim[:] = np.minimum(model.geom_condim, 3)
@@ -130,9 +138,9 @@ def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjM
     return model
 
 
-def worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
-    """`n` simulations that begin as `model`, on the device that the settings name."""
+def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> SimBatch:
+    """Make `n` simulations that begin as `model`, on the device of the settings."""
     if settings.device == "cpu":
-        return Worlds(spec, model, n, threads)
+        return SimBatch(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}
-    return WarpWorlds(spec, model, n, device=settings.device, **room)
+    return WarpBatch(spec, model, n, device=settings.device, **room)

@@ -1,4 +1,8 @@
-"""States in which fingertips hold an object above the upturned palm: searched for once, then only read."""
+"""Start states of in-hand tasks: fingertips hold an object above the upturned palm. They are searched for once and
+stored.
+
+The search closes postures of the right hand around an object, lets it go, and keeps what holds.
+"""
 
 from __future__ import annotations
 
@@ -10,53 +14,52 @@ import numpy as np
 
 from allegro_twin.control import laws
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.cache import cache_folder
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.assets import cache_folder, data_root
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_vector
-from allegro_twin.learning.environments.randomise import Physics
+from allegro_twin.learning.environments.randomise import PhysicsRandomiser
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
-from allegro_twin.learning.tasks.scenes import PALM, THING, upturned
+from allegro_twin.learning.tasks.scenes import PALM, THING, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.model.physics import Physics as ScenePhysics
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 SIZES, FRICTION = (0.9, 1.1), 0.5
-"""Factors on the object's size; the sliding friction in which it must hold."""
-PERIOD = 0.003  # s, of the law and of the physics.
+"""Factors on the object's size; the sliding friction at which it must be held."""
+PERIOD = 0.003  # s, of the control law and of the physics.
 AT_ONCE = 512  # Simulations.
-_CARRIED, _CLOSING, _SEEN, _WATCHED, _PERIODS = 60, 80, 110, 250, 450  # Periods: the object is let go of, the fingers
-# have closed, what has fallen is given up, the rest has come to rest, and the end.
+_CARRIED, _CLOSING, _SEEN, _WATCHED, _PERIODS = 60, 80, 110, 250, 450  # Periods: the object is released, the fingers
+# have closed, fallen objects are given up, the rest has come to rest, and the end.
 _FALLEN = 0.008  # m
-_STILL, _UPRIGHT = 0.001, np.radians(8.0)  # m that it moves from then to the end; its tilt.
+_STILL, _UPRIGHT = 0.001, np.radians(8.0)  # m of motion from then to the end; its tilt.
 _GAP, _HIGHEST, _ASIDE = 0.008, 0.090, 0.035  # m: above the palm; highest middle; from the middle of the palm's edge.
 
 
-class Tries(NamedTuple):
-    """What is tried, a row each."""
+class StartCandidates(NamedTuple):
+    """Candidates to try, one per row."""
 
     posture: Array
     """Before the fingers close, (n, 16), rad."""
     target: Array
     """When they have closed, (n, 16), rad."""
     place: Array
-    """Of the object's middle, world, (n, 3), m."""
+    """Position of the object's middle, world, (n, 3), m."""
     yaw: Array
-    """Of the object, (n,), rad."""
+    """Yaw of the object, (n,), rad."""
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
-    """What is tried: fingers opposite the thumb, in any posture that leaves room for the object between them. Ranges in
-    rad. Its repr tells one search from another."""
+class StartStateSearch:
+    """Ranges of the candidates, rad: fingers opposite the thumb, in any posture that leaves room for the object between
+    them. Its repr is part of the name of the stored file."""
 
     finger: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.75, 1.55), (0.0, 1.0), (0.0, 0.8))
     """From the palm outward."""
@@ -71,8 +74,8 @@ class Search:
     apart: tuple[float, float] = (0.02, 0.1)
     """m, from the thumb to the fingers."""
 
-    def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> Tries:
-        """For objects so high (n,), m."""
+    def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> StartCandidates:
+        """Draw candidates for objects of this height (n,), m."""
         n, tips = len(height), hand_kinematics(spec).batch_fingertips()
         posture, squeeze, place = (np.zeros((n, k)) for k in (16, 16, 3))
         missing = np.arange(n)
@@ -85,10 +88,10 @@ class Search:
             low = np.minimum(fingers[:, 2], thumb[:, 2])
             place[missing, 2] = low + rng.uniform(*self.below, len(missing))
             apart = fingers[:, 0] - thumb[:, 0]
-            good = (apart > self.apart[0]) & (apart < self.apart[1]) & _inside(place[missing], height[missing])
+            good = (apart > self.apart[0]) & (apart < self.apart[1]) & _in_place(place[missing], height[missing])
             missing = missing[~good]
         target = np.clip(posture + squeeze, spec.lower, spec.upper)
-        return Tries(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
+        return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
 
     def _postures(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
         finger = np.array([rng.uniform(*wide, n) for wide in self.finger]).T
@@ -100,15 +103,18 @@ class Search:
         return np.concatenate([fingers.reshape(n, 12), thumb], axis=1), squeeze.reshape(n, 16)
 
 
-def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
-    """One batch: of what held, joints, targets (m, 16), rad, pose (m, 7), m, and factor on the size (m,)."""
+def try_candidates(
+    thing: GraspObject, search: StartStateSearch, rng: np.random.Generator
+) -> tuple[Array, Array, Array, Array]:
+    """Try one batch. Returns what was held: joint positions and targets (m, 16), rad, pose (m, 7), m, and factor on the
+    size (m,)."""
     spec = load_spec(side="right")
     gains = load_gains("default", spec)
-    model = upturned(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds, rows = Worlds(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
+    model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
+    worlds, rows = SimBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
-    body = worlds.free(THING)
-    physics = Physics(worlds, body)
+    body = worlds.free_body(THING)
+    physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, rng.uniform(*SIZES, AT_ONCE))
     height = 2.0 * size * thing.half_extents()[2]
     physics.apply(rows, {"size": size})
@@ -121,23 +127,23 @@ def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array
             body.pose[:, :3], body.pose[:, 3:] = place, turned
             body.velocity[...] = body.spin[...] = 0.0
         if k == _SEEN:
-            going = _apart(body.pose[:, :3], place, _FALLEN)
+            going = _unmoved(body.pose[:, :3], place, _FALLEN)
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
         wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
-        worlds.torque[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
         worlds.step(None if k < _SEEN else going, 1)
-    still = np.intersect1d(going, _apart(body.pose[:, :3], watched, _STILL))
-    kept = still[_inside(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)]
+    still = np.intersect1d(going, _unmoved(body.pose[:, :3], watched, _STILL))
+    kept = still[_in_place(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)]
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
 
 
-def _apart(place: Array, other: Array, most: float) -> Rows:
-    """Who is at most so far from where it was."""
+def _unmoved(place: Array, other: Array, most: float) -> Rows:
+    """Rows that are at most `most` from where they were."""
     return np.flatnonzero(np.linalg.norm(place - other, axis=-1) < most)
 
 
-def _inside(place: Array, height: Array) -> Flags:
+def _in_place(place: Array, height: Array) -> Flags:
     """Where an object may be: above the palm, and neither high nor aside."""
     low = PALM + height / 2 + _GAP
     inside: Flags = (place[:, 2] > low) & (place[:, 2] < _HIGHEST) & (np.abs(place[:, :2]).max(axis=-1) < _ASIDE)
@@ -145,84 +151,96 @@ def _inside(place: Array, height: Array) -> Flags:
 
 
 VERSION = 2
-"""Of the search; counted up when another search would find other states."""
-COUNT, SEED, SEARCH = 1024, 20260101, Search()
+"""Version of the search, counted up when it would find other states."""
+COUNT, SEED, SEARCH = 1024, 20260101, StartStateSearch()
 MOST = 200
-"""Batches, after which a search is given up: it finds too little."""
+"""Batches, after which a search that finds too little ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
-    """For one side, a state a row, in order of size."""
+class StartStates:
+    """Start states of one side, one per row, in order of size."""
 
     position: Array
-    """Of the joints, (m, n), rad."""
+    """Joint positions, (m, n), rad."""
     target: Array
-    """Of the position law that holds the object so, (m, n), rad."""
+    """Set-points of the position control that holds the object, (m, n), rad."""
     pose: Array
-    """Of the object, world, (m, 7), m."""
+    """Pose of the object, world, (m, 7), m."""
     size: Array
     """Factor on the object's size, (m,)."""
 
 
-def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
-    """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
-    ConfigError where there is no cache."""
+def load_start_states(thing: GraspObject, side: str, search: StartStateSearch = SEARCH) -> StartStates:
+    """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
+    Raises ConfigError without a cache."""
     name = file_name(thing, search)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
         if not path.is_file():
-            write(thing, path, search)
+            write_start_states(thing, path, search)
     found = _read(path)
-    return found if side == "right" else _mirrored(found)
+    return found if side == "right" else _mirror(found)
 
 
-def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
-    """Search for the states of the right hand and write them. Raises RecordingError."""
-    found = searched(thing, search)
+def write_start_states(thing: GraspObject, path: Path, search: StartStateSearch = SEARCH) -> None:
+    """Search for the start states of the right hand and write them. Raises RecordingError."""
+    found = search_start_states(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 
-def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED) -> Held:
-    """So many states, or as many as a long search finds. Raises ConfigError where it finds none."""
+def search_start_states(
+    thing: GraspObject, search: StartStateSearch, count: int = COUNT, seed: int = SEED
+) -> StartStates:
+    """Search for `count` states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
     while sum(len(part[0]) for part in parts) < count and len(parts) < MOST:
-        parts.append(tried(thing, search, rng))
+        parts.append(try_candidates(thing, search, rng))
     if not any(len(part[0]) for part in parts):
         raise ConfigError(f"no grasp of the fingertips was found that holds {thing.name} above the palm: it may be too "
                           "large, too small or too heavy")  # fmt: skip
     columns = [np.concatenate(column)[:count] for column in zip(*parts, strict=True)]
     order = np.argsort(columns[3], kind="stable")
-    return Held(*(column[order] for column in columns))
+    return StartStates(*(column[order] for column in columns))
 
 
-def file_name(thing: Thing, search: Search = SEARCH) -> str:
-    """Another search, another object, or another hand, has another."""
+def file_name(thing: GraspObject, search: StartStateSearch = SEARCH) -> str:
+    """File name; it depends on the search, the object and the hand."""
     own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
-    whole = (VERSION, own, repr(search), COUNT, SEED, SIZES, FRICTION, _hand(), repr(ScenePhysics()))
+    whole = (
+        VERSION,
+        own,
+        repr(search).replace("StartStateSearch", "Search", 1),
+        COUNT,
+        SEED,
+        SIZES,
+        FRICTION,
+        _hand_fingerprint(),
+        repr(ScenePhysics()),
+    )
     return f"{fingerprint(*whole)}.npz"
 
 
-def _hand() -> str:
-    """Of the hand that searches: its shapes and masses, its limits and its motors."""
+def _hand_fingerprint() -> str:
+    """Fingerprint of the searching hand: shapes and masses, limits and motors."""
     spec = load_spec(side="right")
     motors, mjcf = spec.actuation, data_root() / "models" / "mjcf" / f"{spec.name}.xml"
     driven = (motors.torque_limit, motors.damping, motors.armature, motors.frictionloss)
     return fingerprint(mjcf, spec.lower, spec.upper, driven)
 
 
-def _mirrored(right: Held) -> Held:
+def _mirror(right: StartStates) -> StartStates:
     """The same states of the left hand."""
     spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
-    return Held(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
+    return StartStates(spec.mirror_posture(right.position), spec.mirror_posture(right.target), pose, right.size)
 
 
-def _read(path: Path) -> Held:
+def _read(path: Path) -> StartStates:
     with np.load(path) as kept:
-        return Held(*(kept[name].astype(np.float64) for name in ("position", "target", "pose", "size")))
+        return StartStates(*(kept[name].astype(np.float64) for name in ("position", "target", "pose", "size")))

@@ -1,5 +1,5 @@
-"""A policy on a virtual hand on a CAN bus: every frame is encoded, sent and decoded, and behind the hand's own
-processor runs the episode that the environment would have run."""
+"""Evaluates a policy on a virtual hand on a CAN bus: every frame is encoded, sent and decoded, and behind the hand's
+processor runs the environment's episode."""
 
 from __future__ import annotations
 
@@ -16,59 +16,57 @@ from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.wiring import load_wiring
-from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.hands.description.calibration import Version, load_wiring
+from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import PolicyController
 from allegro_twin.learning.policy.loading import load_policy
-from allegro_twin.learning.training.evaluation import Evaluation, fitting
+from allegro_twin.learning.training.evaluation import Evaluation, check_card
 from allegro_twin.loop import run
 
 
-def over_can(
+def evaluate_on_can(
     policy: Path, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, version: Version = "v4"
 ) -> Evaluation:
-    """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. What no hand
-    reports does not go over it: a camera beside the hand tells that. Raises ConfigError for a policy of another
-    task."""
-    loaded, episode = load_policy(policy), Episode(task, settings)
+    """Run the episodes of `evaluate` with the same seeds, on a bus in simulated time. What no hand reports does not go
+    over the bus: a camera beside the hand gives it. Raises ConfigError for a policy of another task."""
+    loaded, episode = load_policy(policy), EpisodeBackend(task, settings)
     if "torque" not in episode.spec.commands:
         raise ConfigError(f"{episode.spec.name} is on no CAN bus: leave out --can")
-    fitting(loaded.card, episode.engine.task.card())
+    check_card(loaded.card, episode.engine.task.card())
     success: list[bool] = []
     returned: list[float] = []
-    things: list[str] = []
+    objects: list[str] = []
     counted: list[float] = []
-    shares: dict[str, list[float]] = {each: [] for each in episode.engine.task.shares}
-    name = episode.engine.task.counted
+    shares: dict[str, list[float]] = {each: [] for each in episode.engine.task.share_terms}
+    name = episode.engine.task.count_term
     for each in range(episodes):
         episode.seed = seed + each
         episode.reset()
-        interface = episode.engine.task.interface  # With the scripts of these very objects.
+        interface = episode.engine.task.interface  # With the scripts of these objects.
         controller = PolicyController(
-            loaded.policy, interface, episode.goal, episode.script, episode.target, episode.completed
+            loaded.policy, interface, episode.goal, episode.script, episode.target, episode.complete_observation
         )
         with closing(_on_bus(episode, version)) as hand:  # Switched on anew: its motors are cold.
             returned.append(sum(_rewards(hand, controller, episode)))
         success.append(episode.success)
-        counted += [episode.counted] if name else []
+        counted += [episode.count] if name else []
         for share, values in shares.items():
             values.append(episode.shares[share])
-        things.append(*episode.report.get("object", [""]))
-    named = tuple(things) if any(things) else ()
+        objects.append(*episode.report.get("object", [""]))
+    named = tuple(objects) if any(objects) else ()
     parts = {name: np.array(values) for name, values in shares.items()}
     return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None, parts)
 
 
-def _rewards(hand: CanBackend, controller: PolicyController, episode: Episode) -> Iterator[float]:
+def _rewards(hand: CanBackend, controller: PolicyController, episode: EpisodeBackend) -> Iterator[float]:
     for _ in run(hand, controller):
         yield episode.reward
         if episode.over:
             return
 
 
-def _on_bus(episode: Episode, version: Version) -> CanBackend:
+def _on_bus(episode: EpisodeBackend, version: Version) -> CanBackend:
     """A virtual hand whose episode begins with every session."""
     spec = episode.spec
     codec = make_codec(version, load_wiring(spec.model, "").calibration)

@@ -1,4 +1,4 @@
-"""How good a policy is: episodes side by side, every one to its end, the same ones for every policy."""
+"""Evaluates policies: whole episodes side by side, the same ones for every policy."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.controller import Policy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """One row an episode."""
+    """Results of an evaluation, one row per episode."""
 
     success: NDArray[np.bool_]
-    returned: NDArray[np.float64]
+    returns: NDArray[np.float64]
     """Sum of the rewards."""
-    things: tuple[str, ...]
+    objects: tuple[str, ...]
     """The object of each episode; empty where a task has none."""
-    counted: NDArray[np.float64] | None = None
-    """What each came to at its end, where its task counts something: rad turned, goals reached."""
+    counts: NDArray[np.float64] | None = None
+    """Final values of the task's `count_term`, where it has one: rad turned, goals reached."""
     shares: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Shares of each episode's time, by name, where its task tells such: `on_palm`."""
+    """Shares of each episode's time, by name, where the task has such terms: `on_palm`."""
 
     @property
     def rate(self) -> float:
@@ -39,42 +39,43 @@ class Evaluation:
         """Standard error of the rate."""
         return math.sqrt(self.rate * (1.0 - self.rate) / len(self.success))
 
-    def by_thing(self) -> dict[str, tuple[int, int]]:
+    def by_object(self) -> dict[str, tuple[int, int]]:
         """Successes and episodes of every object."""
-        names = np.array(self.things)
-        found = {name: self.success[names == name] for name in sorted({*self.things})}
+        names = np.array(self.objects)
+        found = {name: self.success[names == name] for name in sorted({*self.objects})}
         return {name: (int(success.sum()), len(success)) for name, success in found.items()}
 
 
 def evaluate(
     policy: Policy, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, threads: int = 0
 ) -> Evaluation:
-    """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
+    """Run `episodes` episodes of a task. Episode i is that of the single environment with the seed `seed + i`. Raises
+    ConfigError."""
     if episodes < 1:
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
-    env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords(settings))
+    env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **env_keywords(settings))
     observation, report = env.reset(seed=seed)
-    going = np.ones(episodes, bool)
+    running = np.ones(episodes, bool)
     success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)
-    name = env.engine.task.counted
-    shares = {each: np.zeros(episodes) for each in env.engine.task.shares}
-    while going.any():
+    name = env.engine.task.count_term
+    shares = {each: np.zeros(episodes) for each in env.engine.task.share_terms}
+    while running.any():
         observation, reward, terminated, truncated, info = env.step(policy(observation))
-        returned += np.where(going, reward, 0.0)
+        returned += np.where(running, reward, 0.0)
         if name:
-            counted[going] = info[name][going]
+            counted[running] = info[name][running]
         for each, share in shares.items():
-            share[going] = info[each][going]
-        ended = going & (terminated | truncated)
+            share[running] = info[each][running]
+        ended = running & (terminated | truncated)
         success[ended] = info["is_success"][ended]
-        going &= ~ended
+        running &= ~ended
     env.close()
     return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None, shares)
 
 
-def fitting(card: Card, task: Card) -> None:
-    """Raise ConfigError unless a policy's card is one that this task would write, whatever its objects are."""
-    for name in Card.model_fields:
+def check_card(card: PolicyCard, task: PolicyCard) -> None:
+    """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
+    for name in PolicyCard.model_fields:
         if name in ("scripts", "periods", "note", "algorithm"):
             continue
         if getattr(card, name) != getattr(task, name):
@@ -84,6 +85,6 @@ def fitting(card: Card, task: Card) -> None:
             )
 
 
-def keywords(settings: EnvSettings) -> dict[str, Any]:
+def env_keywords(settings: EnvSettings) -> dict[str, Any]:
     """Settings as the keyword arguments that they came from."""
     return {name: getattr(settings, name) for name in settings.model_fields_set}

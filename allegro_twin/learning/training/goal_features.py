@@ -1,8 +1,8 @@
-"""What is left to a goal: what policies with goals see besides it and what is achieved.
+"""Goal features: the remaining difference to a goal, a further input of policies with goals.
 
-Of positions it is their difference. Of orientations, unit quaternions g and a, it is 2 sign(w) v with (w, v) = g a⁻¹:
-the axis of the turn that is left, in the world's axes, times twice the sine of half its angle. w and v are sums of
-products of entries, which the same matrices say for NumPy, PyTorch and ONNX.
+For positions it is the difference. For orientations, unit quaternions g and a, it is 2 sign(w) v with (w, v) = g a⁻¹:
+the axis of the remaining rotation, in world axes, times twice the sine of half its angle. w and v are sums of products
+of entries, given by the same matrices for NumPy, PyTorch and ONNX.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.array_api import library
+from allegro_twin.array_api import array_namespace
 
 # (entry of the result, sign, entry of the goal, entry of what is achieved)
 _PRODUCTS = [
@@ -38,16 +38,16 @@ def _matrices() -> tuple[Any, Any, Any, Any]:
 WANTED, HAD, SCALAR, VECTOR = _matrices()
 
 
-def left(desired: Any, achieved: Any, turns: bool) -> Any:
-    """Of goals (n, k), or with `turns` of orientations (n, 4), shape (n, 3)."""
+def goal_difference(desired: Any, achieved: Any, turns: bool) -> Any:
+    """Difference of goals (n, k), or with `turns` of orientations (n, 4), shape (n, 3)."""
     if not turns:
         return desired - achieved
-    xp = library(desired)
+    xp = array_namespace(desired)
     wanted, had, scalar, vector = (xp.asarray(matrix, np.float32) for matrix in (WANTED, HAD, SCALAR, VECTOR))
     products = (desired @ wanted) * (achieved @ had)
     return (products @ vector) * xp.sign(products @ scalar)
 
 
-def numbers_left(width: int, turns: bool) -> int:
-    """How many those are, of goals of so many numbers."""
+def goal_difference_width(width: int, turns: bool) -> int:
+    """Number of these features, for goals of `width` numbers."""
     return 3 if turns else width

@@ -1,4 +1,4 @@
-"""A trained policy as ONNX: normalisation, network and bounds in one graph that needs no PyTorch to run."""
+"""ONNX files of trained policies: normalisation, network and bounds in one graph, written and read back."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.learning.policy.card import Card, write_card
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.learning.policy.card import PolicyCard, write_card
 from allegro_twin.learning.training.goal_features import HAD, SCALAR, VECTOR, WANTED
 from allegro_twin.learning.training.progress import ACHIEVED, GOAL
 
@@ -21,7 +21,7 @@ OPSET, IR = 17, 9  # Read by every onnxruntime since 1.17.
 
 
 class _Graph:
-    """Nodes in a row, each from the output of the last."""
+    """Nodes in a chain, each from the output of the last."""
 
     def __init__(self, first: str) -> None:
         self.nodes: list[Any] = []
@@ -40,30 +40,29 @@ class _Graph:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layered:
-    """A policy's mean action: its inputs side by side, normalised, through layers one after the other."""
+class PolicyNetwork:
+    """A policy's mean action: inputs are concatenated, normalised, and passed through layers."""
 
     widths: dict[str, int]
-    """The names of the inputs in their order, and how many numbers each has. With a goal there is one part more at the
-    end: what is left to it."""
+    """Names and widths of the inputs, in order. With a goal the goal difference follows as a further part."""
     mean: Any
     scale: Any
-    """What the distance from the mean is multiplied with, (features,)."""
+    """Factor on the distance from the mean, (features,)."""
     bound: float | None
-    """Where that is clipped."""
+    """Clipping limit of normalised inputs."""
     layers: list[Any]
-    """Of PyTorch: linear ones, Tanh and ELU."""
+    """PyTorch layers: linear ones, Tanh and ELU."""
     turns: bool = False
     """Goals are orientations (allegro_twin/learning/training/goal_features.py)."""
 
 
-def to_onnx(policy: Layered, path: Path, card: Card) -> None:
-    """Its mean action, within [-1, 1]."""
+def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
+    """Write the mean action, within [-1, 1]."""
     names = list(policy.widths)
     inputs = [_floats(name, width) for name, width in policy.widths.items()]
     graph = _Graph(names[0])
     if len(names) > 1:
-        missing = _left(graph, policy.turns)
+        missing = _add_goal_difference(graph, policy.turns)
         graph.last = names[0]
         graph.add("Concat", *names[1:], missing, axis=1)
     graph.add("Sub", graph.constant(policy.mean))
@@ -81,13 +80,13 @@ def to_onnx(policy: Layered, path: Path, card: Card) -> None:
     whole = helper.make_graph(graph.nodes, "policy", inputs, [_floats("action", card.action)], graph.weights)
     made = helper.make_model(whole, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR)
     onnx.checker.check_model(made)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         onnx.save(made, str(temporary))
         write_card(temporary, card)
 
 
-def _left(graph: _Graph, turns: bool) -> str:
-    """Where what is left to the goal is found."""
+def _add_goal_difference(graph: _Graph, turns: bool) -> str:
+    """Add nodes of the goal difference; returns the name of its output."""
     graph.last = GOAL
     if not turns:
         graph.add("Sub", ACHIEVED)
@@ -113,12 +112,12 @@ def _floats(name: str, width: int) -> Any:
 _PLAIN = {"Tanh": torch.nn.Tanh, "Elu": torch.nn.ELU}
 
 
-def layers_of(path: Path) -> Layered:
-    """Of a file that `to_onnx` has written. Raises ConfigError for any other."""
+def read_onnx_network(path: Path) -> PolicyNetwork:
+    """Read a file that `to_onnx` has written. Raises ConfigError for any other."""
     graph = onnx.load(str(path)).graph
     weights = {each.name: np.array(numpy_helper.to_array(each)) for each in graph.initializer}
     widths = {each.name: each.type.tensor_type.shape.dim[1].dim_value for each in graph.input}
-    # Several inputs are put side by side first, the last node is the bounds of actions.
+    # Several inputs are concatenated first; the last node clips actions.
     before = max((at for at, node in enumerate(graph.node) if node.op_type == "Concat"), default=-1)
     turns = any(node.op_type == "Sign" for node in graph.node)
     nodes = graph.node[before + 1 : -1]
@@ -129,13 +128,13 @@ def layers_of(path: Path) -> Layered:
     bound = float(constants[2][1]) if kinds[2] == "Clip" else None
     first = 2 if bound is None else 3
     layers = [_layer(kind, given) for kind, given in zip(kinds[first:], constants[first:], strict=True)]
-    return Layered(widths, constants[0][0], constants[1][0], bound, layers, turns)
+    return PolicyNetwork(widths, constants[0][0], constants[1][0], bound, layers, turns)
 
 
-class Acting(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped where it is not installed.
-    """Its mean action, within [-1, 1], of inputs that are side by side already, (n, features)."""
+class NetworkActor(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped where it is not installed.
+    """The mean action as a PyTorch module, within [-1, 1], of concatenated inputs (n, features)."""
 
-    def __init__(self, policy: Layered) -> None:
+    def __init__(self, policy: PolicyNetwork) -> None:
         super().__init__()
         self.register_buffer("mean", torch.as_tensor(policy.mean))
         self.register_buffer("scale", torch.as_tensor(policy.scale))

@@ -1,4 +1,4 @@
-"""How far a training is, and whether it is the same one as another."""
+"""Progress of a training: checkpoints' content, learning curve, schedules, and whether a checkpoint belongs to it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,30 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import gains_names, load_gains
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.sim.objects.catalogue import object_catalogue
+
+GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # Names of Gymnasium.
+STATE = "state"
+Advance = Callable[[int, float, float], None]
+"""Called after every update: the actions taken in all, and the mean return and success rate of the episodes that ended
+since, NaN where none did."""
+FINAL_RATE = 0.1  # Share of the learning rate at the end.
+EVALUATION = 1_000_000_000  # First seed of the evaluations: never one of training.
+ROUND_SEEDS = 100_003  # Distance of seeds: more than there are simulations, so that no two rounds share a seed.
+
+COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
+"""Actions in all; s of training; episodes that ended since the last row; their mean return, length and success rate;
+and the success rate without noise on the actions, once per round. Empty: no value."""
 
 VERSION = 2
-"""Of the trainer: what a checkpoint must be of to be continued."""
+"""Version of the trainer. A checkpoint of another version is not continued."""
 
 _MODULES = (
     "allegro_twin.learning.training.rsl.ppo",
@@ -31,55 +44,55 @@ _MODULES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class TrainingProgress:
     """How far a training is."""
 
     rounds: int = 0
-    """That are done."""
+    """Completed rounds."""
     steps: int = 0
     """Actions taken, all simulations together."""
     seconds: float = 0.0
-    """Spent in training, pauses not counted."""
+    """Training time, without pauses."""
 
 
-def made_of(recipe: Recipe) -> dict[str, str]:
-    """What a training is made of beside its recipe, by fingerprint: the engine, the code that trains and simulates, the
-    hand with its gains, and the catalogue of objects. Files of a user's own, such as meshes, are not in it."""
+def input_fingerprints(recipe: Recipe) -> dict[str, str]:
+    """Fingerprints of a training's inputs beside its recipe: the engine, the code that trains and simulates, the hand
+    with its gains, and the catalogue of objects. Files of a user's own, such as meshes, are not included."""
     spec = load_spec(recipe.environment.hand, recipe.environment.side)
     return {
         "engine": f"mujoco {version('mujoco')}",
         "code": fingerprint([source_fingerprint(module) for module in _MODULES]),
         f"hand {spec.name}": hand_fingerprint(spec),
         f"gains of {spec.model}": fingerprint({name: load_gains(name, spec) for name in gains_names(spec)}),
-        "objects": fingerprint(catalogue()),
+        "objects": fingerprint(object_catalogue()),
     }
 
 
-def checkpoint_content(recipe: Recipe, progress: Progress) -> dict[str, Any]:
-    """What every checkpoint says of its training; `checked_progress` reads it."""
+def checkpoint_content(recipe: Recipe, progress: TrainingProgress) -> dict[str, Any]:
+    """The common part of every checkpoint, for `checked_progress`."""
     return {
         "version": VERSION,
         "recipe": recipe.model_dump(mode="json"),
-        "made_of": made_of(recipe),
+        "made_of": input_fingerprints(recipe),
         "progress": asdict(progress),
     }
 
 
-def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> Progress:
-    """How far a checkpoint is. Raises ConfigError for one of another version, another recipe or other inputs."""
+def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> TrainingProgress:
+    """Progress of a checkpoint. Raises ConfigError for one of another version, another recipe or other inputs."""
     if content["version"] != VERSION:
         raise ConfigError(
             f"{path} is a checkpoint of version {content['version']}; this package continues {VERSION}: "
             "train anew in another folder"
         )
-    same_training(path, content["recipe"], recipe)
-    same_inputs(path, content.get("made_of", {}), recipe)
-    return Progress(**content["progress"])
+    check_same_recipe(path, content["recipe"], recipe)
+    check_same_inputs(path, content.get("made_of", {}), recipe)
+    return TrainingProgress(**content["progress"])
 
 
-def same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
-    """Raise ConfigError for a checkpoint that was made of something else: to go on from it would mix two trainings."""
-    now = made_of(recipe)
+def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
+    """Raise ConfigError for a checkpoint with other inputs: to continue it would mix two trainings."""
+    now = input_fingerprints(recipe)
     changed = [name for name in {**now, **was} if was.get(name) != now.get(name)]
     if changed:
         raise ConfigError(
@@ -88,10 +101,10 @@ def same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
         )
 
 
-def same_training(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
-    """Raise ConfigError for a checkpoint of another recipe than this one; more steps are a longer training of the same
-    kind, and where it simulates a training may change."""
-    then, now = (each.model_dump(mode="json") for each in (parse(Recipe, was, str(path)), recipe))
+def check_same_recipe(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
+    """Raise ConfigError for a checkpoint of another recipe. More steps are a longer training of the same kind, and the
+    device may change."""
+    then, now = (each.model_dump(mode="json") for each in (parse_settings(Recipe, was, str(path)), recipe))
     for each in (then, now):
         each["environment"].pop("device", None)
     changed = [key for key in sorted(now.keys() | then.keys()) if key != "steps" and then.get(key) != now.get(key)]
@@ -102,68 +115,54 @@ def same_training(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
         )
 
 
-GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.
-STATE = "state"
-Advance = Callable[[int, float, float], None]
-"""Told after every update: the actions taken in all, and the mean return and success rate of the episodes that ended
-since, NaN where none did."""
-FINAL_RATE = 0.1  # Of the learning rate, at the end.
-EVALUATION = 1_000_000_000  # Seeds of the evaluations: never those of training.
-ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
-
-
 @dataclass(frozen=True, slots=True)
-class Trained:
-    """What a training has left behind."""
+class TrainingResult:
+    """Result of a training."""
 
     policy: Path
     """The .onnx file."""
-    progress: Progress
+    progress: TrainingProgress
     rate: float
-    """Success rate of the last evaluation, on what was trained on."""
+    """Success rate of the last evaluation, on the training's objects."""
 
 
-def note(recipe: Recipe, progress: Progress) -> str:
+def training_note(recipe: Recipe, progress: TrainingProgress) -> str:
     """How a policy was trained, for its card."""
     how = "PPO" if recipe.teacher is None else f"DAgger of {recipe.teacher}"
     how += "" if recipe.start is None else f" from {recipe.start} on"
     return f"{how}, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
 
 
-def rate_of(recipe: Recipe, progress: Progress) -> float:
-    """Of learning, in the next round: it falls in a straight line to a tenth."""
+def learning_rate(recipe: Recipe, progress: TrainingProgress) -> float:
+    """Learning rate of the next round: it falls in a straight line to a tenth."""
     return recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * progress.rounds / recipe.rounds)
 
 
 def round_seed(seed: int, rounds: int) -> int:
-    """Of the first simulation in the round after so many, with Stable-Baselines3; the others' follow it."""
+    """Seed of the first simulation in a round, with Stable-Baselines3; the others' follow it."""
     return (seed + rounds * ROUND_SEEDS) % 2**31
 
 
-def farthest_of(recipe: Recipe, progress: Progress) -> float | None:
-    """How far goals are in the next round, rad, where the recipe says so."""
+def goal_distance(recipe: Recipe, progress: TrainingProgress) -> float | None:
+    """Distance of goals in the next round, rad, where the recipe has a range."""
     if recipe.farthest is None:
         return None
     near, far = recipe.farthest
     return near + (far - near) * progress.rounds / max(recipe.rounds - 1, 1)
 
 
-COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
-"""Actions in all; s of training; episodes that ended since the last row; their mean return and length and the share
-that went well; and the success rate without noise on the actions, once a round. Empty: nothing to tell."""
-
-
-class Curve:
-    """Goes on after the rows up to `steps`; what a killed training wrote behind them is done again."""
+class LearningCurve:
+    """A learning curve as a CSV file, one row per update. It continues after the rows up to `steps`: what a killed
+    training wrote beyond its checkpoint is written again."""
 
     def __init__(self, path: Path, steps: int) -> None:
         kept: list[dict[str, str]] = []
         if steps and path.is_file():
             with path.open(newline="") as file:
-                rows = [row for row in csv.DictReader(file) if None not in row.values()]  # The last may be cut.
+                rows = [row for row in csv.DictReader(file) if None not in row.values()]  # The last row may be cut.
                 kept = [row for row in rows if int(row["steps"]) <= steps]
         self._path = path
-        with whole_file(path) as temporary, temporary.open("w", newline="") as file:
+        with atomic_file(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(kept)

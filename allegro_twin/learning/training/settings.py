@@ -1,4 +1,4 @@
-"""The recipe of a training: the task, its environments, and PPO's numbers."""
+"""Recipes of trainings: task, environments, and hyperparameters."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import data_root, find, read_yaml
-from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.learning.environments.objects import Given
+from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.tasks import ALONE, TASKS, alone
+from allegro_twin.learning.tasks import NO_BATCH, TASKS, explain_no_batch, task_names
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -24,24 +24,25 @@ class Recipe(Settings):
 
     task: str
     environment: EnvSettings = EnvSettings()
-    """Keywords of the environments that are trained in."""
-    held_out: tuple[Given, ...] = ()
+    """Keywords of the training's environments."""
+    held_out: tuple[ObjectChoice, ...] = ()
     """Objects that are kept from training and from every choice about it, for the evaluation."""
-    looked_at: tuple[Given, ...] = ()
-    """Objects that no simulation of the training has, but by which it was chosen what and how long to train. They say
-    as little of what was never seen as those that were trained on."""
+    looked_at: tuple[ObjectChoice, ...] = ()
+    """Objects that no simulation of the training has, but by which its recipe and length were chosen. They are no more
+    independent than those of the training."""
     learner: Literal["stable-baselines3", "rsl-rl", "dagger"] = "stable-baselines3"
-    """Who learns: the first two by PPO, the one on processors, and the same policy again to the bit, the other also on
-    a Warp device; the third imitates a `teacher`."""
+    """Learner: `stable-baselines3` runs PPO on processors, reproducible to the bit; `rsl-rl` runs PPO, also on a Warp
+    device; `dagger` imitates a `teacher`."""
     teacher: str | None = None
-    """Of `dagger`: a policy, by path or name, of the same task with `observation: full`."""
+    """For `dagger`: a policy, by path or name, of the same task with `observation: full`."""
     start: str | None = None
-    """With rsl-rl: a policy to begin with, by path or name, instead of a random one; its hidden layers are the
-    recipe's. Inputs that it has not (a goal) count nothing at first."""
+    """With rsl-rl: a policy to start from, by path or name, instead of a random one, with the recipe's hidden layers.
+    Inputs that it does not have (a goal) get zero weights."""
     settle: Annotated[int, Field(ge=0)] = 0
-    """With `start`: updates at the beginning in which only the value is learned, which no policy's file holds."""
+    """With `start`: updates at the beginning in which only the value function is learned, which no policy file
+    contains."""
     envs: Count = 256
-    """Simulations side by side."""
+    """Number of simulations."""
     steps: Count = 1_000_000
     """Actions in all; whole rounds are trained."""
     round: Count = 100_000
@@ -53,8 +54,8 @@ class Recipe(Settings):
     learning_rate: Positive = 5e-4
     """At the beginning; it falls in a straight line to a tenth."""
     desired_kl: Positive | None = None
-    """With rsl-rl: the learning rate is adapted so that an update changes the policy by so much (Schulman et al. 2017).
-    None: it falls as described."""
+    """With rsl-rl: the learning rate is adapted so that an update changes the policy by this much (Schulman et al.
+    2017). None: it falls as described."""
     discount: Share = 0.98
     trace: Share = 0.95
     """λ of the advantage estimate."""
@@ -64,23 +65,23 @@ class Recipe(Settings):
     """Units of each layer, of policy and value alike."""
     activation: Literal["tanh", "elu"] = "elu"
     log_spread: float = -1.0
-    """Logarithm of the standard deviation with which actions are tried out at the beginning."""
+    """Logarithm of the standard deviation of actions at the beginning."""
     reward_scale: Positive = 1.0
     farthest: tuple[Positive, Positive] | None = None
-    """Of Reorient: how far goals are in the first round and in the last, rad; between them in a straight line."""
+    """For Reorient: distance of goals in the first round and in the last, rad; between them in a straight line."""
     seed: Annotated[int, Field(ge=0)] = 0
     trials: Count = 100
     """Episodes of the evaluation after every round, without noise on the actions."""
 
     @field_validator("task")
     @classmethod
-    def _known(cls, value: str) -> str:
-        if value not in TASKS and ":" not in value:
-            raise ValueError(unknown("task", value, TASKS))
+    def _check_task(cls, value: str) -> str:
+        if value not in task_names() and ":" not in value:
+            raise ValueError(unknown("task", value, task_names()))
         return value
 
     @model_validator(mode="after")
-    def _served(self) -> Recipe:
+    def _check_learner(self) -> Recipe:
         if (self.learner == "dagger") != (self.teacher is not None):
             raise ValueError("learner dagger and a teacher go together: give both, or neither")
         if self.settle and self.start is None:
@@ -101,7 +102,7 @@ class Recipe(Settings):
 
     @property
     def rounds(self) -> int:
-        """How many there are."""
+        """Number of rounds."""
         return max(round(self.steps / self.round_steps), 1)
 
     @property
@@ -111,21 +112,21 @@ class Recipe(Settings):
 
 
 def load_recipe(name: str, **changes: Any) -> Recipe:
-    """A recipe by path or by its name in conf/training, or the defaults for the name of a task; `changes` that are
-    None are left out. Raises ConfigError with the nearest names."""
+    """A recipe by path or by its name in conf/training, or the defaults for the name of a task; `changes` that are None
+    are left out. Raises ConfigError with the nearest names."""
     given = {key: value for key, value in changes.items() if value is not None}
     own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
-    if name == ALONE:
-        raise ConfigError(alone())
-    # What ships is for one hand, with its objects: for another a task's name means the defaults.
+    if name == NO_BATCH:
+        raise ConfigError(explain_no_batch())
+    # Shipped recipes are for one hand, with its objects: for another hand a task's name means the defaults.
     foreign = name in TASKS and own.get("hand", HAND) != HAND
-    if ":" in name or foreign or (name in TASKS and name.lower() not in shipped):
-        return parse(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
+    if ":" in name or foreign or (name in task_names() and name.lower() not in shipped):
+        return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
     if "." not in name and "/" not in name and name.lower() not in shipped:
-        raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))
-    path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
+        raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
+    path = shipped.get(name.lower()) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
     if own:
         content["environment"] = content.get("environment", {}) | own
-    return parse(Recipe, content | given, str(path))
+    return parse_settings(Recipe, content | given, str(path))

@@ -1,1 +1,1 @@
-"""Recordings in other programs' formats: rosbag2, MCAP, LeRobot, Minari, Parquet, CSV."""
+"""Conversion of recordings: rosbag2, MCAP, LeRobot, Minari, Parquet, CSV."""

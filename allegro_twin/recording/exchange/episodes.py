@@ -1,4 +1,4 @@
-"""What recordings and sets of demonstrations share: the parts of an episode, and the way back to a recording."""
+"""What all data set formats share: the parts of an episode, and the way back to a recording."""
 
 from __future__ import annotations
 
@@ -11,27 +11,26 @@ import numpy as np
 import pyarrow as pa
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import Recording
 from allegro_twin.types import Array
 
 KEPT = "recording"
-"""Under which name a set keeps every column of a recording as it was, beside what its own format asks for."""
+"""Name under which a data set keeps every column of a recording unchanged, beside what its own format asks for."""
 
 
-def new_folder(folder: Path) -> None:
-    """Raise ConfigError for a path that has something in it."""
+def check_new_folder(folder: Path) -> None:
+    """Raise ConfigError for a path that is a file or a folder with content."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file: a data set is written in one go, into a new folder")
     if folder.exists() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: a data set is written in one go, into a new folder")
 
 
-def begin(recordings: Sequence[Recording], folder: Path) -> None:
-    """Raise ConfigError for a folder that has something in it, or for recordings of different hands, periods or
-    columns."""
-    new_folder(folder)
+def check_recordings(recordings: Sequence[Recording], folder: Path) -> None:
+    """Raise ConfigError for a folder with content, or for recordings of different hands, periods or columns."""
+    check_new_folder(folder)
     first = recordings[0]
     for other in recordings[1:]:
         if (other.spec.name, other.period) != (first.spec.name, first.period):
@@ -43,8 +42,8 @@ def begin(recordings: Sequence[Recording], folder: Path) -> None:
 
 
 def action_of(recording: Recording) -> tuple[str, Array]:
-    """What a learner should imitate: the position controller's set-points, rad, or the command where there were none,
-    and which of the two it is."""
+    """What a learner should imitate: the position controller's set-points, rad, or the command where there are none;
+    and the name of that column."""
     for name in ("target", "command_position", "command_torque"):
         if name in recording.columns:
             return name, recording.columns[name]
@@ -58,7 +57,7 @@ def observation_of(recording: Recording) -> Array:
 
 
 def task_of(recording: Recording) -> str:
-    """In words, from the config that made it."""
+    """Text of the task, from the config that made the recording."""
     config = recording.meta.get("config", {})
     task, controller = config.get("task", {}), config.get("controller", {})
     if task.get("scenario") or task.get("grasp"):
@@ -66,20 +65,19 @@ def task_of(recording: Recording) -> str:
     return f"{controller.get('kind', 'unknown')}: {task.get('posture') or controller.get('file') or 'motion'}"
 
 
-def rebuilt(path: Path, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> Recording:
-    """A recording in memory from what a set has kept of it."""
+def rebuild_recording(path: Path, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> Recording:
+    """Make a recording in memory from what a data set has kept."""
     for values in columns.values():
         values.setflags(write=False)
     return Recording(path, meta, columns, complete=True)
 
 
-def write(recording: Recording, path: Path) -> None:
-    """A recording in memory as the .arrow file that it came from. Raises RecordingError when the disk does not let
-    it."""
+def write_arrow(recording: Recording, path: Path) -> None:
+    """Write a recording in memory as an .arrow file. Raises RecordingError when the disk does not allow it."""
     from allegro_twin.recording.recorder import UNITS
 
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     fields = [pa.field(name, a.type).with_metadata({"unit": UNITS.get(name, "")}) for name, a in arrays.items()]
     schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(dict(recording.meta))})
-    with whole_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
+    with atomic_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
         writer.write_table(pa.table(list(arrays.values()), schema=schema))

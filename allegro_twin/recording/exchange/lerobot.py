@@ -1,7 +1,7 @@
-"""Recordings as a data set of LeRobot, version 3.0 of its layout, and back.
+"""Recordings as a LeRobot data set, version 3.0 of its layout, and back.
 
-One episode a recording. `observation.state`, `observation.velocity` and `action` are float32, as its policies want
-them; every column of the recording is there a second time as it was, so the way back loses nothing.
+One episode per recording. `observation.state`, `observation.velocity` and `action` are float32, as LeRobot's policies
+expect them. Every column of the recording is there a second time unchanged, so the way back loses nothing.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.arrow_writer import arrow_column
-from allegro_twin.recording.exchange.episodes import KEPT, action_of, begin, rebuilt, task_of
-from allegro_twin.recording.reader import Recording, numpy_of
+from allegro_twin.recording.exchange.episodes import KEPT, action_of, check_recordings, rebuild_recording, task_of
+from allegro_twin.recording.reader import Recording, numpy_column
 
 VERSION = "v3.0"
-CHUNK = 1000  # Files a folder: the format's own default.
-MEGABYTES = 100  # A file of data: the format's own default.
+CHUNK = 1000  # Files per folder: the format's own default.
+MEGABYTES = 100  # Size of a data file: the format's own default.
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 OURS = "meta/allegro_twin.jsonl"
@@ -34,27 +34,27 @@ _INDEX = "__index_level_0__"  # How pandas names an index that has no name.
 Columns = dict[str, NDArray[Any]]
 
 
-class Origin(NamedTuple):
-    """Where a set comes from."""
+class DatasetOrigin(NamedTuple):
+    """Source of a data set."""
 
     robot: str
     period: float
     """Between two frames, s."""
     labels: Mapping[str, list[str]]
-    """Names of the numbers of some features."""
+    """Labels of the numbers of some features."""
 
 
-class Told(NamedTuple):
-    """An episode as the format wants it."""
+class LerobotEpisode(NamedTuple):
+    """An episode as the format expects it."""
 
     task: str
-    """In words."""
+    """Text of the task."""
     columns: Columns
-    """Its features, a row a frame: `action`, and whatever else there is."""
+    """Features, one row per frame: `action`, and whatever else there is."""
 
 
-class Place(NamedTuple):
-    """Where the rows of an episode are."""
+class EpisodeLocation(NamedTuple):
+    """Location of the rows of an episode."""
 
     chunk: int
     file: int
@@ -63,23 +63,25 @@ class Place(NamedTuple):
 
 
 def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
-    """Write a new data set, whole or not at all. Raises ConfigError for a folder that has something in it, or for
-    recordings of different hands, periods or columns; RecordingError when the disk does not let it."""
-    begin(recordings, folder)
+    """Write a new data set, whole or not at all. Raises ConfigError for a folder with content, or for recordings of
+    different hands, periods or columns; RecordingError when the disk does not allow it."""
+    check_recordings(recordings, folder)
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
-    labels = {name: [f"{what}.{alias}" for alias in first.spec.readable] for name, what in names.items()}
-    with whole_folder(folder) as temporary:
-        origin = Origin(first.spec.name, first.period, labels)
-        write_set([Told(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary)
+    labels = {name: [f"{what}.{alias}" for alias in first.spec.joint_labels] for name, what in names.items()}
+    with atomic_folder(folder) as temporary:
+        origin = DatasetOrigin(first.spec.name, first.period, labels)
+        write_dataset(
+            [LerobotEpisode(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary
+        )
         (temporary / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))
 
 
-def write_set(told: Sequence[Told], origin: Origin, folder: Path) -> None:
-    """Write a data set into an empty folder: an element an episode."""
-    tasks = sorted({each.task for each in told})
+def write_dataset(sources: Sequence[LerobotEpisode], origin: DatasetOrigin, folder: Path) -> None:
+    """Write a data set into an empty folder, one episode per element."""
+    tasks = sorted({each.task for each in sources})
     episodes, index = [], 0
-    for number, each in enumerate(told):
+    for number, each in enumerate(sources):
         episodes.append(each.columns | _numbered(each, origin.period, number, index, tasks.index(each.task)))
         index += len(each.columns["action"])
     places = list(_data(episodes, folder))
@@ -87,18 +89,19 @@ def write_set(told: Sequence[Told], origin: Origin, folder: Path) -> None:
     known = [name for name in episodes[0] if not any(np.isnan(columns[name]).any() for columns in episodes)]
     stats = [{name: statistics(columns[name]) for name in known} for columns in episodes]
     whole = {name: statistics(np.concatenate([columns[name] for columns in episodes])) for name in known}
-    rows = episode_rows(places, [each.task for each in told], stats)
+    rows = episode_rows(places, [each.task for each in sources], stats)
     pa.parquet.write_table(rows, folder / EPISODES)
     pa.parquet.write_table(task_table(tasks), folder / "meta/tasks.parquet")
     (folder / "meta/stats.json").write_text(json.dumps(whole, indent=4))
-    content = info(origin, episodes[0], len(told), len(tasks), index) | {
+    content = info_json(origin, episodes[0], len(sources), len(tasks), index) | {
         "codebase_version": VERSION, "chunks_size": CHUNK, "data_files_size_in_mb": MEGABYTES, "data_path": DATA,
     }  # fmt: skip
     (folder / "meta/info.json").write_text(json.dumps(content, indent=4))
 
 
 def from_lerobot(folder: Path, episode: int = 0) -> Recording:
-    """One episode as the recording that it was. Raises RecordingError for a data set of other origin or version."""
+    """Read one episode back as the recording that it was. Raises RecordingError for a data set of other origin or
+    version."""
     ours = folder / OURS
     if not ours.is_file():
         raise RecordingError(f"{folder} has no {OURS}: it was not made of recordings of this package")
@@ -116,19 +119,19 @@ def from_lerobot(folder: Path, episode: int = 0) -> Recording:
     except (OSError, pa.ArrowException) as error:
         raise RecordingError(f"{folder}: not a readable episode: {' '.join(str(error).split())}") from error
     kept = [name for name in table.column_names if name.startswith(f"{KEPT}.")]
-    columns = {name.removeprefix(f"{KEPT}."): numpy_of(table.column(name)) for name in kept}
-    return rebuilt(path, metas[episode], columns)
+    columns = {name.removeprefix(f"{KEPT}."): numpy_column(table.column(name)) for name in kept}
+    return rebuild_recording(path, metas[episode], columns)
 
 
 def _rows(folder: Path, episode: int) -> tuple[Path, pa.Table]:
-    """The file that has an episode, and its rows there."""
+    """The file that contains an episode, and its rows there."""
     listed = ["data/chunk_index", "data/file_index"]
     place = pa.parquet.read_table(folder / EPISODES, columns=listed).slice(episode, 1).to_pylist()[0]
     path = folder / DATA.format(chunk_index=place[listed[0]], file_index=place[listed[1]])
     return path, pa.parquet.read_table(path, filters=[("episode_index", "=", episode)])
 
 
-def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[Place]:
+def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[EpisodeLocation]:
     """Write the rows of all episodes, several to a file, each a row group of its own."""
     number, size, index = 0, 0, 0
     writer: Any = None
@@ -143,13 +146,13 @@ def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[Place]:
             writer = pa.parquet.ParquetWriter(path, table.schema)
         writer.write_table(table)
         size += table.nbytes
-        yield Place(number // CHUNK, number % CHUNK, index, index + len(table))
+        yield EpisodeLocation(number // CHUNK, number % CHUNK, index, index + len(table))
         index += len(table)
     writer.close()
 
 
 def _columns(recording: Recording) -> Columns:
-    """Every feature of an episode, a row a frame, and every column as it was."""
+    """All features of an episode, one row per frame, and all columns unchanged."""
     columns = recording.columns
     found: Columns = {
         "observation.state": columns["position"].astype(np.float32),
@@ -159,9 +162,9 @@ def _columns(recording: Recording) -> Columns:
     return found | {f"{KEPT}.{name}": values for name, values in columns.items()}
 
 
-def _numbered(told: Told, period: float, episode: int, index: int, task: int) -> Columns:
-    """What every frame says of its place."""
-    rows = np.arange(len(told.columns["action"]))
+def _numbered(sources: LerobotEpisode, period: float, episode: int, index: int, task: int) -> Columns:
+    """The index columns of an episode's frames."""
+    rows = np.arange(len(sources.columns["action"]))
     return {
         "timestamp": (rows * period).astype(np.float32),
         "frame_index": rows,
@@ -171,8 +174,10 @@ def _numbered(told: Told, period: float, episode: int, index: int, task: int) ->
     }
 
 
-def info(origin: Origin, columns: Mapping[str, NDArray[Any]], count: int, tasks: int, frames: int) -> dict[str, Any]:
-    """The part of info.json that depends on what is in the set: `count` episodes."""
+def info_json(
+    origin: DatasetOrigin, columns: Mapping[str, NDArray[Any]], count: int, tasks: int, frames: int
+) -> dict[str, Any]:
+    """The part of info.json that depends on the content: `count` episodes."""
     features = {}
     for name, values in columns.items():
         shape = list(values.shape[1:] or (1,))
@@ -182,28 +187,28 @@ def info(origin: Origin, columns: Mapping[str, NDArray[Any]], count: int, tasks:
         "total_episodes": count,
         "total_frames": frames,
         "total_tasks": tasks,
-        "video_files_size_in_mb": 200,  # There are none; its own writer says so much all the same.
+        "video_files_size_in_mb": 200,  # There are none; LeRobot's own writer writes this number all the same.
         "video_path": None,
-        "fps": round(1.0 / origin.period),  # Whole, as the format has it; it tolerates 0.1 ms a frame.
+        "fps": round(1.0 / origin.period),  # An integer in this format, which tolerates 0.1 ms per frame.
         "splits": {"train": f"0:{count}"},
         "features": features,
     }
 
 
 def statistics(values: NDArray[Any]) -> dict[str, list[Any]]:
-    """Of the rows of a feature, number by number. Nobody asks for those of one with NaN: none would be true."""
+    """Statistics of the rows of a feature, number by number. Features with NaN have none."""
     rows = values.reshape(len(values), -1)
     if rows.dtype == bool:
-        rows = rows.astype(np.float64)  # Shares of those that are true.
+        rows = rows.astype(np.float64)  # Means are shares of true.
     found = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
     found |= {name: np.quantile(rows, part, axis=0) for name, part in QUANTILES.items()}
     return {name: value.tolist() for name, value in found.items()} | {"count": [len(rows)]}
 
 
 def episode_rows(
-    places: Sequence[Place], tasks: Sequence[str], stats: Sequence[Mapping[str, Mapping[str, list[Any]]]]
+    places: Sequence[EpisodeLocation], tasks: Sequence[str], stats: Sequence[Mapping[str, Mapping[str, list[Any]]]]
 ) -> pa.Table:
-    """A row an episode: where it is, what it does, and its statistics."""
+    """One row per episode: location, task and statistics."""
     rows = []
     for number, (place, task, its) in enumerate(zip(places, tasks, stats, strict=True)):
         row: dict[str, Any] = {
@@ -221,7 +226,7 @@ def episode_rows(
 
 
 def task_table(tasks: Sequence[str]) -> pa.Table:
-    """A row a task, with its text as the index of the pandas table that LeRobot reads it into."""
+    """One row per task, with its text as the index of the pandas table that LeRobot reads."""
     pandas = {
         "index_columns": [_INDEX],
         "column_indexes": [

@@ -1,7 +1,7 @@
-"""Recordings as a data set of Minari in its HDF5 layout, and back.
+"""Recordings as a Minari data set in its HDF5 layout, and back.
 
-One episode a recording: K states are K observations, and the commands between them K - 1 actions. Every column of the
-recording is there a second time among the infos, a row a state, so the way back loses nothing.
+One episode per recording: K states give K observations, and the commands between them K - 1 actions. Every column of
+the recording is there a second time among the infos, one row per state, so the way back loses nothing.
 """
 
 from __future__ import annotations
@@ -17,46 +17,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_folder
-from allegro_twin.recording.exchange.episodes import KEPT, action_of, begin, observation_of, rebuilt, task_of
+from allegro_twin.files.atomic_write import atomic_folder
+from allegro_twin.recording.exchange.episodes import (
+    KEPT,
+    action_of,
+    check_recordings,
+    observation_of,
+    rebuild_recording,
+    task_of,
+)
 from allegro_twin.recording.reader import Recording
 
-VERSION = "0.5.4"  # Of Minari, whose layout this is.
+VERSION = "0.5.4"  # Version of Minari, whose layout this is.
 DATA, METADATA = "data/main_data.hdf5", "data/metadata.json"
 META = "allegro_twin"
 """Attribute of an episode: its recording's metadata, JSON."""
 
 
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
-    """Write a new data set, whole or not at all. Minari finds it by its folder, so that says its id
-    (`identifier`). Raises ConfigError without h5py, for a folder with something in it or with another name, or for
-    recordings of different kinds; RecordingError when the disk does not let it."""
-    hdf5()
-    begin(recordings, folder)
+    """Write a new data set, whole or not at all. Minari finds it by its folder, which gives its id (`dataset_id`).
+    Raises ConfigError without h5py, for a folder with content or another name, or for recordings of different kinds;
+    RecordingError when the disk does not allow it."""
+    import_h5py()
+    check_recordings(recordings, folder)
     first = recordings[0]
     content = {
         "description": f"{first.spec.name}: {'; '.join(sorted({task_of(each) for each in recordings}))}; observations "
         f"are joint positions and speeds, actions are {action_of(first)[0]}",
-        "observation_space": json.dumps(box(observation_of(first))),
-        "action_space": json.dumps(box(action_of(first)[1])),
+        "observation_space": json.dumps(box_space(observation_of(first))),
+        "action_space": json.dumps(box_space(action_of(first)[1])),
     }
     steps = [len(recording) - 1 for recording in recordings]
-    write_set(folder, steps, lambda group, number: _add(group, recordings[number]), content)
+    write_dataset(folder, steps, lambda group, number: _add(group, recordings[number]), content)
 
 
-def identifier(folder: Path) -> str:
-    """A set's id, `<folder above>/<folder>`: Minari looks for it there below its own folder, ~/.minari/datasets. Raises
-    ConfigError for a name that does not end in a version, as its ids do."""
+def dataset_id(folder: Path) -> str:
+    """The id of a data set, `<folder above>/<folder>`: Minari looks for it there below its own folder,
+    ~/.minari/datasets. Raises ConfigError for a name that does not end in a version, as Minari's ids do."""
     if not re.fullmatch(r"[\w-]+-v\d+", folder.name):
         raise ConfigError(f"{folder}: Minari finds a set by its folder, whose name ends in a version: {folder.name}-v0")
     return f"{folder.resolve().parent.name}/{folder.name}"
 
 
-def write_set(folder: Path, steps: Sequence[int], add: Callable[[Any, int], None], content: Mapping[str, str]) -> None:
+def write_dataset(
+    folder: Path, steps: Sequence[int], add: Callable[[Any, int], None], content: Mapping[str, str]
+) -> None:
     """Write a data set, whole or not at all. `steps`: of each episode; `add`: fills the HDF5 group of an episode;
-    `content`: what the metadata say besides."""
-    name, made = identifier(folder), BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
-    with hdf5().File(made, "w", track_order=True) as file:
+    `content`: further metadata."""
+    name, made = (
+        dataset_id(folder),
+        BytesIO(),
+    )  # HDF5 itself, on a full disk, fails in many places and with many messages.
+    with import_h5py().File(made, "w", track_order=True) as file:
         for number, count in enumerate(steps):
             group = file.create_group(f"episode_{number}")
             group.attrs.update({"id": number, "total_steps": count})
@@ -65,15 +77,15 @@ def write_set(folder: Path, steps: Sequence[int], add: Callable[[Any, int], None
         "dataset_id": name, "minari_version": VERSION, "data_format": "hdf5", "jpeg_encoding": False,
         "total_episodes": len(steps), "total_steps": sum(steps), "dataset_size": round(len(made.getvalue()) / 1e6, 1),
     }  # fmt: skip
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         (temporary / DATA).parent.mkdir()
         (temporary / DATA).write_bytes(made.getvalue())
         (temporary / METADATA).write_text(json.dumps(head | dict(content)))
 
 
 def from_minari(folder: Path, episode: int = 0) -> Recording:
-    """One episode as the recording that it was. Raises RecordingError for a data set of other origin."""
-    h5py, path = hdf5(), folder / DATA
+    """Read one episode back as the recording that it was. Raises RecordingError for a data set of other origin."""
+    h5py, path = import_h5py(), folder / DATA
     if not path.is_file():
         raise RecordingError(f"no data set of Minari at {folder}: {DATA} is missing")
     try:
@@ -86,7 +98,7 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
                     f"{folder} was not made of recordings of this package: its episodes have no {META}"
                 )
             columns = {key: values[()] for key, values in group["infos"][KEPT].items()}
-            return rebuilt(path, json.loads(group.attrs[META]), columns)
+            return rebuild_recording(path, json.loads(group.attrs[META]), columns)
     except OSError as error:
         raise RecordingError(f"{path}: not a readable HDF5 file: {error}") from error
 
@@ -94,7 +106,7 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
 def _add(group: Any, recording: Recording) -> None:
     steps = len(recording) - 1
     ends = np.zeros(steps, bool)
-    ends[-1:] = True  # Nobody ended it: the recording did.
+    ends[-1:] = True  # Truncated, not terminated: the recording ended.
     group.attrs[META] = json.dumps(dict(recording.meta))
     group["observations"] = observation_of(recording)
     group["actions"] = action_of(recording)[1][:-1]
@@ -106,15 +118,15 @@ def _add(group: Any, recording: Recording) -> None:
         kept[name] = values
 
 
-def box(values: NDArray[Any]) -> dict[str, Any]:
+def box_space(values: NDArray[Any]) -> dict[str, Any]:
     """A space without bounds, as Minari writes it."""
     width = values.shape[1]
     bounds = {"low": [-np.inf] * width, "high": [np.inf] * width}
     return {"type": "Box", "dtype": str(values.dtype), "shape": [width], **bounds}
 
 
-def hdf5() -> Any:
-    """The h5py module. Raises ConfigError where it is missing."""
+def import_h5py() -> Any:
+    """Import h5py. Raises ConfigError where it is missing."""
     try:
         import h5py
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Bags as recordings: our own as they were, others' by their joint_states."""
+"""Recordings as ROS bags, and bags as recordings: exported ones unchanged, others from their joint_states."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file, whole_folder
+from allegro_twin.files.atomic_write import atomic_file, atomic_folder
 from allegro_twin.recording.arrow_writer import FORMAT, VERSION
-from allegro_twin.recording.exchange.episodes import rebuilt
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.build import in_order, row
-from allegro_twin.recording.messages.recorded import COLUMN, META, Topic, rows, topics_of
-from allegro_twin.recording.messages.vocabulary import Vocabulary, vocabulary
+from allegro_twin.recording.exchange.episodes import rebuild_recording
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.bag_topics import COLUMN, META, BagTopic, bag_messages, bag_topics
+from allegro_twin.recording.messages.build import joint_order, joint_values
+from allegro_twin.recording.messages.message_types import RosTypes, ros_types
 from allegro_twin.recording.reader import Recording
 from allegro_twin.recording.spec_json import spec_to_json
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 SUFFIXES = (".mcap", ".db3", ".bag")
-_OFF = 0.2  # Of the period: further off, the config's period is not the bag's.
+_OFF = 0.2  # Share of the period: further off, the config's period is not the bag's.
 
 
-class _Heard(NamedTuple):
+class _JointStates(NamedTuple):
     """The joint_states of a bag."""
 
     topic: str
@@ -39,27 +39,27 @@ class _Heard(NamedTuple):
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is one: an .mcap, .db3 or ROS 1 .bag file, or a folder of rosbag2."""
+    """Whether a path is a bag: an .mcap, .db3 or ROS 1 .bag file, or a folder of rosbag2."""
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 def from_bag(path: Path, spec: HandSpec | None, period: float) -> Recording:
-    """A recording from a bag. One that was exported from a recording of ours is that recording again; of any other the
-    sensor_msgs/JointState is taken, in ROS 1 or 2, of the joints of `spec` and about every `period` s. Raises
-    RecordingError for a file that is none, ConfigError for a bag of another hand."""
+    """Read a recording from a bag. A bag that was exported from a recording gives that recording again. From any other
+    bag, of ROS 1 or 2, the sensor_msgs/JointState of the joints of `spec` is taken, about every `period` s. Raises
+    RecordingError for a file that is no bag, ConfigError for a bag of another hand."""
     if not path.exists():
         raise RecordingError(f"no bag at {path}")
-    with _opened(path) as reader:
+    with _open(path) as reader:
         if any(each.topic == META for each in reader.connections):
-            return _ours(path, reader)
+            return _exported(path, reader)
         if spec is None:
             raise ConfigError(f"{path} does not say whose it is; name a config of that hand with --config")
-        return _theirs(path, reader, spec, period)
+        return _foreign(path, reader, spec, period)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    words = v.vocabulary()
+def _open(path: Path) -> Iterator[Any]:
+    words = v.ros_types()
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.rosbag2 import ReaderError
 
@@ -73,7 +73,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise RecordingError(f"{path}: not a readable bag: {text}") from error
 
 
-def _ours(path: Path, reader: Any) -> Recording:
+def _exported(path: Path, reader: Any) -> Recording:
     meta: dict[str, Any] = {}
     found: dict[str, list[Array]] = {}
     wanted = [each for each in reader.connections if each.topic == META or each.topic.startswith(COLUMN)]
@@ -90,14 +90,14 @@ def _ours(path: Path, reader: Any) -> Recording:
         values = np.array(numbers)
         columns[name] = values[:, 0] if name in ("t", "tick") else values
     columns["tick"] = columns["tick"].astype(np.int64)
-    return rebuilt(path, meta, columns)
+    return rebuild_recording(path, meta, columns)
 
 
-def _theirs(path: Path, reader: Any, spec: HandSpec, period: float) -> Recording:
-    heard = _heard(path, reader, spec)
+def _foreign(path: Path, reader: Any, spec: HandSpec, period: float) -> Recording:
+    heard = _joint_states(path, reader, spec)
     what = f"{path}: {heard.topic}"
-    order = in_order(spec, heard.messages[0].name, what)
-    positions = np.array([row(spec, each.position, order, f"{what} position") for each in heard.messages])
+    order = joint_order(spec, heard.messages[0].name, what)
+    positions = np.array([joint_values(spec, each.position, order, f"{what} position") for each in heard.messages])
     unknown = np.full(spec.n_joints, np.nan)
     speeds = np.array(
         [np.asarray(each.velocity)[order] if len(each.velocity) == len(order) else unknown for each in heard.messages]
@@ -114,18 +114,18 @@ def _theirs(path: Path, reader: Any, spec: HandSpec, period: float) -> Recording
         "tick": ticks[kept],
         "position": positions[kept],
         "velocity": speeds[kept],
-        "torque": blank,  # Their effort is a wish without a unit: allegro_node.cpp of the manufacturer's package.
+        "torque": blank,  # Its effort has no unit: allegro_node.cpp of the manufacturer's package.
         "temperature": blank.copy(),
         "gravity": np.full((count, 3), np.nan),
         "command_torque": np.zeros((count, spec.n_joints)),  # Not known; a command cannot be NaN.
     }
     meta = {"format": FORMAT, "version": VERSION, "hand": spec_to_json(spec), "period": period,
             "source": f"{heard.topic} in {path.name}"}  # fmt: skip
-    return rebuilt(path, meta, columns)
+    return rebuild_recording(path, meta, columns)
 
 
-def _heard(path: Path, reader: Any, spec: HandSpec) -> _Heard:
-    """The joint states of the one topic that is of this hand."""
+def _joint_states(path: Path, reader: Any, spec: HandSpec) -> _JointStates:
+    """The joint states of the one topic that belongs to this hand."""
     states = [each for each in reader.connections if each.msgtype == v.JOINT_STATE]
     reasons = []
     for connection in sorted(states, key=lambda each: (not each.topic.endswith("joint_states"), each.topic)):
@@ -139,28 +139,28 @@ def _heard(path: Path, reader: Any, spec: HandSpec) -> _Heard:
             reasons.append(f"{connection.topic} has {len(messages)} messages")
             continue
         try:
-            in_order(spec, messages[0].name, connection.topic)
-            row(spec, messages[0].position, list(range(len(messages[0].position))), connection.topic)
+            joint_order(spec, messages[0].name, connection.topic)
+            joint_values(spec, messages[0].position, list(range(len(messages[0].position))), connection.topic)
         except ConfigError as error:
             reasons.append(str(error))
             continue
-        return _Heard(connection.topic, times, messages)
+        return _JointStates(connection.topic, times, messages)
     there = "; ".join(reasons) or f"it has no {v.JOINT_STATE}"
     raise ConfigError(f"{path} is not of the hand {spec.name}: {there}")
 
 
 def to_mcap(recording: Recording, path: Path) -> None:
-    """One file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises RecordingError."""
-    with whole_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    """Write one file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises RecordingError."""
+    with atomic_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / "bag"
         _write(recording, bag, mcap=True)
         shutil.move(next(bag.glob("*.mcap")), temporary)
 
 
 def to_rosbag2(recording: Recording, folder: Path) -> None:
-    """A folder with metadata.yaml and SQLite, which every distribution reads as it is installed. Raises ConfigError for
-    a folder that has something in it, and RecordingError."""
-    with whole_folder(folder) as temporary:
+    """Write a folder with metadata.yaml and SQLite, which every distribution reads without further packages. Raises
+    ConfigError for a folder with content, and RecordingError."""
+    with atomic_folder(folder) as temporary:
         inner = temporary / "bag"
         _write(recording, inner, mcap=False)
         for file in inner.iterdir():
@@ -169,20 +169,20 @@ def to_rosbag2(recording: Recording, folder: Path) -> None:
 
 
 def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
-    words = vocabulary()
+    words = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     try:
         with Writer(folder, version=8, storage_plugin=plugin) as writer:
-            opened = {topic.name: _connection(writer, words, topic) for topic in topics_of(recording.columns)}
-            for name, at, message in rows(words, recording.spec, recording.meta, recording.columns):
+            opened = {topic.name: _connection(writer, words, topic) for topic in bag_topics(recording.columns)}
+            for name, at, message in bag_messages(words, recording.spec, recording.meta, recording.columns):
                 writer.write(opened[name], at, words.encode(message))
     except (OSError, WriterError) as error:
         raise RecordingError(f"cannot write the bag {folder.parent}: {error}") from error
 
 
-def _connection(writer: object, words: Vocabulary, topic: Topic) -> object:
+def _connection(writer: object, words: RosTypes, topic: BagTopic) -> object:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)

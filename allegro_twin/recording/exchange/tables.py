@@ -1,4 +1,4 @@
-"""From a recording to formats that other programs read: Parquet and CSV."""
+"""Recordings as tables: Parquet and CSV."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import Recording
 
 
 def to_parquet(recording: Recording, path: Path) -> None:
-    """One column of lists per quantity, as in the recording; the metadata goes along as JSON."""
+    """Write one column of lists per quantity, as in the recording; the metadata goes along as JSON."""
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     table = pa.table(arrays).replace_schema_metadata({"allegro_twin": json.dumps(dict(recording.meta))})
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         pyarrow.parquet.write_table(table, temporary)
 
 
 def to_csv(recording: Recording, path: Path) -> None:
-    """One column per number, named `position.index_0`; vectors that are not per joint are numbered."""
+    """Write one column per number, named `position.index_0`; vectors that are not per joint are numbered."""
     spec = recording.spec
     columns = {}
     for name, values in recording.columns.items():
         if values.ndim == 1:
             columns[name] = values
             continue
-        labels = spec.readable if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
+        labels = spec.joint_labels if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
         columns |= {f"{name}.{label}": np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         pyarrow.csv.write_csv(pa.table(columns), temporary)

@@ -1,1 +1,1 @@
-"""What ROS says of a hand: message types, and a hand's states as messages and back. Nothing here talks to anybody."""
+"""ROS messages of hands and cells: types, conversion, bag topics. Nothing here communicates."""

@@ -1,4 +1,4 @@
-"""A hand's state as messages, and joints by name back."""
+"""Builds ROS messages (joint states, poses, wrenches, clouds, diagnostics) and reads joints and poses back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.messages.vocabulary import (
+from allegro_twin.recording.messages.message_types import (
     CLOUD,
     DIAGNOSTICS,
     JOINT_STATE,
@@ -19,67 +19,21 @@ from allegro_twin.recording.messages.vocabulary import (
     VECTOR,
     WRENCH,
     Message,
-    Vocabulary,
+    RosTypes,
 )
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 
+WORLD = "world"
+"""World frame; its origin is the middle of the table's top."""
+_FLOAT32 = 7  # sensor_msgs/PointField.
+_LENGTH = 0.01  # Tolerance of a quaternion's length.
 OK, WARN, ERROR = 0, 1, 2
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 
 
-def diagnostics(
-    words: Vocabulary, stamp: int, name: str, level: int, message: str, values: Mapping[str, str]
-) -> Message:
-    """One status with its values."""
-    pairs = [words.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
-    status = words.make(
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        level=level, name=name, message=message, hardware_id=name, values=pairs,
-    )  # fmt: skip
-    return words.make(DIAGNOSTICS, header=words.header(stamp), status=[status])
-
-
-def in_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
-    """For each joint of the hand its place among `names`; no names at all: the hand's own order. Raises ConfigError
-    for a joint that is unknown, missing or named twice."""
-    if not names:
-        return list(range(spec.n_joints))
-    places: dict[int, int] = {}
-    for place, name in enumerate(names):
-        try:
-            joint = spec.joint(_ours(spec, name))
-        except ConfigError:
-            raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}") from None
-        if joint in places:
-            raise ConfigError(f"{what} names the joint {name} twice")
-        places[joint] = place
-    if missing := [spec.joints[joint] for joint in range(spec.n_joints) if joint not in places]:
-        raise ConfigError(f"{what} lacks {', '.join(missing)}: it needs all {spec.n_joints} joints of {spec.name}")
-    return [places[joint] for joint in range(spec.n_joints)]
-
-
-def row(spec: HandSpec, values: Sequence[float], order: Sequence[int], what: str) -> Vector:
-    """Numbers of a message in the hand's order, (n,), read-only. Raises ConfigError for a wrong length, or a number
-    that is not finite."""
-    if len(values) != len(order):
-        raise ConfigError(f"{what} has {len(values)} numbers for {len(order)} joints")
-    return spec.vector(np.asarray(values, dtype=np.float64)[list(order)], what)
-
-
-def _ours(spec: HandSpec, name: str) -> str:
-    """The hand's own name of a joint: ROS 2 has no dots in names, so packages write `joint_3_0` for `joint_3.0`."""
-    return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
-
-
-WORLD = "world"
-"""Its origin is the middle of the table's top."""
-_FLOAT32 = 7  # sensor_msgs/PointField.
-_LENGTH = 0.01  # That a quaternion's may be off from 1.
-
-
-def joint_states(words: Vocabulary, stamp: int, devices: Sequence[tuple[HandSpec, HandState]]) -> Message:
-    """Several devices in one: positions (rad), speeds (rad/s), as effort the torques that were applied (N·m)."""
+def joint_states(words: RosTypes, stamp: int, devices: Sequence[tuple[HandSpec, HandState]]) -> Message:
+    """Several devices in one message: positions (rad), speeds (rad/s), and as effort the applied torques (N·m)."""
     rows = [(state.position, state.velocity, state.torque) for _, state in devices]
     position, velocity, torque = (np.concatenate(each) for each in zip(*rows, strict=True))
     names = [name for spec, _ in devices for name in spec.joints]
@@ -88,14 +42,14 @@ def joint_states(words: Vocabulary, stamp: int, devices: Sequence[tuple[HandSpec
     )
 
 
-def wrench(words: Vocabulary, stamp: int, frame: str, values: Vector) -> Message:
+def wrench(words: RosTypes, stamp: int, frame: str, values: Vector) -> Message:
     """Force and torque, (6,), N and N·m, in a frame."""
     force, torque = _three(words, values[:3]), _three(words, values[3:])
     inner = words.make("geometry_msgs/msg/Wrench", force=force, torque=torque)
     return words.make(WRENCH, header=words.header(stamp, frame), wrench=inner)
 
 
-def pose(words: Vocabulary, stamp: int, frame: str, values: Vector) -> Message:
+def pose(words: RosTypes, stamp: int, frame: str, values: Vector) -> Message:
     """Position, m, and quaternion w x y z, (7,), in a frame."""
     x, y, z, qw, qx, qy, qz = (float(value) for value in values)
     inner = words.make(
@@ -107,7 +61,8 @@ def pose(words: Vocabulary, stamp: int, frame: str, values: Vector) -> Message:
 
 
 def pose_in(message: Message, what: str) -> Pose:
-    """The pose in a message. Raises ConfigError for a number that is not finite, or an orientation that is none."""
+    """Read the pose from a message. Raises ConfigError for a number that is not finite, or a quaternion that is not of
+    length 1."""
     place, turn = message.pose.position, message.pose.orientation
     parts = {f"position.{axis}": getattr(place, axis) for axis in "xyz"}
     parts |= {f"orientation.{axis}": getattr(turn, axis) for axis in "wxyz"}
@@ -121,7 +76,7 @@ def pose_in(message: Message, what: str) -> Pose:
     return Pose(numbers[:3], matrix_from_quaternion(numbers[3:]))
 
 
-def cloud(words: Vocabulary, stamp: int, frame: str, points: NDArray[np.float32]) -> Message:
+def cloud(words: RosTypes, stamp: int, frame: str, points: NDArray[np.float32]) -> Message:
     """Points (rows, columns, 3), m, in a frame: x right, y down, z ahead; NaN is unknown."""
     high, wide = points.shape[:2]
     data = np.ascontiguousarray(points, dtype="<f4")
@@ -135,8 +90,8 @@ def cloud(words: Vocabulary, stamp: int, frame: str, points: NDArray[np.float32]
     )  # fmt: skip
 
 
-def transform(words: Vocabulary, stamp: int, parent: str, child: str, values: Vector) -> Message:
-    """A frame on another: position, m, and quaternion w x y z, (7,)."""
+def transform(words: RosTypes, stamp: int, parent: str, child: str, values: Vector) -> Message:
+    """Transform from a parent to a child frame: position, m, and quaternion w x y z, (7,)."""
     qw, qx, qy, qz = (float(value) for value in values[3:])
     inner = words.make(
         "geometry_msgs/msg/Transform",
@@ -147,6 +102,48 @@ def transform(words: Vocabulary, stamp: int, parent: str, child: str, values: Ve
     return words.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=inner)
 
 
-def _three(words: Vocabulary, values: Vector) -> Any:
+def diagnostics(words: RosTypes, stamp: int, name: str, level: int, message: str, values: Mapping[str, str]) -> Message:
+    """One status with its values."""
+    pairs = [words.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
+    status = words.make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level, name=name, message=message, hardware_id=name, values=pairs,
+    )  # fmt: skip
+    return words.make(DIAGNOSTICS, header=words.header(stamp), status=[status])
+
+
+def joint_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
+    """For each joint of the hand its index in `names`; without names the hand's own order. Raises ConfigError for a
+    joint that is unknown, missing or named twice."""
+    if not names:
+        return list(range(spec.n_joints))
+    places: dict[int, int] = {}
+    for place, name in enumerate(names):
+        try:
+            joint = spec.joint(_joint_name(spec, name))
+        except ConfigError:
+            raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}") from None
+        if joint in places:
+            raise ConfigError(f"{what} names the joint {name} twice")
+        places[joint] = place
+    if missing := [spec.joints[joint] for joint in range(spec.n_joints) if joint not in places]:
+        raise ConfigError(f"{what} lacks {', '.join(missing)}: it needs all {spec.n_joints} joints of {spec.name}")
+    return [places[joint] for joint in range(spec.n_joints)]
+
+
+def joint_values(spec: HandSpec, values: Sequence[float], order: Sequence[int], what: str) -> Vector:
+    """Numbers of a message in the hand's order, (n,), read-only. Raises ConfigError for a wrong length, or a number
+    that is not finite."""
+    if len(values) != len(order):
+        raise ConfigError(f"{what} has {len(values)} numbers for {len(order)} joints")
+    return spec.vector(np.asarray(values, dtype=np.float64)[list(order)], what)
+
+
+def _joint_name(spec: HandSpec, name: str) -> str:
+    """The hand's own name of a joint. ROS 2 allows no dots in names, so packages write `joint_3_0` for `joint_3.0`."""
+    return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
+
+
+def _three(words: RosTypes, values: Vector) -> Any:
     x, y, z = (float(value) for value in values)
     return words.make(VECTOR, x=x, y=y, z=z)

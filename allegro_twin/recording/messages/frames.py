@@ -1,4 +1,4 @@
-"""A hand's frames as ROS wants them: from each link to the next, out of the hand's URDF."""
+"""Link frames of a hand for ROS, from its URDF."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.recording.messages.build import transform
-from allegro_twin.recording.messages.vocabulary import TF, Message, Vocabulary
+from allegro_twin.recording.messages.message_types import TF, Message, RosTypes
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
-class Frame(NamedTuple):
-    """A link, and how it hangs on its parent."""
+class LinkFrame(NamedTuple):
+    """A link and its place on its parent."""
 
     parent: str
     child: str
@@ -24,23 +24,23 @@ class Frame(NamedTuple):
     turn: Vector
     """Quaternion x, y, z, w at the joint's zero."""
     axis: Vector | None
-    """Unit, (3,), in the child's frame; None: it does not move."""
+    """Unit vector, (3,), in the child's frame; None: a fixed link."""
     joint: int
-    """Its number in `spec.moving`; -1: none."""
+    """Index in `spec.moving`; -1: none."""
 
 
-def description(spec: HandSpec) -> str:
-    """The hand's URDF, with meshes that a viewer on this machine finds."""
+def urdf_text(spec: HandSpec) -> str:
+    """The hand's URDF, with mesh paths that a viewer on this machine finds."""
     folder = data_root() / "models"
     text = (folder / "urdf" / f"{spec.name}.urdf").read_text()
     return text.replace('filename="../', f'filename="file://{folder}/')
 
 
-class Frames:
-    """The tree of one hand."""
+class LinkFrames:
+    """The frame tree of one hand."""
 
     def __init__(self, spec: HandSpec) -> None:
-        root = ElementTree.fromstring(description(spec))
+        root = ElementTree.fromstring(urdf_text(spec))
         frames = [_frame(joint, spec) for joint in root.iter("joint")]
         self.moving = [frame for frame in frames if frame.axis is not None]
         self.fixed = [frame for frame in frames if frame.axis is None]
@@ -51,46 +51,46 @@ class Frames:
         self._axis = np.array([frame.axis for frame in self.moving])
         self._turn = np.array([frame.turn for frame in self.moving])
 
-    def at(self, words: Vocabulary, stamp: int, position: Vector) -> Message:
-        """TFMessage of every joint at a posture, (n,), rad."""
-        half = self._spec.moved(position)[self._index, None] / 2.0
-        turns = _times(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
+    def transforms_at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
+        """TFMessage of all joints at a posture, (n,), rad."""
+        half = self._spec.all_positions(position)[self._index, None] / 2.0
+        turns = _multiply(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
         return _message(words, stamp, self.moving, turns)
 
-    def still(self, words: Vocabulary, stamp: int) -> Message:
-        """TFMessage of what does not move: the fingertips on their links."""
+    def static_transforms(self, words: RosTypes, stamp: int) -> Message:
+        """TFMessage of the fixed frames: the fingertips on their links."""
         return _message(words, stamp, self.fixed, np.array([frame.turn for frame in self.fixed]).reshape(-1, 4))
 
 
-def _frame(joint: ElementTree.Element, spec: HandSpec) -> Frame:
+def _frame(joint: ElementTree.Element, spec: HandSpec) -> LinkFrame:
     def part(name: str, key: str) -> str:
         found = joint.find(name)
         return "" if found is None else found.get(key, "")
 
     name = str(joint.get("name"))
-    fixed = joint.get("type") == "fixed" or name not in spec.moving
+    fixed = joint.get("type") == "fixed" or name not in spec.all_joints
     xyz, rpy = (np.array((part("origin", key) or "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
     axis = None if fixed else np.array((part("axis", "xyz") or "1 0 0").split(), dtype=float)
-    index = -1 if fixed else spec.moving.index(name)
-    return Frame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
+    index = -1 if fixed else spec.all_joints.index(name)
+    return LinkFrame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
 
 
 def _quaternion(rpy: Vector) -> Vector:
-    """Of URDF's fixed-axis roll, pitch, yaw: x, y, z, w."""
+    """Quaternion x, y, z, w of URDF's fixed-axis roll, pitch, yaw."""
     half = rpy / 2.0
     sine, cosine = np.sin(half), np.cos(half)
     single = [np.append(np.eye(3)[k] * sine[k], cosine[k]) for k in range(3)]
-    turned: Vector = _times(_times(single[2][None], single[1][None]), single[0][None])[0]
+    turned: Vector = _multiply(_multiply(single[2][None], single[1][None]), single[0][None])[0]
     return turned
 
 
-def _times(a: Array, b: Array) -> Array:
+def _multiply(a: Array, b: Array) -> Array:
     """Products of quaternions x, y, z, w, (k, 4) each."""
     vector = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
     return np.hstack([vector, (a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1))[:, None]])
 
 
-def _message(words: Vocabulary, stamp: int, frames: list[Frame], turns: Array) -> Message:
+def _message(words: RosTypes, stamp: int, frames: list[LinkFrame], turns: Array) -> Message:
     """`turns`: quaternions x, y, z, w, (k, 4)."""
     poses = [np.array([*frame.xyz, turn[3], *turn[:3]]) for frame, turn in zip(frames, turns, strict=True)]
     each = zip(frames, poses, strict=True)

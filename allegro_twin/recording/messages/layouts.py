@@ -7,8 +7,8 @@ from functools import reduce
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from allegro_twin.recording.messages.frames import Frames
-from allegro_twin.recording.messages.recorded import NAMESPACE, STATES
+from allegro_twin.recording.messages.bag_topics import NAMESPACE, STATES
+from allegro_twin.recording.messages.frames import LinkFrames
 from allegro_twin.spec import HandSpec
 
 _FIELDS = ("position", "velocity", "effort")
@@ -16,14 +16,14 @@ _COLORS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b")
 
 
 def foxglove(spec: HandSpec) -> str:
-    """A layout to import: its JSON."""
+    """JSON of a layout to import."""
     plots: dict[str, Any] = {}
     for finger in spec.fingers:
         for field in _FIELDS:
             plots[f"Plot!{finger.name}_{field}"] = {
                 "foxglovePanelTitle": f"{finger.name}: {field}",
                 "paths": [
-                    {"value": f"{STATES}.{field}[{joint}]", "label": spec.readable[joint], "enabled": True,
+                    {"value": f"{STATES}.{field}[{joint}]", "label": spec.joint_labels[joint], "enabled": True,
                      "timestampMethod": "receiveTime"}
                     for joint in finger.joints
                 ],
@@ -32,7 +32,7 @@ def foxglove(spec: HandSpec) -> str:
                 "xAxisVal": "timestamp",
             }  # fmt: skip
     scene = {
-        "followTf": Frames(spec).root,
+        "followTf": LinkFrames(spec).root,
         "layers": {
             "hand": {"layerId": "foxglove.Urdf", "instanceId": "hand", "label": spec.name, "sourceType": "topic",
                      "topic": f"{NAMESPACE}/robot_description", "visible": True},
@@ -40,8 +40,8 @@ def foxglove(spec: HandSpec) -> str:
         },
         "topics": {"/tf": {"visible": True}, "/tf_static": {"visible": True}},
     }  # fmt: skip
-    rows = [_beside([f"Plot!{finger.name}_{field}" for field in _FIELDS], "row") for finger in spec.fingers]
-    layout = {"first": "3D!hand", "second": _beside(rows, "column"), "direction": "row", "splitPercentage": 35}
+    rows = [_split([f"Plot!{finger.name}_{field}" for field in _FIELDS], "row") for finger in spec.fingers]
+    layout = {"first": "3D!hand", "second": _split(rows, "column"), "direction": "row", "splitPercentage": 35}
     whole = {
         "configById": {"3D!hand": scene, **plots},
         "globalVariables": {},
@@ -53,7 +53,7 @@ def foxglove(spec: HandSpec) -> str:
 
 
 def plotjuggler(spec: HandSpec) -> str:
-    """A layout to load: its XML, a tab a finger."""
+    """XML of a layout to load, one tab per finger."""
     root = Element("root")
     tabs = SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for finger in spec.fingers:
@@ -70,8 +70,8 @@ def plotjuggler(spec: HandSpec) -> str:
     return tostring(root, encoding="unicode") + "\n"
 
 
-def _beside(parts: list[Any], direction: str) -> Any:
-    """Panels in a row or a column of equal parts: Foxglove splits in two, over and over."""
+def _split(parts: list[Any], direction: str) -> Any:
+    """Panels of equal size in a row or a column: Foxglove splits in two, repeatedly."""
 
     def joined(rest: Any, first: Any) -> Any:
         count[0] += 1

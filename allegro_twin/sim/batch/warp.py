@@ -1,4 +1,4 @@
-"""The same simulations on an NVIDIA GPU: `Worlds` that MuJoCo Warp steps and that never leave it, in single precision.
+"""The same batch on an NVIDIA GPU: simulations that MuJoCo Warp steps and that never leave it, in single precision.
 
 Their arrays are PyTorch's tensors over the device's own memory: what tasks write is the state at the next step, and
 nothing is copied to the host and back.
@@ -7,21 +7,21 @@ nothing is copied to the host and back.
 from __future__ import annotations
 
 import copy
-from functools import cached_property
-from typing import Any
+import dataclasses
+from typing import Any, Literal, TypeAlias
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.array_api import host, tensors
+from allegro_twin.array_api import tensor_namespace, to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.batch.warp_model import Device, device_named, fields_of, libraries, on_device
-from allegro_twin.sim.batch.worlds import Rows, Snapshot, Worlds
-from allegro_twin.sim.objects.presenter import NAME as PRESENTER
+from allegro_twin.sim.batch.cpu import Rows, SimBatch, Snapshot
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
+SimDevice: TypeAlias = Literal["cpu", "warp", "warp:cpu"]
+"""MuJoCo on all processors; MuJoCo Warp on an NVIDIA GPU; and the same kernels on one processor, for tests."""
 _STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active",
           "mocap_pos", "mocap_quat")  # fmt: skip
 """What an episode begins with, and all that decides how it goes on."""
@@ -35,9 +35,10 @@ _PLACES = {"body_pos", "body_quat", "geom_pos", "geom_quat"}
 """Where things are that nothing moves: MuJoCo Warp places the geoms of those once, in `make_data`."""
 _PICTURED = {"bvh_aabb"}
 """What the device has no use for, and MuJoCo's own model of a simulation has."""
+_IDLE = {"dof_length"}  # Only sleeping reads it, and no scene lets anything sleep.
 
 
-class WarpWorlds(Worlds):
+class WarpBatch(SimBatch):
     """`n` simulations on a device; on a GPU no two runs are equal to the bit. Raises ConfigError."""
 
     def __init__(
@@ -46,7 +47,7 @@ class WarpWorlds(Worlds):
         model: mujoco.MjModel,
         n: int,
         *,
-        device: Device = "warp",
+        device: SimDevice = "warp",
         contacts: int = 64,
         constraints: int = 256,
     ) -> None:
@@ -54,7 +55,7 @@ class WarpWorlds(Worlds):
             raise ConfigError(f"device {device}: {spec.name} closes its own loop, which is simulated on cpu only")
         self._wp, self._mjw = libraries()
         self._device = device_named(self._wp, device)
-        self.xp = tensors(self._wp.device_to_torch(self._device))
+        self.xp = tensor_namespace(self._wp.device_to_torch(self._device))
         self._room = {"nconmax": contacts, "njmax": constraints}
         self._graphs: dict[Any, Any] = {}
         iterations = (getattr(self._mjw.OverflowType, name) for name in _ITERATIONS)
@@ -75,12 +76,9 @@ class WarpWorlds(Worlds):
         if unknown := [name for name in different if name not in self._fields | _PICTURED]:
             raise ConfigError(f"MuJoCo Warp has one {unknown[0]} for all simulations, and these scenes differ in it; "
                               "choose objects of primitive shapes, or one mesh")  # fmt: skip
-        self._models.append(model)
-        self._palettes.clear()
         for name in different:
             self.expand(name)
-        self._learn_start(model)
-        return len(self._models) - 1
+        return self._append(model)
 
     def expand(self, field: str) -> NDArray[Any]:
         if field not in self._rows:
@@ -97,15 +95,6 @@ class WarpWorlds(Worlds):
             self._run("derive", lambda: self._mjw.set_const(self._m, self._d))
         self._displaced = bool(_PLACES & self._rows.keys())
 
-    @cached_property
-    def _constraint(self) -> Array:
-        forces: Array = self._wp.to_torch(self._d.qfrc_constraint)
-        return forces
-
-    def presenter(self) -> tuple[Array, Array, Array]:
-        own = self._own
-        return own["mocap_pos"][:, 0], own["mocap_quat"][:, 0], own["eq_active"][:, self.model.equality(PRESENTER).id]
-
     def step(self, rows: Rows | None, count: int) -> None:
         if self._displaced:
             self._place()
@@ -121,7 +110,7 @@ class WarpWorlds(Worlds):
     def check(self) -> None:
         """Raise ConfigError where contacts or constraints found no room, instead of going on without them. A simulation
         in which the collider gave a contact up is one that has diverged."""
-        overflow = host(self._overflow)
+        overflow = to_numpy(self._overflow)
         if (overflow & self._missed).any():
             rows = self.xp.asarray(np.flatnonzero(overflow & self._missed))
             self._qpos[rows] = np.nan
@@ -149,10 +138,10 @@ class WarpWorlds(Worlds):
             self._starts[name][variant] = value
 
     def snapshot(self, row: int, into: Snapshot | None = None) -> Snapshot:
-        model = copy.copy(self._models[int(self.variant[row])])
+        model = copy.copy(self.models[int(self.variant[row])])
         for field, own in self._rows.items():
             theirs = getattr(model, field)
-            theirs[...] = host(own[row]).reshape(theirs.shape)
+            theirs[...] = to_numpy(own[row]).reshape(theirs.shape)
         mujoco.mj_setConst(model, mujoco.MjData(model))  # Of what follows from these, the device has not all.
         into = Snapshot(model, self._data(row), self.spec)
         mujoco.mj_forward(into.model, into.data)
@@ -166,8 +155,10 @@ class WarpWorlds(Worlds):
             self._own = {name: self._wp.to_torch(getattr(self._d, name)) for name in _STATE}
             self._overflow = self._wp.to_torch(self._d.overflow)
         self._starts: dict[str, Any] = {name: own[:0] for name, own in self._own.items()}  # type: ignore[assignment]
-        self._qpos, self._qvel, self._ctrl = (self._own[name] for name in ("qpos", "qvel", "ctrl"))
-        self._push = self._own["xfrc_applied"]
+
+    def _bind(self, name: str) -> Array:
+        found: Array = self._own[name] if name in self._own else self._wp.to_torch(getattr(self._d, name))
+        return found
 
     def _place(self) -> None:
         """Put what nothing moves where each simulation has it now: by a model to which no body belongs to the world."""
@@ -200,7 +191,7 @@ class WarpWorlds(Worlds):
     def _data(self, row: int) -> mujoco.MjData:
         data = mujoco.MjData(self.model)
         for name, own in self._own.items():
-            value = host(own[row])
+            value = to_numpy(own[row])
             if name == "time":
                 data.time = float(value)
             else:
@@ -224,7 +215,7 @@ class WarpWorlds(Worlds):
                 self._rows[name] = self._wp.to_torch(getattr(self._m, name)).view(self.n, *nominal.shape)
             if name in kept:
                 self._rows[name][...] = kept[name]
-            elif len(self._models) > 1:
+            elif len(self.models) > 1:
                 self._rows[name][...] = self._palette(name)[self.variant]
 
     def _run(self, key: Any, act: Any) -> None:
@@ -244,6 +235,48 @@ class WarpWorlds(Worlds):
                     act()
                 self._graphs[key] = capture.graph
             wp.capture_launch(self._graphs[key])
+
+
+def libraries() -> tuple[Any, Any]:
+    try:
+        import warp
+
+        warp.config.log_level = warp.LOG_WARNING
+        import mujoco_warp
+        import torch  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(f"device 'warp' needs MuJoCo Warp: pip install 'allegro-twin[warp]' ({error})") from error
+    return warp, mujoco_warp
+
+
+def device_named(wp: Any, device: str) -> Any:
+    if device == "warp:cpu":
+        return wp.get_device("cpu")
+    if not wp.get_cuda_device_count():
+        raise ConfigError("device 'warp' needs an NVIDIA GPU, and Warp finds none; 'cpu' is MuJoCo on all processors, "
+                          "'warp:cpu' Warp's kernels on one, slowly")  # fmt: skip
+    return wp.get_preferred_device()
+
+
+def on_device(mjw: Any, model: mujoco.MjModel, sizes: dict[str, int]) -> Any:
+    """Raises ConfigError for what MuJoCo Warp has not."""
+    model = copy.copy(model)
+    # MuJoCo Warp never resets a simulation that diverges, so it does not know the flag that forbids it.
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    # Boxes then meet boxes as in MuJoCo, in up to 8 points; its general collider finds 4 (the manual's parity guide).
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
+    try:
+        there = mjw.put_model(model, batch_sizes=sizes)
+    except NotImplementedError as error:
+        raise ConfigError(f"MuJoCo Warp cannot simulate this scene: {error}") from error
+    there.opt.warn_overflow = False  # It prints; `check` raises.
+    return there
+
+
+def fields_of(theirs: Any, model: mujoco.MjModel) -> set[str]:
+    """What simulations can have to themselves of MuJoCo's model."""
+    known = {field.name: getattr(field.type, "shape", ()) for field in dataclasses.fields(theirs)}
+    return {name for name, shape in known.items() if shape[:1] == ("*",) and hasattr(model, name)} - _IDLE
 
 
 def _same(first: mujoco.MjModel, other: mujoco.MjModel, name: str) -> bool:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.model.parts import Indices, part_names, parts_of
+from allegro_twin.sim.model.parts import Indices, body_parts, part_names
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -20,7 +20,7 @@ _SIDEWAYS, _CAP = float(np.cos(np.radians(45.0))), float(np.cos(np.radians(60.0)
 on a digit bears with its tip: the cap of a round one, 60° about its end. Assumed."""
 
 
-class Borne(NamedTuple):
+class SurfaceForces(NamedTuple):
     """What hand and object exchange at one moment, summed by part of the hand and surface. The palm's frame."""
 
     force: Array
@@ -31,7 +31,7 @@ class Borne(NamedTuple):
     """Σ normal force · where, (parts, surfaces, 3), N·m."""
 
 
-class Stance(NamedTuple):
+class DigitPose(NamedTuple):
     """How the digits stand at one moment, in the order of the spec's fingers. The palm's frame."""
 
     direction: Array
@@ -42,7 +42,7 @@ class Stance(NamedTuple):
     """How far root and tip are apart, as a share of that length, (d,)."""
 
 
-class Surfaces:
+class SurfaceProbe:
     """Looks into a scene at one object, contact by contact.
 
     A digit's palmar face is the one that its last joint moves ahead when it flexes: towards the farther end of its
@@ -52,7 +52,7 @@ class Surfaces:
     def __init__(self, model: mujoco.MjModel, spec: HandSpec, thing: str) -> None:
         self._model = model
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
-        self._part = parts_of(model, spec)
+        self._part = body_parts(model, spec)
         self.parts = part_names(spec)
         self._sites = [model.site(finger.tip).id for finger in spec.fingers]
         ends = [int(model.site_bodyid[site]) for site in self._sites]
@@ -63,10 +63,10 @@ class Surfaces:
         self._last = np.array([int(weld) in last for weld in model.body_weldid])
         self._is_thing = model.body_weldid[model.geom_bodyid] == self._thing
 
-    def __call__(self, data: mujoco.MjData) -> Borne:
+    def __call__(self, data: mujoco.MjData) -> SurfaceForces:
         """What is exchanged in a state that a step has left."""
         model = self._model
-        found = Borne(*(np.zeros((len(self.parts), len(SURFACES), *more)) for more in ((), (3,), (3,))))
+        found = SurfaceForces(*(np.zeros((len(self.parts), len(SURFACES), *more)) for more in ((), (3,), (3,))))
         contact = data.contact
         ours = self._is_thing[contact.geom] if data.ncon else np.zeros((0, 2), dtype=bool)
         turn, origin = data.xmat[self._palm].reshape(3, 3), data.xpos[self._palm]
@@ -85,7 +85,7 @@ class Surfaces:
             found.point[part, surface] += force[0] * ((contact.pos[index] - origin) @ turn)
         return found
 
-    def stance(self, data: mujoco.MjData) -> Stance:
+    def stance(self, data: mujoco.MjData) -> DigitPose:
         """How the digits stand."""
         rows = []
         turn = data.xmat[self._palm].reshape(3, 3)
@@ -96,7 +96,7 @@ class Surfaces:
             apart = max(float(np.linalg.norm(reach)), 1e-9)
             rows.append((reach @ turn / apart, length, apart / max(length, 1e-9)))
         direction, length_, straight = zip(*rows, strict=True) if rows else ([], [], [])
-        return Stance(np.array(direction).reshape(-1, 3), np.array(length_), np.array(straight))
+        return DigitPose(np.array(direction).reshape(-1, 3), np.array(length_), np.array(straight))
 
     def _surface(self, data: mujoco.MjData, part: int, body: int, normal: Array) -> int:
         if part == len(self._sites):
@@ -125,7 +125,7 @@ class Surfaces:
         return along
 
 
-def edges(model: mujoco.MjModel, thing: str) -> Array:
+def box_edges(model: mujoco.MjModel, thing: str) -> Array:
     """Of the box around an object's shapes in its own axes, (3,), m."""
     body = model.body(thing).id
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.model.parts import Indices, parts_of
+from allegro_twin.sim.model.joints import PostureMap
+from allegro_twin.sim.model.parts import Indices, body_parts
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Touch:
+class SceneContacts:
     """The contacts between a hand and an object at one moment, in the world."""
 
     points: Array
@@ -40,10 +42,12 @@ class Touch:
     """The farthest that the object's surface can be from there, m: by the bounding spheres of its geoms."""
 
 
-def touching(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str, near: float = 0.0) -> Touch:
+def find_contacts(
+    model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str, near: float = 0.0
+) -> SceneContacts:
     """The contacts of an object, after `mj_forward` or a step. `near`, m: also those that do not touch yet by as much,
     which MuJoCo only finds within margin + gap."""
-    body, part = model.body(thing).id, parts_of(model, spec)
+    body, part = model.body(thing).id, body_parts(model, spec)
     contact = data.contact
     bodies = model.geom_bodyid[contact.geom] if data.ncon else np.zeros((0, 2), dtype=np.int_)
     mine = model.body_weldid[bodies] == body
@@ -52,7 +56,7 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: 
     sign = np.where(mine[chosen, 0], -1.0, 1.0)[:, None]  # MuJoCo's normal points from the first geom to the second.
     frame = contact.frame[chosen].reshape(-1, 3, 3)
     local = np.array([_force(model, data, int(index)) for index in chosen]).reshape(-1, 3)
-    return Touch(
+    return SceneContacts(
         contact.pos[chosen].copy(),
         sign * frame[:, 0],
         frame[:, 1].copy(),
@@ -67,7 +71,7 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: 
     )
 
 
-def jacobians(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, touch: Touch) -> Array:
+def contact_jacobians(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, touch: SceneContacts) -> Array:
     """Of the hand at each contact, (k, 6, n): velocity, m/s, and spin, rad/s, in the world, for q̇ of its joints."""
     columns = [int(model.joint(name).dofadr[0]) for name in spec.joints]
     found = np.zeros((len(touch.points), 6, len(columns)))
@@ -91,3 +95,30 @@ def _radius(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> float:
     )
     reach = np.linalg.norm(data.geom_xpos[geoms] - data.subtree_com[body], axis=1) + model.geom_rbound[geoms]
     return float(reach.max(initial=0.0))
+
+
+def penetration_depth(
+    model: mujoco.MjModel, spec: HandSpec, posture: Vector, thing: str, pose: Vector, scale: float
+) -> float:
+    """The deepest contact between a free body and the hand, m; 0 where they are apart.
+
+    The fingers are at `posture` (n,), rad, the body at `pose` (7,), m, and `scale` times its size.
+    """
+    model = copy.copy(model)
+    body = model.body(thing)
+    first, count = int(body.geomadr[0]), int(body.geomnum[0])
+    model.geom_size[first : first + count] *= scale
+    model.geom_rbound[first : first + count] *= scale
+    model.geom_aabb[first : first + count] *= scale
+    boxes = slice(int(model.body_bvhadr[body.id]), int(model.body_bvhadr[body.id] + model.body_bvhnum[body.id]))
+    model.bvh_aabb[boxes] *= scale
+    data = mujoco.MjData(model)
+    PostureMap(spec, model)(posture, data.qpos)
+    data.joint(thing).qpos[:] = pose
+    mujoco.mj_forward(model, data)
+    deepest = 0.0
+    for contact in data.contact:
+        bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom]
+        if body.id in bodies and 0 not in bodies:
+            deepest = max(deepest, -float(contact.dist))
+    return deepest

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS
+from allegro_twin.kinematics.maths import ARRAYS
 from allegro_twin.kinematics.orientation import angle_between, entries_of_matrix, is_rotation
-from allegro_twin.sim.contact.self_clearance import touching_geoms
+from allegro_twin.sim.contact.self_clearance import colliding_geoms
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector, frozen
@@ -30,7 +30,7 @@ _SPARE = 5e-5  # m. Aimed for above the clearance, so that the curvature of a st
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solved:
+class FingertipSolution:
     """The posture found, and how near it comes."""
 
     position: Vector
@@ -48,7 +48,8 @@ class Solved:
 
 
 class FingertipSolver:
-    """Inverse kinematics of the whole hand, a quadratic program a step (docs/kinematics.md#several-tips-at-once).
+    """Inverse kinematics of the whole hand, a quadratic program a step
+    (docs/explanation/kinematics.md#several-tips-at-once).
 
     Minimises Σ |tip - target|² over the fingers named, with a weak pull toward the start, inside the joint limits and
     with every finger clear of the others, of itself and of the palm. All in the palm frame.
@@ -65,7 +66,7 @@ class FingertipSolver:
         self._model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
         joints = [self._model.joint(name).id for name in spec.joints]
         self._qpos, self._dof = self._model.jnt_qposadr[joints], self._model.jnt_dofadr[joints]
-        self.pairs = touching_geoms(self._model)
+        self.pairs = colliding_geoms(self._model)
         """The geoms that are kept apart, by id."""
 
     def solve(
@@ -78,7 +79,7 @@ class FingertipSolver:
         clearance: float | None = 0.003,
         tolerance: float = 1e-4,
         steps: int = 200,
-    ) -> Solved:
+    ) -> FingertipSolution:
         """The posture near `start`, shape (n,), rad, that brings each finger's tip to its target, shape (3,), m.
 
         `rotations` are wanted too, shape (3, 3), as far as the position leaves them free. `margin`, rad, is taken off
@@ -172,7 +173,7 @@ class FingertipSolver:
     def _report(
         self, configuration: Any, frames: Mapping[str, Any], rotations: Mapping[str, ArrayLike],
         clearance: float | None, tolerance: float,
-    ) -> Solved:  # fmt: skip
+    ) -> FingertipSolution:  # fmt: skip
         distance, angle = {}, {}
         for name, task in frames.items():
             site = configuration.data.site(task.frame_name)
@@ -185,7 +186,7 @@ class FingertipSolver:
         clear = clearance is None or closest >= clearance
         near = all(d <= tolerance for d in distance.values())
         position = frozen(configuration.q[self._qpos].copy())
-        return Solved(position, near and clear, distance, angle, closest, pair)
+        return FingertipSolution(position, near and clear, distance, angle, closest, pair)
 
     def _closest(self, data: mujoco.MjData) -> tuple[float, tuple[str, str] | None]:
         model, least, found = self._model, _SIGHT, None

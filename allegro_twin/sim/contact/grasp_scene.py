@@ -9,18 +9,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.parts import parts_of
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import PostureMap
+from allegro_twin.sim.model.parts import body_parts
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 Indices = NDArray[np.int_]
 
 
-class Meetings(NamedTuple):
+class TouchPoints(NamedTuple):
     """Where hand and object are in contact, a row each: their geometry, without what it takes to have forces."""
 
     points: Array
@@ -33,29 +33,28 @@ class Meetings(NamedTuple):
     """How deep, (k,), m."""
 
 
-class Workbench:
+class GraspScene:
     """One model for every pose of the palm: its wrist's coordinates are the pose."""
 
     def __init__(self, spec: HandSpec, around: Stage) -> None:
         around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
         self.spec, self.thing = spec, around.things[0]
         self.model = model = compile_scene(spec, around)
-        self.data, self.scratch = mujoco.MjData(model), mujoco.MjData(model)
-        """What is placed here, and room for a state from elsewhere."""
+        self.data = mujoco.MjData(model)
         self.name = self.thing.thing.name
         self.body = int(model.body(self.name).id)
-        self._posed = Posed(spec, model)
+        self._posed = PostureMap(spec, model)
         self.motors = self._posed.motors
         """Of every joint that moves the motor that moves it, (joints,)."""
-        self._wrist = [int(model.joint(name).qposadr[0]) for name in wrist.JOINTS]
-        self.part = parts_of(model, spec)[model.geom_bodyid]
+        self._wrist = [int(model.joint(name).qposadr[0]) for name in WRIST_JOINTS]
+        self.part = body_parts(model, spec)[model.geom_bodyid]
         """Which part of the hand each geom belongs to; -1: none."""
         self._carry = _carrying(model, self._posed.joints)
         self._of_object = model.geom_bodyid == self.body
         self._hand = np.flatnonzero((self.part >= 0) & ((model.geom_contype | model.geom_conaffinity) != 0))
 
     @property
-    def placed(self) -> Placement:
+    def placed(self) -> PlacedObject:
         """The object where it stands."""
         return self.thing
 
@@ -94,7 +93,7 @@ class Workbench:
         self._carried_to(position, rotation)
 
     def _carried_to(self, position: Array, rotation: Array) -> None:
-        self.data.qpos[self._wrist] = coordinates(position, rotation)
+        self.data.qpos[self._wrist] = wrist_coordinates(position, rotation)
         mujoco.mj_kinematics(self.model, self.data)
 
     def _collide(self) -> None:
@@ -117,7 +116,7 @@ class Workbench:
         other = np.where(self.part[first] >= 0, second, first)[foreign]
         return bool((~self._of_object[other]).any())
 
-    def touch(self, data: mujoco.MjData | None = None) -> Meetings:
+    def touch(self, data: mujoco.MjData | None = None) -> TouchPoints:
         """Where hand and object touch; of another state of the same model, if one is given."""
         contact = (self.data if data is None else data).contact
         first, second = contact.geom[:, 0], contact.geom[:, 1]
@@ -125,7 +124,7 @@ class Workbench:
         mine = at_second | (self._of_object[first] & (self.part[second] >= 0))
         sign = np.where(at_second, 1.0, -1.0)[mine, None]
         hand = np.where(at_second, first, second)[mine]
-        return Meetings(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
+        return TouchPoints(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
 
     def _pairs(self) -> tuple[Indices, Indices, NDArray[np.bool_]]:
         geoms = self.data.contact.geom
@@ -133,7 +132,7 @@ class Workbench:
         return first, second, (self.part[first] >= 0) != (self.part[second] >= 0)
 
 
-def coordinates(position: Array, rotation: Array) -> Array:
+def wrist_coordinates(position: Array, rotation: Array) -> Array:
     """The wrist's six coordinates of a palm: slides, then the angles of R = Rx(a) Ry(b) Rz(c)."""
     b = np.arcsin(np.clip(rotation[0, 2], -1.0, 1.0))
     a, c = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from allegro_twin.errors import CommandError
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -46,5 +46,5 @@ class Interlock:
         self._clear = position, goal
 
     @cached_property
-    def _clearance(self) -> Clearance:
-        return Clearance(self._spec, self._spec.apart)
+    def _clearance(self) -> SelfClearance:
+        return SelfClearance(self._spec, self._spec.apart)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.model.arm_with_hand import Mounted
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.arm_with_hand import MountedHand
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import Placement, Thing, orientation
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, standing_orientation
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, Vector
 
@@ -31,7 +31,7 @@ _SHAPES = {
 """The geom of a kind of body, and which of its half extents are its sizes; of any other kind it is the box around."""
 
 
-class Met(NamedTuple):
+class ClearanceViolation(NamedTuple):
     """What comes too near."""
 
     part: str
@@ -46,18 +46,18 @@ class Met(NamedTuple):
         return f"{self.part} would be {near} {self.other}"
 
 
-class Apart:
+class ObstacleClearance:
     """Arm, hand, table, one thing and other objects, posed and never stepped; for one thread."""
 
-    def __init__(self, arm: ArmSpec, mounted: Mounted, base: Array) -> None:
+    def __init__(self, arm: ArmSpec, mounted: MountedHand, base: Array) -> None:
         names = [_THING, *(f"{_OTHER} {k}" for k in range(OTHERS))]
-        placed = [Placement(Thing(name, "box", (0.01, 0.01, 0.01), 0.01), _out(k), (1.0, 0.0, 0.0, 0.0))
+        placed = [PlacedObject(GraspObject(name, "box", (0.01, 0.01, 0.01), 0.01), _out(k), (1.0, 0.0, 0.0, 0.0))
                   for k, name in enumerate(names)]  # fmt: skip
         stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=placed, table=True)
         model = compile_scene(arm, stage, mounted)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # Its boxes are of the sizes at compile time.
         self._model, self._data = model, mujoco.MjData(model)
-        self._arm, self._hand = Posed(arm, model), Posed(mounted.hand, model)
+        self._arm, self._hand = PostureMap(arm, model), PostureMap(mounted.hand, model)
         self._thing, self._table = model.geom(_THING).id, model.geom(_TABLE).id
         self._place = int(model.joint(_THING).qposadr[0])
         self._others = [model.geom(name).id for name in names[1:]]
@@ -97,35 +97,35 @@ class Apart:
         model.geom_size[number] = [*half[list(which)], 0.0, 0.0][:3]
         model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
         model.geom_rbound[number] = float(np.linalg.norm(half))
-        place[:3], place[3:] = position, orientation("z", yaw)
+        place[:3], place[3:] = position, standing_orientation("z", yaw)
 
-    def on_way(self, arm: Array, hand: Array) -> Met | None:
+    def on_way(self, arm: Array, hand: Array) -> ClearanceViolation | None:
         """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
         the last, where nothing may touch."""
         first, last = self._near(arm[0], hand[0]), self._near(arm[-1], hand[-1])
         for one, other in zip(arm[1:], hand[1:], strict=True):
             for pair, distance in self._near(one, other).items():
                 if pair[1] == _OTHER:
-                    return Met(*pair, distance)
+                    return ClearanceViolation(*pair, distance)
                 end = max(last.get(pair, np.inf) - _GIVES, 0.0)
                 if distance < min(_least(pair), first.get(pair, np.inf) - _GIVES, end):
-                    return Met(*pair, distance)
+                    return ClearanceViolation(*pair, distance)
         return None
 
-    def of_others(self, arm: Array, hand: Array) -> Met | None:
+    def of_others(self, arm: Array, hand: Array) -> ClearanceViolation | None:
         """The first of arm and hand that comes too near to another object in postures of both, (k, n) each, rad."""
         for one, other in zip(arm, hand, strict=True):
             for pair, distance in self._near(one, other).items():
                 if pair[1] == _OTHER:
-                    return Met(*pair, distance)
+                    return ClearanceViolation(*pair, distance)
         return None
 
-    def of_arm(self, arm: Vector, hand: Vector) -> Met | None:
+    def of_arm(self, arm: Vector, hand: Vector) -> ClearanceViolation | None:
         """What of the arm itself is too near to table or thing in a posture, where the hand may touch both."""
         for (part, other), distance in self._near(arm, hand).items():
             body = self._model.body(part).id
             if other.startswith("the ") and not self._of_hand[body] and distance < NEAR:
-                return Met(part, other, distance)
+                return ClearanceViolation(part, other, distance)
         return None
 
     def _near(self, arm: Vector, hand: Vector) -> dict[tuple[str, str], float]:

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.model.parts import part_names, parts_of
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import PostureMap
+from allegro_twin.sim.model.parts import body_parts, part_names
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, frozen
 
@@ -30,7 +30,7 @@ class _Contacts(NamedTuple):
     """The force in each contact's own frame, (k, 3), N."""
 
 
-class Probe:
+class ObjectProbe:
     """Looks into a scene at one object, after each period."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> None:
@@ -40,7 +40,7 @@ class Probe:
         self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
         # An object, and what stands on the table, may be made of bodies that are welded together.
         weld = model.body_weldid[model.geom_bodyid]
-        self._part = parts_of(model, spec)[model.geom_bodyid]
+        self._part = body_parts(model, spec)[model.geom_bodyid]
         self._is_thing, self._stands = weld == self._thing, (weld == 0) & (self._part < 0)
         empty = {"contact_force": self._n, "on_table": 1, "contacts": 1, "penetration": 1}
         self._untouched = {name: frozen(np.zeros(size)) for name, size in empty.items()}
@@ -103,10 +103,10 @@ class Probe:
         return (total[:, 1:4] / weights[:, None]).reshape(-1), total[:, 4:].reshape(-1)
 
 
-def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
+def contact_free_postures(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
     """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n)."""
     data = mujoco.MjData(model)
-    posed = Posed(spec, model)
+    posed = PostureMap(spec, model)
     found = []
     for posture in postures:
         posed(posture, data.qpos)

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.model.parts import part_names, parts_of
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import PostureMap
+from allegro_twin.sim.model.parts import body_parts, part_names
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -21,14 +21,14 @@ SIGHT = 0.008
 Indices = NDArray[np.int_]
 
 
-class Clearance:
+class SelfClearance:
     """Distances between the parts of a hand, from the shapes that collide in its simulation. `only`: of these pairs."""
 
     def __init__(self, spec: HandSpec, only: Collection[tuple[str, str]] = ()) -> None:
         model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
         self._model, self._data = model, mujoco.MjData(model)
         self._in_use = threading.Lock()
-        self._posed = Posed(spec, model)
+        self._posed = PostureMap(spec, model)
         names = part_names(spec)
         couples = list(combinations_with_replacement(range(len(names)), 2))
         if only:
@@ -36,8 +36,8 @@ class Clearance:
             couples = [couple for couple in couples if set(couple) in wanted]
         self.pairs = tuple((names[a], names[b]) for a, b in couples)
         """Which two parts each column is about; a finger can also meet itself."""
-        geoms = np.array(touching_geoms(model), dtype=int).reshape(-1, 2)
-        part = np.sort(parts_of(model, spec)[model.geom_bodyid[geoms]], axis=1).tolist()
+        geoms = np.array(colliding_geoms(model), dtype=int).reshape(-1, 2)
+        part = np.sort(body_parts(model, spec)[model.geom_bodyid[geoms]], axis=1).tolist()
         kept = [k for k, row in enumerate(part) if tuple(row) in couples]
         self._geoms = geoms[kept]
         self._columns = np.array([couples.index(tuple(part[k])) for k in kept], dtype=int)
@@ -83,7 +83,7 @@ class Clearance:
         mujoco.mj_kinematics(self._model, self._data)
 
 
-def touching_geoms(model: mujoco.MjModel) -> list[tuple[int, int]]:
+def colliding_geoms(model: mujoco.MjModel) -> list[tuple[int, int]]:
     """The geoms that the simulation lets touch: of two links that are not neighbours and not excluded by the MJCF."""
     solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
     excluded = {int(s) for s in model.exclude_signature}

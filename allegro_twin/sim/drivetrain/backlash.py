@@ -25,37 +25,37 @@ SMALLEST = 1e-4
 _GREASE, _TEETH = 1e-4, 0.001  # N·m·s/rad between the teeth; s, how soft they are: twice a step of 0.5 ms.
 
 
-def add(hand: mujoco.MjSpec, joint: str, backlash: float) -> None:
+def add_backlash(hand: mujoco.MjSpec, joint: str, backlash: float) -> None:
     """A play of so many rad, both ways together."""
     first = hand.joint(joint)
-    play = first.parent.add_joint(name=name_of(joint), pos=first.pos, axis=first.axis)
+    play = first.parent.add_joint(name=play_joint(joint), pos=first.pos, axis=first.axis)
     play.limited, play.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-backlash / 2.0, backlash / 2.0]
     play.damping, play.solref_limit = [_GREASE, 0, 0], [_TEETH, 1.0]
 
 
-def name_of(joint: str) -> str:
+def play_joint(joint: str) -> str:
     return f"{joint}_play"
 
 
-def tune(model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vector) -> None:
+def set_backlash(model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vector) -> None:
     """Set it, rad, at some plays of a compiled model."""
     half = np.maximum(backlash, SMALLEST) / 2.0
     model.jnt_range[plays] = np.stack([-half, half], axis=1)
 
 
-def able(spec: HandSpec, joints: Sequence[int]) -> HandSpec:
+def allow_backlash(spec: HandSpec, joints: Sequence[int]) -> HandSpec:
     """The same hand, some of whose joints can come loose while it moves: they have a play of SMALLEST until then."""
-    drive = spec.drive or Drive.made({}, spec.n_joints)
+    drive = spec.drive or Drive.from_values({}, spec.n_joints)
     play = drive.backlash.copy()
     play[list(joints)] = np.maximum(play[list(joints)], SMALLEST)
     return replace(spec, drive=replace(drive, backlash=frozen(play)))
 
 
-def loosen(model: mujoco.MjModel, joint: str, backlash: float) -> None:
+def loosen_joint(model: mujoco.MjModel, joint: str, backlash: float) -> None:
     """Give a joint so many rad of play. Raises ConfigError where the model has none to grow."""
-    play = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name_of(joint))
+    play = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, play_joint(joint))
     if play < 0:
         raise ConfigError(
             f"{joint} cannot come loose in this model: its drive.backlash must be at least {SMALLEST:g} rad"
         )
-    tune(model, np.array([play]), np.array([backlash]))
+    set_backlash(model, np.array([play]), np.array([backlash]))

@@ -15,17 +15,17 @@ from allegro_twin.types import Vector
 _WEIGHT = 0.005  # m, radius of a weight at a fingertip.
 
 
-def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
+def build_drive(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
     """Edit a hand's MjSpec: strength, friction that breaks away, masses, and weights at the fingertips."""
     for index, name in enumerate(spec.joints):
         motor, limit = hand.actuator(name), spec.actuation.torque_limit[index] * drive.strength[index]
         motor.gainprm[0] = drive.strength[index]
         motor.forcerange = [-limit, limit]
         if drive.bristle[index] > 0.0:
-            lugre_friction.add(hand, name)
+            lugre_friction.add_friction(hand, name)
         link = hand.joint(name).parent
         if drive.backlash[index] > 0.0:
-            backlash.add(hand, name, drive.backlash[index])
+            backlash.add_backlash(hand, name, drive.backlash[index])
         if drive.mass_scale[index] != 1.0:
             link.mass *= drive.mass_scale[index]
             link.inertia *= drive.mass_scale[index]
@@ -54,11 +54,11 @@ class Drivetrain:
         self._dry, self._armature = spec.actuation.frictionloss, spec.actuation.armature
         self._soft = np.flatnonzero(drive.bristle > 0.0)
         self._elements = np.array(
-            [model.actuator(lugre_friction.name_of(spec.joints[k])).id for k in self._soft], dtype=int
+            [model.actuator(lugre_friction.friction_actuator(spec.joints[k])).id for k in self._soft], dtype=int
         )
         self._rub(self._dry)
         plays = np.flatnonzero(drive.backlash > 0.0)
-        self._plays = plays, [int(model.joint(backlash.name_of(spec.joints[k])).qposadr[0]) for k in plays]
+        self._plays = plays, [int(model.joint(backlash.play_joint(spec.joints[k])).qposadr[0]) for k in plays]
         self._joints = [model.joint(name).id for name in spec.joints]
         # What went wrong: what motors still give, how far encoders have moved, and how fast they do, rad and rad/s.
         self._share, self._moved, self._drift = np.ones((3, spec.n_joints)) * [[1.0], [0.0], [0.0]]
@@ -80,7 +80,7 @@ class Drivetrain:
             case "encoder_drift":
                 self._drift[joint] += amount
             case "loose":
-                backlash.loosen(self._model, self._names[joint], amount)
+                backlash.loosen_joint(self._model, self._names[joint], amount)
             case "payload":
                 body = int(self._model.jnt_bodyid[self._joints[joint]])
                 self._model.body_mass[body] += amount
@@ -116,7 +116,7 @@ class Drivetrain:
         self._model.dof_frictionloss[self._dofs] = np.where(drive.bristle > 0.0, 0.0, dry)
         if len(soft):
             rows = (each[soft] for each in (dry, drive.stiction, drive.stribeck_speed, drive.bristle, self._armature))
-            lugre_friction.tune(self._model, self._elements, *rows)
+            lugre_friction.set_friction(self._model, self._elements, *rows)
 
     def reported(self, position: Vector, data: mujoco.MjData) -> Vector:
         """What the encoders say of joint positions (n,), rad."""

@@ -23,23 +23,23 @@ STILL = 0.02
 Indices = NDArray[np.int_]
 
 
-def add(hand: mujoco.MjSpec, joint: str) -> None:
+def add_friction(hand: mujoco.MjSpec, joint: str) -> None:
     """A friction actuator on a joint, whose numbers are set in the compiled model; the joint's own friction is gone."""
     hand.joint(joint).frictionloss = 0.0
-    element = hand.add_actuator(name=name_of(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    element = hand.add_actuator(name=friction_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     element.set_to_dcmotor([_NO_MOTOR, _NO_MOTOR], 1.0, lugre=[1.0, 0.1, 0.01, 0.01, 0.1])
 
 
-def name_of(joint: str) -> str:
+def friction_actuator(joint: str) -> str:
     return f"{joint}_friction"
 
 
-def alone(gain: int, numbers: Array) -> bool:
+def is_friction_only(gain: int, numbers: Array) -> bool:
     """Whether an actuator with such a gain and its numbers is friction and nothing that could be told to give."""
     return bool(gain == mujoco.mjtGain.mjGAIN_DCMOTOR and numbers[1] <= _NO_MOTOR * numbers[0])
 
 
-def tune(
+def set_friction(
     model: mujoco.MjModel,
     elements: Indices,
     dry: Vector,
@@ -58,15 +58,15 @@ def tune(
     model.actuator_biasprm[elements, 5] = speed
 
 
-class Rubbing:
+class BatchedFriction:
     """Friction of many simulations of a model that was tuned, set anew from step to step."""
 
     def __init__(self, sims: batch.Batch, elements: Indices) -> None:
-        rows = slice(int(elements[0]), int(elements[-1]) + 1)  # `add` makes them one after the other.
+        rows = slice(int(elements[0]), int(elements[-1]) + 1)  # `add_friction` makes them one after the other.
         self._dynamics, self._bias = (sims.expand(f"actuator_{name}")[:, rows] for name in ("dynprm", "biasprm"))
 
     def set(self, dry: Array, ratio: Vector, bristle: Vector, armature: Vector) -> None:
-        """As in `tune`, the first (w, n), the others (n,)."""
+        """As in `set_friction`, the first (w, n), the others (n,)."""
         dry = np.maximum(dry, 1e-6)
         breakaway = dry * ratio
         stiffness = breakaway / bristle
@@ -74,7 +74,7 @@ class Rubbing:
         self._bias[:, :, 3], self._bias[:, :, 4] = dry, breakaway
 
 
-def bent(ratio: Vector, speed: Vector, bristle: Vector, velocity: Array) -> Array:
+def steady_deflection(ratio: Vector, speed: Vector, bristle: Vector, velocity: Array) -> Array:
     """How far the bristles are bent in steady motion, rad: g(v) sgn(v) / σ₀."""
     level = (1.0 + (ratio - 1.0) * np.exp(-np.square(velocity / speed))) / ratio
     return np.asarray(bristle * level * np.tanh(velocity / STILL))

@@ -29,10 +29,7 @@ class Servos:
     def __init__(self, spec: HandSpec, models: Sequence[mujoco.MjModel], period: float) -> None:
         self._models, self._period, n = list(models), period, len(models)
         self._ids = ids = np.array([models[0].actuator(name).id for name in spec.joints])
-        bias = np.array([model.actuator_biasprm[ids] for model in models])
-        gain = np.array([model.actuator_gainprm[ids, 0] for model in models])
-        # Force = gain u + b0 + b1 l + b2 dl/dt is zero at rest where u = - (b0 + b1 l) / gain.
-        self._offset, self._slope = -bias[..., 0] / gain, -bias[..., 1] / gain
+        self._offset, self._slope = map(np.array, zip(*(control_map(model, ids) for model in models), strict=True))
         self._limit = spec.actuation.torque_limit
         self._range = np.array([model.actuator_forcerange[ids] for model in models])
         self._share = np.ones((n, len(ids)))
@@ -88,7 +85,14 @@ class Servos:
         return len(news) > 0
 
 
-def bound(model: mujoco.MjModel, spec: HandSpec) -> None:
+def control_map(model: mujoco.MjModel, motors: slice | list[int] | NDArray[np.int64]) -> tuple[Array, Array]:
+    """Offset and slope, (n,) each, from where actuators with a spring are to rest to what they are told:
+    force = gain u + b0 + b1 l + b2 dl/dt is zero at rest where u = - (b0 + b1 l) / gain."""
+    bias, gain = model.actuator_biasprm[motors], model.actuator_gainprm[motors, 0]
+    return -bias[:, 0] / gain, -bias[:, 1] / gain
+
+
+def limit_forces(model: mujoco.MjModel, spec: HandSpec) -> None:
     """Give no motor of a compiled scene more force than its hand says, whatever its file lets it have."""
     ids, limit = np.array([model.actuator(name).id for name in spec.joints]), spec.actuation.torque_limit[:, None]
     limited = model.actuator_forcelimited[ids].astype(bool)[:, None]

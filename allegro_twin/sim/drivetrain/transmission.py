@@ -10,7 +10,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
-class Lengths:
+class ActuatorLengths:
     """Positions and speeds of the actuators of one layout of models: lengths in MuJoCo's words, rad or m.
 
     On joints and on tendons that run over joints they are sums of joint positions, written out here so that asking

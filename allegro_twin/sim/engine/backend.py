@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -12,12 +12,10 @@ from allegro_twin.backend import position_of, torque_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.drivetrain.drivetrain import Drivetrain, drives_joints
 from allegro_twin.sim.drivetrain.servos import ONE, Servos
-from allegro_twin.sim.drivetrain.transmission import Lengths
-from allegro_twin.sim.engine.arm_holding import Holding, feels
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
 from allegro_twin.sim.engine.world import World
-from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.friction_changes import Change, lose
-from allegro_twin.sim.model.postures import Posed, moved_by, span
+from allegro_twin.sim.model.joints import JointChange, PostureMap, as_slice, motor_joints, set_joint_losses
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.spec.drivetrain import Ailment, Drive
@@ -26,6 +24,10 @@ from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, fro
 ENGINE = f"mujoco {mujoco.__version__}"
 """What the figures of a simulation depend on."""
 _NO_WRIST = np.zeros((0, 6))
+Places: TypeAlias = slice | list[int]
+"""Of its joints in an array of the simulation."""
+_STIFFNESS, _DAMPING = 7.0, 0.6
+"""Of its joints, in their torque limits: N·m/rad and N·m·s/rad a N·m. OWN: a hand's weight moves it a millimetre."""
 
 
 class Push(NamedTuple):
@@ -68,22 +70,22 @@ class SimBackend:
         model = self.model
         self.substeps = substeps(period, model.opt.timestep)
         self._spec, self._period = spec, period
-        self._motors = span([model.actuator(name).id for name in spec.joints])
+        self._motors = as_slice([model.actuator(name).id for name in spec.joints])
         self._servos = None if "torque" in spec.commands else Servos(spec, [model], period)
-        self._lengths = Lengths(spec, model)
-        joints = list(moved_by(spec, model).values())
-        self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
-        self._dof = span([model.jnt_dofadr[joint] for joint in joints])
-        self._pose = Posed(spec, model)
+        self._lengths = ActuatorLengths(spec, model)
+        joints = list(motor_joints(spec, model).values())
+        self._qpos = as_slice([model.jnt_qposadr[joint] for joint in joints])
+        self._dof = as_slice([model.jnt_dofadr[joint] for joint in joints])
+        self._pose = PostureMap(spec, model)
         self._root = model.body(spec.root).id
         self._posture = spec.rest if posture is None else spec.posture(posture)
         self.drive, self.pushing = drive, pushing
         self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
-        self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
+        self._wrist = [model.actuator(name).id for name in WRIST_JOINTS] if len(drive) else []
         self._unknown = frozen(np.full(spec.n_actuators, math.nan))
         self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
-        self._holding = Holding(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
-        self._feels = feels(spec, model)
+        self._holding = ArmHold(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
+        self._feels = flange_sensors(spec, model)
         self._session, self._tick = 0, 0
         self.world.join(self)
 
@@ -191,13 +193,13 @@ class SimBackend:
         if self._servos is not None and (what == "weak" or not drives_joints(self._spec, self.model)):
             raise ConfigError(f"{self._spec.name} moves by servos of its own: `{what}` is of motors at joints")
         if self._train is None:
-            self._train = Drivetrain(self._spec, Drive.made({}, self._spec.n_joints), self.model, self._motors)
+            self._train = Drivetrain(self._spec, Drive.from_values({}, self._spec.n_joints), self.model, self._motors)
             self._train.command(self.data.ctrl[self._motors].copy())
         self._train.suffer(what, joint, amount)
 
-    def become(self, change: Change) -> None:
+    def become(self, change: JointChange) -> None:
         """Go on as another hand; one that closes its own loop keeps its strength."""
-        lose(self._spec, self.model, change)
+        set_joint_losses(self._spec, self.model, change)
         if change.strength != 1.0:
             for joint in range(self._spec.n_joints):
                 self.suffer("weak", joint, change.strength)
@@ -256,3 +258,43 @@ def substeps(period: float, timestep: float) -> int:
     if count < 1 or abs(count * timestep - period) > 1e-9:
         raise ConfigError(f"period {period} s is not a whole number of physics steps of {timestep} s")
     return count
+
+
+class ArmHold:
+    """Counts an arm's periods without a command, and holds it from `silence` on; also before the first command."""
+
+    def __init__(self, spec: ArmSpec, period: float, qpos: Places, dof: Places) -> None:
+        self._patience = max(round(spec.silence / period), 1)
+        self._limit, self._qpos, self._dof = spec.actuation.torque_limit, qpos, dof
+        self._missed = self._patience
+        self._at: Vector | None = None
+
+    def reset(self) -> None:
+        """Nobody has commanded it yet."""
+        self._missed, self._at = self._patience, None
+
+    def heard(self) -> None:
+        """A command came."""
+        self._missed, self._at = 0, None
+
+    def torque(self, data: mujoco.MjData) -> Vector | None:
+        """For the period that begins, (n,), N·m; None: what was commanded last."""
+        self._missed += 1
+        if self._missed <= self._patience:
+            return None
+        if self._at is None:
+            self._at = data.qpos[self._qpos].copy()
+        error = self._at - data.qpos[self._qpos]
+        wanted: Vector = self._limit * (_STIFFNESS * error - _DAMPING * data.qvel[self._dof])
+        return np.minimum(np.maximum(wanted, -self._limit), self._limit)
+
+
+def flange_sensors(spec: HandSpec, model: mujoco.MjModel) -> Places | None:
+    """Where an arm's sensors of force and torque are among all that the simulation senses."""
+    if not isinstance(spec, ArmSpec):
+        return None
+    found: list[int] = []
+    for kind in ("force", "torque"):
+        start = int(model.sensor(f"{spec.flange}_{kind}").adr[0])
+        found += range(start, start + 3)
+    return slice(found[0], found[-1] + 1) if found == list(range(found[0], found[0] + 6)) else found

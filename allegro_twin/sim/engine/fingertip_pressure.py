@@ -14,7 +14,7 @@ AREA = 2.0 * math.pi * RADIUS**2
 """m², of the half sphere that touches. Nominal: nobody has published how the v5 sensor turns force into pressure."""
 
 
-class FingertipPressure:
+class PressureSensors:
     """The sum of normal contact forces on each fingertip's collision geom, over its area."""
 
     def __init__(self, backend: SimBackend) -> None:

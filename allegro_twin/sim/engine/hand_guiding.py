@@ -12,7 +12,7 @@ from allegro_twin.types import Sample, Vector
 
 
 @dataclass(slots=True, eq=False)
-class Guide:
+class HandGuide:
     """Pulls the joints towards `path(t)` from outside, whatever the motors do; called with every sample."""
 
     backend: SimBackend

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_conjugate, quaternion_product
 from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.spec import ForeignModel, HandSpec
 from allegro_twin.types import Array
@@ -18,14 +18,14 @@ _FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
 """Folders that robot_descriptions has, and in which of its modules; it fetches them at the first import."""
 
 
-def located(spec: HandSpec) -> Path:
+def find_mjcf(spec: HandSpec) -> Path:
     """The file of a foreign model: where its map says, else from robot_descriptions, which fetches MuJoCo Menagerie
     once and keeps it. Raises ConfigError with both ways."""
     assert spec.foreign is not None
     path = Path(spec.foreign.mjcf)
     if path.is_file():
         return path
-    ways = f"set `mjcf` in its file to your copy (docs/models.md); hand {spec.serial}: no MJCF at {path}"
+    ways = f"set `mjcf` in its file to your copy (docs/reference/hands.md); hand {spec.serial}: no MJCF at {path}"
     if path.parent.name not in _FETCHED:
         raise ConfigError(ways)
     try:
@@ -47,7 +47,7 @@ def _fetched(module: str, git_error: type[Exception]) -> str:
         raise ConfigError(f"robot_descriptions could not fetch Menagerie: {text}; set `mjcf` to a copy") from error
 
 
-def read(file: Path) -> mujoco.MjSpec:
+def read_mjcf(file: Path) -> mujoco.MjSpec:
     """With its angles in radians, as all that is edited into it. Raises ConfigError."""
     try:
         spec = mujoco.MjSpec.from_file(str(file))
@@ -74,7 +74,7 @@ def _to_radians(spec: mujoco.MjSpec) -> None:
     spec.compiler.degree = False
 
 
-def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> mujoco.MjSpec:
+def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> mujoco.MjSpec:
     """Their hand with its palm in our axes, their actuators under our names, a site and a contact sensor at each tip.
 
     Raises ConfigError with the nearest name when the card names something that the file does not have.
@@ -91,7 +91,7 @@ def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> muj
             theirs.delete(other)
     for name, ours in zip(foreign.joints, spec.joints, strict=True):
         _get(theirs.actuators, name, "actuator", foreign.mjcf).name = ours
-    mute = [each.name for each in theirs.actuators if lugre_friction.alone(each.gaintype, each.gainprm)]
+    mute = [each.name for each in theirs.actuators if lugre_friction.is_friction_only(each.gaintype, each.gainprm)]
     if extra := [each.name for each in theirs.actuators if each.name not in (*spec.joints, *mute)]:
         raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
     for follower in spec.followers:
@@ -99,7 +99,7 @@ def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> muj
     root.name = "palm_link"
     _follow(theirs, {foreign.root: "palm_link"})
     if foreign.palm is not None:
-        _turn(root, conjugate(foreign.palm))
+        _turn(root, quaternion_conjugate(foreign.palm))
     _add_tips(theirs, spec, foreign)
     return theirs
 
@@ -121,10 +121,10 @@ def _turn(root: mujoco.MjsBody, turn: Array) -> None:
             tensor = matrix @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ matrix.T
             root.fullinertia = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         else:
-            root.iquat = product(turn, root.iquat)
+            root.iquat = quaternion_product(turn, root.iquat)
 
 
-def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
+def rename_parts(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
     """Rename its root and joints, replace its actuators by torque motors, add a site at each fingertip.
 
     Raises ConfigError with the nearest name when the map names something that the file does not have.

@@ -10,9 +10,71 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.sim.drivetrain import lugre_friction
-from allegro_twin.sim.mjcf_import.actuators import Motor
-from allegro_twin.sim.mjcf_import.adapt import read
+from allegro_twin.sim.mjcf_import.adapt import read_mjcf
 from allegro_twin.types import Array
+
+
+class ImportedMotor:
+    """One actuator, read. Raises ConfigError for one that nobody could command as a hand."""
+
+    def __init__(self, model: mujoco.MjModel, number: int, path: Path) -> None:
+        self.number, self.actuator = number, model.actuator(number).name
+        if not self.actuator:
+            raise ConfigError(f"{path}: actuator {number} has no name: give it one")
+        where, kind = f"{path}: actuator {self.actuator}", int(model.actuator_trntype[number])
+        target = int(model.actuator_trnid[number, 0])
+        on_tendon = kind == mujoco.mjtTrn.mjTRN_TENDON
+        if kind != mujoco.mjtTrn.mjTRN_JOINT and not on_tendon:
+            raise ConfigError(f"{where} acts on neither a joint nor a tendon")
+        if model.actuator_dyntype[number] != mujoco.mjtDyn.mjDYN_NONE:
+            raise ConfigError(f"{where} has dynamics of its own, which no command can stand for")
+        self.joint = None if on_tendon else target
+        """That it turns; None: it pulls a tendon."""
+        self.name = self.actuator if on_tendon else model.joint(target).name
+        gain, bias = float(model.actuator_gainprm[number, 0]), model.actuator_biasprm[number]
+        self.torque = not bias[:3].any()
+        if self.torque and on_tendon:
+            raise ConfigError(f"{where} pulls a tendon with a given force, and nobody would know where its joints are")
+        if not self.torque and bias[1] >= 0.0:
+            raise ConfigError(f"{where} is no position servo: a velocity, say, is no place to go to")
+        span = _span(model, number, target, on_tendon, where)
+        self.lower, self.upper = span
+        if not self.torque and model.actuator_ctrllimited[number]:
+            ends = -(bias[0] + gain * model.actuator_ctrlrange[number]) / bias[1]
+            self.lower, self.upper = float(ends.min()), float(ends.max())
+        self.effort = _effort(model, number, gain, bias, self.upper - self.lower)
+        self._gain, self._bias = gain, bias
+
+    def told(self, position: float) -> float:
+        """What a position servo is told to go to a position."""
+        return float(-(self._bias[0] + self._bias[1] * position) / self._gain)
+
+    def row(self) -> dict[str, Any]:
+        numbers = {"lower": round(self.lower, 6), "upper": round(self.upper, 6), "effort": round(self.effort, 6)}
+        loop = {} if self.torque else {"stiffness": round(-float(self._bias[1]), 6)}
+        return {"name": self.name, "actuator": self.actuator} | numbers | loop
+
+
+def _span(model: mujoco.MjModel, number: int, target: int, on_tendon: bool, where: str) -> tuple[float, float]:
+    limited, span = (
+        (model.tendon_limited[target], model.tendon_range[target])
+        if on_tendon
+        else (model.jnt_limited[target], model.jnt_range[target])
+    )
+    if not limited and not model.actuator_ctrllimited[number]:
+        raise ConfigError(f"{where}: neither it nor what it moves has a range: where may it go?")
+    return float(span[0]), float(span[1])
+
+
+def _effort(model: mujoco.MjModel, number: int, gain: float, bias: Array, span: float) -> float:
+    """The most that it can give by the file: its force range, or what its range of control comes to."""
+    if model.actuator_forcelimited[number]:
+        return float(np.abs(model.actuator_forcerange[number]).max())
+    if bias[1]:
+        return float(-bias[1] * span)
+    ends = np.abs(gain * model.actuator_ctrlrange[number])
+    return float(ends.max()) or 1.0
+
 
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
@@ -20,18 +82,18 @@ _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
-class Found(NamedTuple):
+class ExploredHand(NamedTuple):
     """The content of a card, and what a person should look at."""
 
     card: dict[str, Any]
     notes: list[str]
 
 
-def explored(path: Path, root: str | None = None) -> Found:
+def explore_mjcf(path: Path, root: str | None = None) -> ExploredHand:
     """Read a hand, and move each of its motors alone through its range, without gravity and contacts. `root`: the body
     that is the palm; None: the one under the world that carries all motors. Raises ConfigError for a file without a
     hand that can be driven."""
-    spec = read(path)
+    spec = read_mjcf(path)
     for element in spec.keys:
         spec.delete(element)
     try:
@@ -39,12 +101,14 @@ def explored(path: Path, root: str | None = None) -> Found:
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     given = [
-        k for k in range(model.nu) if not lugre_friction.alone(model.actuator_gaintype[k], model.actuator_gainprm[k])
+        k
+        for k in range(model.nu)
+        if not lugre_friction.is_friction_only(model.actuator_gaintype[k], model.actuator_gainprm[k])
     ]
     if not given:
         raise ConfigError(f"{path} has no actuators: nothing in it can be driven")
     palm = _palm(model, path, root)
-    motors = [Motor(model, k, path) for k in given]
+    motors = [ImportedMotor(model, k, path) for k in given]
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
         raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
@@ -66,7 +130,7 @@ def explored(path: Path, root: str | None = None) -> Found:
         "fingers": fingers,
         "palm": _axes(model, palm, ways),
     }
-    return Found(card | ({"followers": followers} if followers else {}), notes)
+    return ExploredHand(card | ({"followers": followers} if followers else {}), notes)
 
 
 def _palm(model: mujoco.MjModel, path: Path, root: str | None) -> int:
@@ -85,7 +149,7 @@ def _palm(model: mujoco.MjModel, path: Path, root: str | None) -> int:
     return moving[0]
 
 
-def _moved(model: mujoco.MjModel, motors: list[Motor]) -> Array:
+def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
     """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq)."""
     model.opt.gravity[:] = 0.0
     # Light links on stiff tendons: a file that says nothing of steps means them as our scenes take them.
@@ -113,7 +177,7 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             return
 
 
-def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[Motor]) -> None:
+def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor]) -> None:
     """Every servo is told to stay as near to zero as it can be."""
     for each in motors:
         data.ctrl[each.number] = each.told(min(max(0.0, each.lower), each.upper))
@@ -166,7 +230,9 @@ def _reaches(way: Array, tip: int) -> bool:
     return bool(np.ptp(way[:, tip], axis=0).max() > 1e-4)
 
 
-def _followers(model: mujoco.MjModel, motors: list[Motor], moves: Array) -> tuple[list[dict[str, Any]], list[str]]:
+def _followers(
+    model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array
+) -> tuple[list[dict[str, Any]], list[str]]:
     """Joints without a motor: after which they go, and how far; and those that go after none."""
     own = {motor.joint for motor in motors}
     followers, free = [], []

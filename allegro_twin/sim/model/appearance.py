@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.hands.description.appearance import of_object
-from allegro_twin.hands.description.shapes import Body, Shape
+from allegro_twin.hands.description.appearance import VisualBody, VisualShape, object_appearance
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
@@ -27,7 +26,7 @@ _GROUPS = 3  # Of geoms: MuJoCo shows the first three and hides the others.
 _TRIANGLES = 600  # A mesh, at most: a page in a browser draws dozens of them without a GPU.
 
 
-def scene_look(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -> dict[str, Any]:
+def scene_appearance(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -> dict[str, Any]:
     """For a recording: the shapes of the objects and of what stands still, and of the hand if it is not ours."""
     start, palm = mujoco.MjData(model), model.body(spec.root).id
     mujoco.mj_kinematics(model, start)
@@ -41,7 +40,7 @@ def scene_look(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -
     return found
 
 
-def hand_bodies(spec: HandSpec) -> tuple[Body, ...]:
+def hand_bodies(spec: HandSpec) -> tuple[VisualBody, ...]:
     """The links of the hand's MJCF, whoever made it, from the palm on. Raises ConfigError."""
     model = hand_spec(spec).compile()
     root = model.body(spec.root).id
@@ -51,12 +50,12 @@ def hand_bodies(spec: HandSpec) -> tuple[Body, ...]:
         joint = next((j for j in range(model.njnt) if model.jnt_bodyid[j] == k), -1)
         name = model.joint(joint).name if joint >= 0 else ""
         bodies.append(
-            Body(
+            VisualBody(
                 name="palm" if k == root else model.body(k).name,
                 parent=-1 if k == root else mine.index(model.body_parentid[k]),
                 position=tuple(model.body_pos[k]) if k != root else (0.0, 0.0, 0.0),
                 quaternion=tuple(model.body_quat[k]) if k != root else (1.0, 0.0, 0.0, 0.0),
-                joint=spec.moving.index(name) if name in spec.moving else -1,
+                joint=spec.all_joints.index(name) if name in spec.all_joints else -1,
                 axis=tuple(model.jnt_axis[joint]) if joint >= 0 else (0.0, 0.0, 1.0),
                 anchor=tuple(model.jnt_pos[joint]) if joint >= 0 else (0.0, 0.0, 0.0),
                 zero=float(model.qpos0[model.jnt_qposadr[joint]]) if joint >= 0 else 0.0,
@@ -66,7 +65,7 @@ def hand_bodies(spec: HandSpec) -> tuple[Body, ...]:
     return tuple(bodies)
 
 
-def shapes_on(model: mujoco.MjModel, body: str) -> tuple[Shape, ...]:
+def shapes_on(model: mujoco.MjModel, body: str) -> tuple[VisualShape, ...]:
     """What is seen of one body of a scene, in its frame."""
     return _shapes(model, model.body(body).id)
 
@@ -79,13 +78,13 @@ def _stands_on(model: mujoco.MjModel, body: int, root: int) -> bool:
     return False
 
 
-def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
+def _shapes(model: mujoco.MjModel, body: int) -> tuple[VisualShape, ...]:
     first = model.body_geomadr[body]
     geoms = range(first, first + model.body_geomnum[body]) if first >= 0 else ()
     return tuple(shape for geom in geoms if (shape := _shape(model, geom)) is not None)
 
 
-def _shape(model: mujoco.MjModel, geom: int) -> Shape | None:
+def _shape(model: mujoco.MjModel, geom: int) -> VisualShape | None:
     """One geom; None for what is not seen, and for planes and fields, which have no end."""
     color = model.geom_rgba[geom]
     material = model.geom_matid[geom]
@@ -103,13 +102,13 @@ def _shape(model: mujoco.MjModel, geom: int) -> Shape | None:
         f, nf = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
         corners = model.mesh_vert[v : v + nv].astype(np.float64)
         vertices, triangles = simplified(corners, model.mesh_face[f : f + nf].astype(np.int64))
-    return Shape(
+    return VisualShape(
         kind,
         tuple(float(x) for x in model.geom_size[geom][:sizes]),
         tuple(float(x) for x in model.geom_pos[geom]),
         tuple(float(x) for x in model.geom_quat[geom]),
         tuple(float(x) for x in color),
-        paint=name if textured and of_object(name).pattern != "plain" else "",
+        paint=name if textured and object_appearance(name).pattern != "plain" else "",
         vertices=vertices,
         triangles=triangles,
     )

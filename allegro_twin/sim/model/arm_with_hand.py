@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.appearance import STAND
-from allegro_twin.hands.description.mounts import Mount
+from allegro_twin.hands.description.mounts import HandMount
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec, Load
 from allegro_twin.types import Array
@@ -19,14 +19,14 @@ CAMERA = "wrist_camera"
 _GRAIN = 1e-3  # kg. The flange's own mass, at which the load is carried.
 
 
-class Mounted(NamedTuple):
+class MountedHand(NamedTuple):
     """A hand and its place on the flange."""
 
     hand: HandSpec
-    mount: Mount
+    mount: HandMount
 
 
-def hang(arm: mujoco.MjSpec, spec: ArmSpec, hand: mujoco.MjSpec, mount: Mount) -> None:
+def attach_hand(arm: mujoco.MjSpec, spec: ArmSpec, hand: mujoco.MjSpec, mount: HandMount) -> None:
     """Screw a hand and its adapter on the flange. Raises ConfigError where names of the two meet."""
     names = {joint.name for joint in arm.joints} & {joint.name for joint in hand.joints}
     if names:
@@ -50,7 +50,7 @@ def hang(arm: mujoco.MjSpec, spec: ArmSpec, hand: mujoco.MjSpec, mount: Mount) -
         mujoco.set_mju_user_warning(warned)
 
 
-def tell(arm: mujoco.MjSpec, spec: ArmSpec, load: Load | None) -> None:
+def set_load(arm: mujoco.MjSpec, spec: ArmSpec, load: Load | None) -> None:
     """Let the arm carry a load: the force of a weight that is not there, upwards at its centre of mass."""
     flange = arm.body(spec.flange)
     flange.explicitinertial, flange.mass = True, _GRAIN
@@ -59,7 +59,7 @@ def tell(arm: mujoco.MjSpec, spec: ArmSpec, load: Load | None) -> None:
     flange.gravcomp = 1.0 if load is None else load.mass / _GRAIN
 
 
-def pedestal(scene: mujoco.MjSpec, position: Array) -> None:
+def add_pedestal(scene: mujoco.MjSpec, position: Array) -> None:
     """A block under an arm's base, which is seen and never touched."""
     x, y, z = position
     scene.worldbody.add_geom(

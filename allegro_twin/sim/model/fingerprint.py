@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.sim.mjcf_import.adapt import located
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.sim.mjcf_import.adapt import find_mjcf
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -56,6 +56,6 @@ def hand_fingerprint(spec: HandSpec) -> str:
     models = data_root() / "models"
     files = [models / "mjcf" / f"{spec.name}.xml", models / "urdf" / f"{spec.name}.urdf"]
     if spec.foreign is not None:
-        files = [located(spec)]
+        files = [find_mjcf(spec)]
     foreign = None if spec.foreign is None else replace(spec.foreign, mjcf="")
     return fingerprint(replace(spec, card="", foreign=foreign), files)

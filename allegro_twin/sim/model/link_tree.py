@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.tree import Placement, Tree, TreeJoint, TreeLink
+from allegro_twin.kinematics.tree import LinkPlacement, Tree, TreeJoint, TreeLink
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -27,7 +27,7 @@ def read_link_tree(spec: HandSpec) -> Tree:
     tips = {}
     for finger in spec.fingers:
         site = model.site(finger.tip)
-        tips[finger.tip] = (bodies.index(int(site.bodyid[0])), Placement(site.pos.copy(), _matrix(site.quat)))
+        tips[finger.tip] = (bodies.index(int(site.bodyid[0])), LinkPlacement(site.pos.copy(), _matrix(site.quat)))
     return Tree(links, tips)
 
 
@@ -41,9 +41,9 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
 
 def _link(model: mujoco.MjModel, body: int, bodies: list[int], spec: HandSpec) -> TreeLink:
     first = body == bodies[0]
-    placement = Placement(np.zeros(3), np.eye(3))
+    placement = LinkPlacement(np.zeros(3), np.eye(3))
     if not first:
-        placement = Placement(model.body_pos[body].copy(), _matrix(model.body_quat[body]))
+        placement = LinkPlacement(model.body_pos[body].copy(), _matrix(model.body_quat[body]))
     turned = _matrix(model.body_iquat[body])
     return TreeLink(
         model.body(body).name,

@@ -17,7 +17,7 @@ def part_names(spec: HandSpec) -> tuple[str, ...]:
     return (*(finger.name for finger in spec.fingers), PALM)
 
 
-def parts_of(model: mujoco.MjModel, spec: HandSpec) -> Indices:
+def body_parts(model: mujoco.MjModel, spec: HandSpec) -> Indices:
     """The number of each body's part in `part_names`, (bodies,): the finger on whose way from a moving joint to its tip
     it is, or off which it branches; else the palm; -1 for what is not the hand."""
     part = np.full(model.nbody, -1)

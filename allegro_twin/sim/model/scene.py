@@ -12,12 +12,12 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.appearance import STAND, TABLE
 from allegro_twin.sim.drivetrain import drivetrain
-from allegro_twin.sim.drivetrain.servos import bound
-from allegro_twin.sim.mjcf_import.adapt import adopt, located, mounted, read
-from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.arm_with_hand import Mounted, hang, pedestal, tell
+from allegro_twin.sim.drivetrain.servos import limit_forces
+from allegro_twin.sim.mjcf_import.adapt import adapt_hand, find_mjcf, read_mjcf, rename_parts
+from allegro_twin.sim.model.arm_with_hand import MountedHand, add_pedestal, attach_hand, set_load
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.objects import catalogue, presenter
+from allegro_twin.sim.model.wrist import WRIST_JOINTS, add_wrist
+from allegro_twin.sim.objects.catalogue import PlacedObject, add_object
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array
@@ -31,7 +31,7 @@ class Stage:
     """Palm, or an arm's base, in the world, shape (3,), m."""
     quaternion: Array
     """Likewise, w, x, y, z."""
-    things: Sequence[catalogue.Placement] = ()
+    things: Sequence[PlacedObject] = ()
     friction: float = 0.8
     """Sliding friction of every contact."""
     table: bool = False
@@ -52,14 +52,14 @@ class Stage:
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
     """The hand's or the arm's own MJCF, or the foreign one that its file names, under our names."""
     path = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
-    file = located(spec) if spec.foreign is not None else path
+    file = find_mjcf(spec) if spec.foreign is not None else path
     if not file.is_file():
         raise ConfigError(f"hand {spec.name}: no MJCF at {file}")
-    hand = read(file)
+    hand = read_mjcf(file)
     if spec.foreign is not None and spec.foreign.keeps:
-        return mounted(hand, spec, spec.foreign)
+        return adapt_hand(hand, spec, spec.foreign)
     if spec.foreign is not None:
-        adopt(hand, spec, spec.foreign)
+        rename_parts(hand, spec, spec.foreign)
     for index, name in enumerate(spec.joints):
         joint, motor = hand.joint(name), hand.actuator(name)
         joint.range = [spec.lower[index], spec.upper[index]]
@@ -70,19 +70,19 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
         motor.forcerange = [-limit, limit]
         motor.ctrlrange = motor.forcerange if spec.actuation.stiffness is None else joint.range
     if spec.drive is not None:
-        drivetrain.build(hand, spec, spec.drive)
+        drivetrain.build_drive(hand, spec, spec.drive)
     return hand
 
 
-def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) -> mujoco.MjModel:
+def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = None) -> mujoco.MjModel:
     """The model of a hand on its stage; or of an arm, with a hand on its flange. Raises ConfigError when MuJoCo refuses
     it."""
     scene = hand_spec(spec)
     if isinstance(spec, ArmSpec):
-        tell(scene, spec, spec.load)
-        pedestal(scene, stage.position)
+        set_load(scene, spec, spec.load)
+        add_pedestal(scene, stage.position)
         if mounted is not None:
-            hang(scene, spec, hand_spec(mounted.hand), mounted.mount)
+            attach_hand(scene, spec, hand_spec(mounted.hand), mounted.mount)
     stage.physics.options(scene)
     friction = stage.physics.friction(stage.friction)
     for geom in scene.geoms:
@@ -92,12 +92,12 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
     root.pos, root.quat = stage.position, stage.quaternion
     root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # A file may say it otherwise, which would count.
     if stage.wrist:
-        wrist.add(scene, root, ("wrist_z",) if stage.slide else wrist.JOINTS)
+        add_wrist(scene, root, ("wrist_z",) if stage.slide else WRIST_JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
     for placement in stage.things:
-        catalogue.add(scene, placement, friction, every_shape=stage.every_shape)
+        add_object(scene, placement, friction, every_shape=stage.every_shape)
     if stage.presented:
-        presenter.add(scene, stage.things[0])
+        _add_presenter(scene, stage.things[0])
     stage.physics.contacts(scene)
     try:
         with catch_warnings():
@@ -107,7 +107,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
     for each in (spec,) if mounted is None else (spec, mounted.hand):
         if "torque" not in each.commands:
-            bound(model, each)
+            limit_forces(model, each)
     return model
 
 
@@ -141,3 +141,26 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
             name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
             friction=stage.physics.friction(stage.friction), rgba=[*TABLE, 1.0],
         )  # fmt: skip
+
+
+PRESENTER = "presenter"
+"""The body of a person who presents an object by a soft hold that is moved, and lets go."""
+# Chosen so that a 50 g object yields by some 3 mm a newton and sags by 1.5 mm, like one in two fingertips: the hold
+# pulls with k = 1600 /s² and is critically damped; the impedance 0.8 is how much of that it may enforce.
+_STIFFNESS, _IMPEDANCE = 1600.0, 0.8
+
+
+def _add_presenter(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
+    """Hold a thing of the scene where it is, from a body without mass that somebody moves."""
+    spec.worldbody.add_body(name=PRESENTER, mocap=True, pos=placement.position, quat=placement.quaternion)
+    spec.add_equality(
+        name=PRESENTER,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=PRESENTER,
+        name2=placement.thing.name,
+        # Anchor at the object's middle, pose as placed (zeros: from the model), and the weight of the rotation, m.
+        data=[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.05, 0],
+        solref=[-_STIFFNESS, -2 * _STIFFNESS**0.5],
+        solimp=[_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2],
+    )

@@ -17,13 +17,14 @@ import numpy as np
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
-JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "wrist_yaw")
-# Chosen to be as stiff as a good arm's end: 20 N/mm and 600 N·m/rad, critically damped (docs/models.md#wrist).
+WRIST_JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "wrist_yaw")
+# Chosen to be as stiff as a good arm's end: 20 N/mm and 600 N·m/rad, critically damped
+# (docs/reference/allegro_model.md#wrist).
 _STIFFNESS = np.array([2e4] * 3 + [600.0] * 3)
 _INERTIA = np.array([8.0] * 3 + [0.08] * 3)
 
 
-class Servo(NamedTuple):
+class WristServo(NamedTuple):
     """What drives the six joints, (6,) each: slides in N/m and kg, hinges in N·m/rad and kg·m². Critically damped."""
 
     stiffness: Array
@@ -36,11 +37,11 @@ class Servo(NamedTuple):
         return damping
 
 
-STIFF = Servo(_STIFFNESS, _INERTIA)
+STIFF_WRIST = WristServo(_STIFFNESS, _INERTIA)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Segment:
+class WristSegment:
     """A stretch of the timeline: from rest to rest by `move`, or a shake about the same place."""
 
     seconds: float
@@ -52,10 +53,10 @@ class Segment:
     """Of the shake, Hz."""
 
 
-def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = JOINTS) -> None:
+def add_wrist(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = WRIST_JOINTS) -> None:
     """Give the palm, placed where it is presented, the six joints and their servos, or only some of them."""
     slides = matrix_from_quaternion(palm.quat)  # Row i is the world's axis i seen from the palm as it is presented.
-    for index, name in enumerate(JOINTS):
+    for index, name in enumerate(WRIST_JOINTS):
         if name not in joints:
             continue
         slide = index < 3
@@ -63,29 +64,31 @@ def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = JOINT
             name=name,
             type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
             axis=slides[index] if slide else np.eye(3)[index - 3],
-            armature=STIFF.inertia[index],
+            armature=STIFF_WRIST.inertia[index],
         )
         actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        actuator.set_to_position(kp=STIFF.stiffness[index], kv=STIFF.damping[index])
+        actuator.set_to_position(kp=STIFF_WRIST.stiffness[index], kv=STIFF_WRIST.damping[index])
 
 
-def soften(model: mujoco.MjModel, servo: Servo) -> None:
+def set_wrist_servo(model: mujoco.MjModel, servo: WristServo) -> None:
     """Give the six joints of a compiled scene another drive: an arm that yields, in place of a stiff one. The slides'
     inertia is that of all that they move, the hand's with it."""
-    for index, name in enumerate(JOINTS):
+    for index, name in enumerate(WRIST_JOINTS):
         motor = model.actuator(name).id
         model.actuator_gainprm[motor, 0] = servo.stiffness[index]
         model.actuator_biasprm[motor, 1:3] = -servo.stiffness[index], -servo.damping[index]
-        model.dof_armature[model.joint(name).dofadr[0]] = servo.inertia[index] - (load(model) if index < 3 else 0.0)
+        model.dof_armature[model.joint(name).dofadr[0]] = servo.inertia[index] - (
+            wrist_load(model) if index < 3 else 0.0
+        )
 
 
-def load(model: mujoco.MjModel) -> float:
+def wrist_load(model: mujoco.MjModel) -> float:
     """What the wrist carries when the hand is empty, kg."""
     return float(model.body_subtreemass[model.body("palm_link").id])
 
 
-def commands(
-    segments: list[Segment], timestep: float, load: float, gravity: float = 9.81, servo: Servo = STIFF
+def wrist_set_points(
+    segments: list[WristSegment], timestep: float, load: float, gravity: float = 9.81, servo: WristServo = STIFF_WRIST
 ) -> Array:
     """The servo set-points at every physics step, shape (k, 6).
 
@@ -116,7 +119,7 @@ def _minimum_jerk(t: Array, seconds: float, move: Array) -> tuple[Array, Array, 
     )
 
 
-def _shaken(t: Array, segment: Segment) -> tuple[Array, Array, Array]:
+def _shaken(t: Array, segment: WristSegment) -> tuple[Array, Array, Array]:
     """One axis after the other: a sine under an envelope that rises and falls over the first and last cycle.
 
     The derivatives are taken numerically from the smooth displacement.

@@ -12,18 +12,18 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.sim.objects import textures
-from allegro_twin.sim.objects.convex_decomposition import pieces_of
+from allegro_twin.sim.objects.convex_decomposition import convex_pieces
 from allegro_twin.sim.objects.meshes import Mesh, load_hull, load_mesh
 from allegro_twin.types import Array, Vector
 
 Collision: TypeAlias = Literal["pieces", "hull"]
-Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
-N_SIZES: dict[str, int] = {"sphere": 1, "cylinder": 2, "box": 3, "ellipsoid": 2}
+ObjectKind: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
+SIZES_OF_KIND: dict[str, int] = {"sphere": 1, "cylinder": 2, "box": 3, "ellipsoid": 2}
 _ANY, _STANDING, _CUT = 1, 2, 4
 """Bits of who touches whom: everything, a cut solid's hull with the table, and its pieces with those of another."""
-_PRIMITIVES: dict[Shape, mujoco.mjtGeom] = {
+_PRIMITIVES: dict[ObjectKind, mujoco.mjtGeom] = {
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
@@ -35,11 +35,11 @@ _UP = {"x": (0.5, -0.5, -0.5, -0.5), "y": (0.5, 0.5, 0.5, 0.5), "z": (1.0, 0.0, 
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class GraspObject:
     """One rigid object. Its frame sits at the middle of its shape."""
 
     name: str
-    shape: Shape
+    shape: ObjectKind
     size: tuple[float, ...]
     """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short and long (along x) diameter."""
     mass: float
@@ -75,7 +75,7 @@ class Thing:
 
     def pieces(self) -> list[Mesh]:
         """Of a mesh: the convex pieces that touch. Raises ConfigError."""
-        return [piece.times(self.stretch) for piece in pieces_of(self._mesh(), str(self.file))]
+        return [piece.times(self.stretch) for piece in convex_pieces(self._mesh(), str(self.file))]
 
     def _mesh(self) -> Mesh:
         assert self.file is not None
@@ -83,29 +83,29 @@ class Thing:
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class PlacedObject:
     """A thing in the scene."""
 
-    thing: Thing
+    thing: GraspObject
     position: tuple[float, float, float]
     """Of the middle of its shape, world, m."""
     quaternion: tuple[float, float, float, float]
     """w, x, y, z."""
 
 
-def orientation(up: str, yaw: float) -> Vector:
+def standing_orientation(up: str, yaw: float) -> Vector:
     """The quaternion that points the object's own axis `up` at the sky and then turns it by `yaw` (rad) about it."""
-    return turned_by(_UP[up], (0.0, 0.0, yaw))
+    return rotate_quaternion(_UP[up], (0.0, 0.0, yaw))
 
 
-def catalogue() -> dict[str, Thing]:
+def object_catalogue() -> dict[str, GraspObject]:
     """The objects that ship with the package, by name (conf/objects/*.yaml; sizes there in mm, masses in g)."""
     files = sorted((data_root() / "conf" / "objects").glob("*.yaml"))
     return _read_all(tuple((path, path.stat().st_mtime_ns) for path in files))
 
 
 @lru_cache(maxsize=2)
-def _read_all(files: tuple[tuple[Path, int], ...]) -> dict[str, Thing]:
+def _read_all(files: tuple[tuple[Path, int], ...]) -> dict[str, GraspObject]:
     things = {}
     for path, _ in files:  # What was edited since is read again.
         for name, row in read_yaml(path).items():
@@ -113,22 +113,22 @@ def _read_all(files: tuple[tuple[Path, int], ...]) -> dict[str, Thing]:
     return things
 
 
-def named(name: str) -> Thing:
+def load_object(name: str) -> GraspObject:
     """A thing from the catalogue. Raises ConfigError with the nearest names."""
-    if name not in catalogue():
-        raise ConfigError(unknown("object", name, catalogue()))
-    return catalogue()[name]
+    if name not in object_catalogue():
+        raise ConfigError(unknown("object", name, object_catalogue()))
+    return object_catalogue()[name]
 
 
-def _thing(path: Path, name: str, row: dict[str, Any]) -> Thing:
+def _thing(path: Path, name: str, row: dict[str, Any]) -> GraspObject:
     shape, size, mass = row["shape"], tuple(value / 1000.0 for value in row["size"]), row["mass"] / 1000.0
-    if len(size) != N_SIZES[shape]:
-        raise ConfigError(f"{path}: {name}: a {shape} has {N_SIZES[shape]} sizes, not {len(size)}")
-    return Thing(name, shape, size, mass)
+    if len(size) != SIZES_OF_KIND[shape]:
+        raise ConfigError(f"{path}: {name}: a {shape} has {SIZES_OF_KIND[shape]} sizes, not {len(size)}")
+    return GraspObject(name, shape, size, mass)
 
 
-def add(
-    spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float, float], *, every_shape: bool = False
+def add_object(
+    spec: mujoco.MjSpec, placement: PlacedObject, friction: tuple[float, float, float], *, every_shape: bool = False
 ) -> None:
     """Put a thing into the scene as a free body named after it. `friction`: sliding, torsional (m), rolling (m).
 
@@ -141,7 +141,9 @@ def add(
         return
     body = spec.worldbody.add_body(name=thing.name, pos=placement.position, quat=placement.quaternion)
     body.add_freejoint(name=thing.name)
-    look = {"friction": friction, "condim": 6, "mass": thing.mass, "name": thing.name} | textures.on(spec, thing.name)
+    look = {"friction": friction, "condim": 6, "mass": thing.mass, "name": thing.name} | textures.geom_look(
+        spec, thing.name
+    )
     if thing.shape == "mesh":
         _add_mesh(spec, body, thing, look)
         return
@@ -151,17 +153,17 @@ def add(
         elif every_shape:
             body.add_geom(type=kind, size=[_POINT] * 3, **look | {"name": "", "mass": 0.0})
     if thing.shape == "cylinder":
-        textures.handle(body, thing.name, thing.size[0] / 2)
+        textures.add_handle(body, thing.name, thing.size[0] / 2)
 
 
-def _half_sizes(thing: Thing) -> Array:
+def _half_sizes(thing: GraspObject) -> Array:
     """As a geom of its shape has them, (3,), m."""
     half = thing.half_extents()
     used = {"sphere": half[:1], "cylinder": half[1:]}.get(thing.shape, half)
     return np.concatenate([used, np.zeros(3 - len(used))])
 
 
-def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: Thing, look: dict[str, Any]) -> None:
+def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: GraspObject, look: dict[str, Any]) -> None:
     """What is seen, and has the mass and the inertia of the solid; and the convex pieces that touch."""
     mesh = thing.mesh()
     kind = mujoco.mjtGeom.mjGEOM_MESH
@@ -187,7 +189,7 @@ def _stood(body: mujoco.MjsBody, table: mujoco.MjsGeom, name: str, touch: dict[s
     return {"contype": _CUT, "conaffinity": _ANY | _CUT}
 
 
-def _attach(spec: mujoco.MjSpec, placement: Placement) -> None:
+def _attach(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
     thing = placement.thing
     try:
         child = mujoco.MjSpec.from_file(str(thing.file))

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.files.cache import cache_folder
-from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.sim.objects.meshes import Mesh, hull_of
+from allegro_twin.files.assets import cache_folder
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.sim.objects.meshes import Mesh, convex_hull
 from allegro_twin.types import Array
 
 log = logging.getLogger(__name__)
@@ -31,10 +31,10 @@ _SAMPLES = 60_000
 _SEED = 0
 
 
-def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
+def convex_pieces(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
     """Convex pieces whose union is the solid, within TOLERANCE outside of it. Raises ConfigError where the extra is
     missing."""
-    hull = hull_of(mesh.vertices, what)
+    hull = convex_hull(mesh.vertices, what)
     if mesh.volume >= CONVEX * hull.volume:
         return (hull,)
     try:
@@ -49,7 +49,7 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
         return _load(kept)
     coacd.set_log_level("error")
     best: tuple[Mesh, ...] = (hull,)
-    least = standing_out(best, mesh)
+    least = surface_excess(best, mesh)
     for threshold in THRESHOLDS:
         found = coacd.run_coacd(
             coacd.Mesh(mesh.vertices, mesh.faces),
@@ -60,7 +60,7 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
             seed=_SEED,
         )
         pieces = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
-        if (apart := standing_out(pieces, mesh)) < least:
+        if (apart := surface_excess(pieces, mesh)) < least:
             best, least = pieces, apart
         if least <= TOLERANCE:
             break
@@ -70,7 +70,7 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
     return best
 
 
-def standing_out(pieces: tuple[Mesh, ...], mesh: Mesh) -> float:
+def surface_excess(pieces: tuple[Mesh, ...], mesh: Mesh) -> float:
     """How far the pieces stand out of the solid, m, from samples of both surfaces."""
     from scipy.spatial import cKDTree  # type: ignore[import-untyped]  # Its types are a package of their own.
 
@@ -104,7 +104,7 @@ def _key(mesh: Mesh) -> str:
 
 def _store(path: Path, pieces: tuple[Mesh, ...]) -> None:
     arrays = {f"{kind}{k}": array for k, piece in enumerate(pieces) for kind, array in zip("vf", piece, strict=True)}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # Taken for its options.
 
 

@@ -73,7 +73,7 @@ def load_mesh(path: Path, scale: float = 1.0) -> Mesh:
     return mesh
 
 
-def middle_of(path: Path, scale: float = 1.0) -> Vector:
+def mesh_middle(path: Path, scale: float = 1.0) -> Vector:
     """Where the origin of a loaded mesh, the middle of its bounding box, is in the axes of its file, (3,), m: poses
     that others give of an object are those of its file. Raises ConfigError for what is no mesh of a hand's size."""
     load_mesh(path, scale)
@@ -84,10 +84,10 @@ def middle_of(path: Path, scale: float = 1.0) -> Vector:
 
 def load_hull(path: Path, scale: float = 1.0) -> Mesh:
     """The convex hull of a mesh, whose surface need not be closed. Raises ConfigError."""
-    return hull_of(_read(path, scale).vertices, str(path))
+    return convex_hull(_read(path, scale).vertices, str(path))
 
 
-def hull_of(points: Array, what: str) -> Mesh:
+def convex_hull(points: Array, what: str) -> Mesh:
     """The convex hull of points (k, 3), m. Raises ConfigError for points in one plane."""
     spec = mujoco.MjSpec()
     spec.add_mesh(name="hull", uservert=np.asarray(points).ravel())

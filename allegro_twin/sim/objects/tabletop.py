@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import mujoco
 
 from allegro_twin.hands.description.appearance import TABLE
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, add_object, standing_orientation
 
 _FRICTION = (0.8, 0.01, 0.001)  # Sliding, torsional (m), rolling (m): nothing moves in a picture.
 
 
-def tabletop(things: Sequence[catalogue.Placement], *, edge: float = 0.9) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def compile_tabletop(things: Sequence[PlacedObject], *, edge: float = 0.9) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A square table of an edge, m, whose top is at z = 0 around the origin, and the things on it, as they are put."""
     spec = mujoco.MjSpec()
     spec.stat.extent, spec.stat.center = 0.5, [0.0, 0.0, 0.0]
@@ -25,14 +25,14 @@ def tabletop(things: Sequence[catalogue.Placement], *, edge: float = 0.9) -> tup
         rgba=[*TABLE, 1.0],
     )  # fmt: skip
     for thing in things:
-        catalogue.add(spec, thing, _FRICTION)
+        add_object(spec, thing, _FRICTION)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data
 
 
-def standing(thing: catalogue.Thing, up: str, yaw: float, x: float, y: float) -> catalogue.Placement:
+def place_standing(thing: GraspObject, up: str, yaw: float, x: float, y: float) -> PlacedObject:
     """It stands at a place (m) with its own axis `up` at the sky, turned by `yaw` (rad)."""
-    w, i, j, k = (float(value) for value in catalogue.orientation(up, yaw))
-    return catalogue.Placement(thing, (x, y, float(thing.half_extents()["xyz".index(up)])), (w, i, j, k))
+    w, i, j, k = (float(value) for value in standing_orientation(up, yaw))
+    return PlacedObject(thing, (x, y, float(thing.half_extents()["xyz".index(up)])), (w, i, j, k))

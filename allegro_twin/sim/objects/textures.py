@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from allegro_twin.hands.description.appearance import of_object
+from allegro_twin.hands.description.appearance import object_appearance
 from allegro_twin.types import Array
 
 _EDGE = 96  # Texels along an edge of each of a cube's six sides.
@@ -26,9 +26,9 @@ _SIDES = (
 )
 
 
-def on(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
+def geom_look(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
     """The attributes of a geom that make it look like the object of a name."""
-    look = of_object(name)
+    look = object_appearance(name)
     if look.pattern == "plain":
         return {"rgba": [*look.color, 1.0]}
     material = f"{name}_look"
@@ -41,9 +41,9 @@ def on(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
     return {"material": material}
 
 
-def handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
+def add_handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
     """Add the object's handle, if it has one, to the side of a cylinder of a radius (m): half a ring, without mass."""
-    shown = of_object(name).handle
+    shown = object_appearance(name).handle
     if shown is None:
         return
     turns = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS + 1)
@@ -52,14 +52,14 @@ def handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
     for first, last in pairwise(ring):
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*first, *last], size=[shown.thick / 2, 0, 0],
-            contype=0, conaffinity=0, mass=0.0, group=1, rgba=[*of_object(name).color, 1.0],
+            contype=0, conaffinity=0, mass=0.0, group=1, rgba=[*object_appearance(name).color, 1.0],
         )  # fmt: skip
 
 
 @cache
 def _texels(name: str) -> bytes:
     """The six sides of the cube of an object's look, one after the other: the same in every scene."""
-    look = of_object(name)
+    look = object_appearance(name)
     colors = np.concatenate([look.paint(_directions(*side)) for side in _SIDES])
     return np.round(255 * colors).astype(np.uint8).tobytes()
 

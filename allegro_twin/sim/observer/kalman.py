@@ -33,7 +33,7 @@ class _Covariance(NamedTuple):
     """Of the estimate where nothing pushes, likewise."""
 
 
-class Kalman:
+class JointKalman:
     """Gains for n joints. `A` and `Q`: (n, 3, 3), the walk of the disturbance last on Q's diagonal; `noise`: standard
     deviation of reports, (n,), rad; `period`: s."""
 

@@ -18,15 +18,14 @@ from scipy.linalg import expm  # type: ignore[import-untyped]  # Its types are a
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.servos import ONE, Servos
-from allegro_twin.sim.drivetrain.transmission import Lengths
-from allegro_twin.sim.model.friction_changes import Change, lose
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
+from allegro_twin.sim.model.joints import JointChange, PostureMap, motor_joints, set_joint_losses
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.model.postures import Posed, moved_by
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.observer.kalman import Kalman
+from allegro_twin.sim.observer.kalman import JointKalman
 from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.types import Array, PositionCommand, Vector
 
 STEP = 0.001  # s, at most, of the simulation.
@@ -46,7 +45,7 @@ class LoopObserver:
         self._model = model = compile_scene(spec, stage)
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._data = mujoco.MjData(model)
-        self._lengths, self._posed = Lengths(spec, model), Posed(spec, model)
+        self._lengths, self._posed = ActuatorLengths(spec, model), PostureMap(spec, model)
         if not self._lengths.sums:
             raise ConfigError(f"{spec.name} cannot be mirrored: a tendon through space says not where its joints are")
         self._servos = Servos(spec, [model], period)
@@ -55,7 +54,7 @@ class LoopObserver:
         self._bodies = _last_bodies(model, self._pull)
         self._ways = [_Way(spec, model, each) for each in spec.followers]
         self._direct = np.zeros((model.nv, spec.n_joints))
-        for motor, joint in moved_by(spec, model).items():
+        for motor, joint in motor_joints(spec, model).items():
             self._direct[model.jnt_dofadr[joint], motor] = 1.0
         # A motor at the end of its force answers nothing: its joints are then free but for their springs.
         self.noise = np.full(spec.n_joints, NOISE)
@@ -123,9 +122,9 @@ class LoopObserver:
         self._disturbance = np.zeros_like(self._disturbance)
         self._data.qfrc_applied[:] = 0.0
 
-    def become(self, change: Change) -> None:
+    def become(self, change: JointChange) -> None:
         """Go on as another hand, with the strength that it has; its gains stay those of the one that it was."""
-        lose(self._spec, self._model, change)
+        set_joint_losses(self._spec, self._model, change)
 
     def _predicted(self, told: PositionCommand, gravity: Vector) -> Vector:
         """What will be reported after one more period, (n,), rad."""
@@ -160,7 +159,7 @@ class LoopObserver:
         length = np.einsum("nv,vn->n", self._pull, found)
         return found / np.where(length > LEAST, length, np.inf)
 
-    def _filter(self, spec: HandSpec, period: float, answers: float) -> Kalman:
+    def _filter(self, spec: HandSpec, period: float, answers: float) -> JointKalman:
         """`answers`: 1, or 0 for motors that do not."""
         model, data, middle = self._model, mujoco.MjData(self._model), (spec.lower + spec.upper) / 2.0
         self._posed(middle, data.qpos)
@@ -175,14 +174,14 @@ class LoopObserver:
             for own, column in ((springs, bias[:, 1]), (model.dof_damping, bias[:, 2]))
         )
         rows = zip(inertia, stiffness, damping, spec.actuation.torque_limit, strict=True)
-        A, Q = (np.array(each) for each in zip(*(rates(*row, period) for row in rows), strict=True))
-        return Kalman(A, Q, self.noise, period)
+        A, Q = (np.array(each) for each in zip(*(motor_dynamics(*row, period) for row in rows), strict=True))
+        return JointKalman(A, Q, self.noise, period)
 
 
 class _Way:
     """How a joint that follows goes with its motor."""
 
-    def __init__(self, spec: HandSpec, model: mujoco.MjModel, each: Follower) -> None:
+    def __init__(self, spec: HandSpec, model: mujoco.MjModel, each: CoupledJoint) -> None:
         self.dof, self.motor = int(model.joint(each.name).dofadr[0]), each.driven
         span, self._count = spec.upper[each.driven] - spec.lower[each.driven], len(each.positions) - 1
         self._lower, self._scale = spec.lower[each.driven], self._count / span
@@ -194,7 +193,9 @@ class _Way:
         return float(self._slopes[min(max(part, 0), self._count - 1)])
 
 
-def rates(inertia: float, stiffness: float, damping: float, limit: float, period: float) -> tuple[Array, Array]:
+def motor_dynamics(
+    inertia: float, stiffness: float, damping: float, limit: float, period: float
+) -> tuple[Array, Array]:
     """Of one motor: how its states go on in a period, and with what noise, (3, 3) each."""
     flow = np.array([[0.0, 1.0, 0.0], [-stiffness / inertia, -damping / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]])
     A = np.asarray(expm(flow * period))

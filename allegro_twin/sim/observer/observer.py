@@ -24,10 +24,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.model.friction_changes import Change
-from allegro_twin.sim.observer.kalman import Kalman
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.model.joints import JointChange
+from allegro_twin.sim.observer.kalman import JointKalman
+from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -40,7 +39,8 @@ REST = 0.03
 FORGET = 0.5
 """s. Ours: long beside the 60 ms in which a push is to be seen, short beside the 5 s in which 10 mN·m wound up."""
 UNSURE = 0.25
-"""Of F_s. Ours: a mirror's bristles are bent otherwise than the hand's by up to 0.14 of it (docs/mirror.md)."""
+"""Of F_s. Ours: a mirror's bristles are bent otherwise than the hand's by up to 0.14 of it
+(docs/explanation/mirror.md)."""
 
 
 class Estimate(NamedTuple):
@@ -60,10 +60,16 @@ class Observer:
     """A corrected simulation. Equal inputs give equal outputs, to the last bit."""
 
     def __init__(
-        self, spec: HandSpec, drive: Parameters, period: float, *, bristly: bool = False, noise: Vector | None = None
+        self,
+        spec: HandSpec,
+        drive: DriveParameters,
+        period: float,
+        *,
+        bristly: bool = False,
+        noise: Vector | None = None,
     ) -> None:
         """`noise`: standard deviation of what encoders report, (n,), rad; None, and at least: NOISE."""
-        self._player, self._drive = Player(spec, period, bristly=bristly), drive
+        self._player, self._drive = OpenLoopPlayer(spec, period, bristly=bristly), drive
         self._model = self._player.prepared(drive)
         self._data = mujoco.MjData(self._model)
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
@@ -161,7 +167,7 @@ class Observer:
         """Nothing pushes the joints any more."""
         self._data.qfrc_applied[self._player.dofs] = 0.0
 
-    def become(self, change: Change) -> None:
+    def become(self, change: JointChange) -> None:
         """Go on as another hand; its gains stay those of the one that it was."""
         drive, n = self._drive, len(self._drive.damping)
         losses = {name: value for name in ("damping", "frictionloss") if (value := getattr(change, name)) is not None}
@@ -208,7 +214,7 @@ class Observer:
         half = np.cross(model.opt.gravity, axes) @ (model.body_subtreemass[bodies, None] * turned).T * self._before
         return np.asarray(half + half.T - np.diag(half.diagonal()))
 
-    def _filter(self, spec: HandSpec, drive: Parameters, period: float) -> tuple[Kalman, Vector]:
+    def _filter(self, spec: HandSpec, drive: DriveParameters, period: float) -> tuple[JointKalman, Vector]:
         """And inertia seen at the joints, (n,), kg·m²."""
         data = mujoco.MjData(self._model)
         data.qpos[self._player.qpos] = (spec.lower + spec.upper) / 2.0
@@ -216,14 +222,14 @@ class Observer:
         whole = np.zeros((self._model.nv, self._model.nv))
         mujoco.mj_fullM(self._model, data, whole)
         inertia = np.diag(whole)[self._player.dofs]
-        return kalman(inertia, drive.damping, period, self.noise), inertia
+        return joint_filter(inertia, drive.damping, period, self.noise), inertia
 
 
-def kalman(inertia: Vector, damping: Vector, period: float, noise: Vector) -> Kalman:
+def joint_filter(inertia: Vector, damping: Vector, period: float, noise: Vector) -> JointKalman:
     """Of joints, (n,) each; kg·m², N·m·s/rad, s, rad."""
     n = len(inertia)
     A, Q = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
     A[:, [0, 1, 2], [0, 1, 2]] = np.stack([np.ones(n), np.exp(-damping * period / inertia), np.ones(n)], axis=1)
     A[:, 0, 1], A[:, 1, 2] = period, period / inertia
     Q[:, 0, 0], Q[:, 1, 1], Q[:, 2, 2] = 1e-14, np.square(period / inertia * TORQUE), WALK**2
-    return Kalman(A, Q, noise, period)
+    return JointKalman(A, Q, noise, period)

@@ -1,4 +1,4 @@
-"""Tables and progress on the terminal."""
+"""Terminal output: tables, progress, warnings and hints."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.plan.search import Search
-    from allegro_twin.grasping.plan.validate import Planned
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.plan.search import GraspSearch
+    from allegro_twin.grasping.plan.validate import PlannedGrasp
+    from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.training.evaluation import Evaluation
-    from allegro_twin.learning.training.report import Compared
+    from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
     from allegro_twin.spec import HandSpec
-    from allegro_twin.surfaces.hand.grasps import Grasped
+    from allegro_twin.surfaces.hand.grasps import GraspOutcome
     from allegro_twin.twin.identify.motions.limits import FoundLimits
     from allegro_twin.types import HandState
 
@@ -29,22 +29,27 @@ errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
 
 
 def warn(line: str) -> None:
-    """A line that is no error, in one piece; nothing is no line."""
+    """Print a warning on standard error, in one line; an empty one is not printed."""
     if line:
         errors.print(line, style="yellow", markup=False, soft_wrap=True, highlight=False)
 
 
+def hint(line: str) -> None:
+    """Print what to do next, in one line."""
+    console.print(line, style="dim", markup=False, soft_wrap=True, highlight=False)
+
+
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A bar that vanishes when it is done; nothing where the output is no terminal, whatever a notebook says that it
-    is (FORCE_COLOR): it would show every step of the bar."""
+    """A progress bar that disappears at the end. Nothing without a terminal, FORCE_COLOR or not: a notebook would keep
+    every step of the bar."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True, disable=not sys.stderr.isatty()) as bar:
         yield bar
 
 
-def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str], engine: str) -> Table:
-    """One row a trial: the verdict and its margins."""
+def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str, str], engine: str) -> Table:
+    """One row for each trial: verdict and margins."""
     held = sum(report.held for report in reports.values())
     table = Table(title=f"{held} of {len(reports)} held ({engine})", title_style="bold")
     parts = list(next(iter(reports.values())).phases[0].contact_force)
@@ -72,22 +77,22 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
     return table
 
 
-def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
-    """How much so many trials say: a mirror image is no trial of its own."""
+def _counted(reports: Mapping[tuple[str, str], TrialReport]) -> str:
+    """Rate with its interval. Mirrored trials of the left hand do not count as trials of their own."""
     from allegro_twin.grasping.statistics import wilson
 
     own = {key: report for key, report in reports.items() if key[1] == "right" or (key[0], "right") not in reports}
     held = sum(report.held for report in own.values())
     low, high = wilson(held, len(own))
-    said = f"{held} of {len(own)} is {100 * low:.0f}–{100 * high:.0f} % (95 % Wilson interval)"
+    text = f"{held} of {len(own)} is {100 * low:.0f}–{100 * high:.0f} % (95 % Wilson interval)"
     return (
-        said if len(own) == len(reports) else f"right hand: {said}; the left hand's trials mirror them: n = {len(own)}"
+        text if len(own) == len(reports) else f"right hand: {text}; the left hand's trials mirror them: n = {len(own)}"
     )
 
 
-def planned(name: str, found: Sequence[Planned]) -> Table:
-    """One row a grasp, best of the search first. What it chose on and what came after stand apart."""
-    from allegro_twin.grasping.evaluation.outcomes import rate
+def plan_table(name: str, found: Sequence[PlannedGrasp]) -> Table:
+    """One row for each grasp, in the order of the search: rates on the search's draws, and on fresh ones."""
+    from allegro_twin.grasping.evaluation.outcomes import make_rate
 
     table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
     words = ("from", "like", "type")
@@ -97,14 +102,14 @@ def planned(name: str, found: Sequence[Planned]) -> Table:
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, str(each.grasp.kind),
             f"{each.held} of {each.tried}" if each.tried else "",
-            str(rate("", each.judged_held, each.judged)) if each.judged else "",
+            str(make_rate("", each.judged_held, each.judged)) if each.judged else "",
             f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
 
 
-def searched(search: Search, seeds: int) -> str:
-    """How much was searched, and how the same is found again."""
+def search_summary(search: GraspSearch, seeds: int) -> str:
+    """Size of a search, and how to repeat it."""
     from allegro_twin.grasping.plan.validate import JUDGED
 
     closed, times = search.closed, f"{search.cpu:.0f} CPU-s"
@@ -117,14 +122,14 @@ def searched(search: Search, seeds: int) -> str:
     )
 
 
-def _stalls(report: Report) -> str:
-    """How much of the time the most loaded joint spends at its torque limit."""
+def _stalls(report: TrialReport) -> str:
+    """Share of time that the most loaded joint spends at its torque limit."""
     share = max(report.at_limit.values(), default=0.0)
     return f"{share:.0%}" if share >= 0.005 else ""
 
 
-def phases(title: str, report: Report) -> Table:
-    """One row a phase of one trial."""
+def phases(title: str, report: TrialReport) -> Table:
+    """One row for each phase of a trial."""
     table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held[/] ' + report.reason}")
     parts = list(report.phases[0].contact_force) if report.phases else []
     for name in ("phase", "drift mm", "largest mm", "turn °", *(f"{part} N" for part in parts), "held"):
@@ -134,19 +139,19 @@ def phases(title: str, report: Report) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import stalled
+    from allegro_twin.grasping.evaluation.rejudge import stalled_joints
 
-    seen = report.observed
-    acts = "" if seen is None else f"\n{seen}: {seen.virtual_fingers or seen.why}; {seen.carries}"
+    kind = report.observed
+    acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
-        f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}{acts}"
+        f"{100 * report.margin:.0f} % of the limits left; {stalled_joints(report)}{acts}"
     )
     return table
 
 
 def final_state(spec: HandSpec, state: HandState) -> Table:
-    """Where the fingers are at the end of a run."""
+    """Joint positions at the end of a run, by finger."""
     what = "positions of the motors, in their own units" if spec.followers else "joint positions, rad"
     table = Table(title=f"{spec.name} at {state.t:.3f} s: {what}")
     table.add_column("finger")
@@ -157,8 +162,8 @@ def final_state(spec: HandSpec, state: HandState) -> Table:
     return table
 
 
-def felt(grasped: Grasped) -> Table:
-    """What a hand felt at the end of a grasp."""
+def grasp_forces(grasped: GraspOutcome) -> Table:
+    """Forces of the fingers at the end of a grasp, from joint torques."""
     table = Table(title=f"{grasped.name}: what the joints felt")
     for name, justify in (("finger", "left"), ("pad presses N", "right")):
         table.add_column(name, justify=justify)  # type: ignore[arg-type]  # Rich narrows it to a literal.
@@ -170,21 +175,21 @@ def felt(grasped: Grasped) -> Table:
 
 
 def limits(spec: HandSpec, found: FoundLimits) -> Table:
-    """Found limits beside the model's, and the offsets that would centre them."""
+    """Measured joint limits, those of the model, and the offsets that centre them."""
     from allegro_twin.twin.identify.motions.limits import centring_offsets
 
     table = Table(title=f"{spec.name}: limits found, rad")
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
         table.add_column(name, justify="left" if name == "joint" else "right")
     offsets = centring_offsets(found, spec)
-    for k, name in enumerate(spec.readable):
+    for k, name in enumerate(spec.joint_labels):
         row = (found.lower[k], spec.lower[k], found.upper[k], spec.upper[k], offsets[k])
         table.add_row(name, *(f"{value:+.3f}" for value in row))
     return table
 
 
 def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
-    """The joints of a hand: limits of the model and of this hand, with the margin, and the motors."""
+    """Joints of a hand: limits of the model and of this hand with the margin, and the motors."""
     title = f"{mine.name} {mine.serial}".strip()
     table = Table(title=f"{title}: limits rad, torque N·m, margin {margin:g} rad")
     heads = (
@@ -204,36 +209,35 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     for k, name in enumerate(mine.joints):
         limit = (model.lower[k], model.upper[k], mine.lower[k] + margin, mine.upper[k] - margin)
         motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
-        table.add_row(name, mine.readable[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
+        table.add_row(name, mine.joint_labels[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
     return table
 
 
-def compared(found: Sequence[Compared], recipe: Recipe, seed: int) -> Table:
-    """Success of a policy in each set of episodes, those of the seeds from `seed` on, and without any action, with
-    where the rate lies."""
+def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Table:
+    """Success of a policy, and without action, in each set of episodes with seeds from `seed` on; 95 % intervals."""
     from allegro_twin.learning.tasks import task_type
     from allegro_twin.learning.training.report import quartiles
 
     title = f"success in the same episodes, seeds from {seed} (95 % interval)"
     table = Table(title=title, title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
-    more = [f"{kind.counted}, {kind.unit}: mean (quartiles)"] if kind.counted else []
-    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.shares]
+    more = [f"{kind.count_term}, {kind.count_unit}: mean (quartiles)"] if kind.count_term else []
+    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.share_terms]
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
-        shares = [share(each.policy), share(each.still)]
-        if (counted := each.policy.counted) is not None:
+        shares = [success_rate(each.policy), success_rate(each.no_action)]
+        if (counted := each.policy.counts) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
-        for name in kind.shares:
-            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
+        for name in kind.share_terms:
+            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.no_action)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
 
 
-def share(found: Evaluation) -> str:
-    """How many of its episodes were a success, and where the rate lies (95 %, Wilson)."""
+def success_rate(found: Evaluation) -> str:
+    """Success rate with its 95 % Wilson interval."""
     from allegro_twin.grasping.statistics import wilson
 
     low, high = wilson(int(found.success.sum()), len(found.success))

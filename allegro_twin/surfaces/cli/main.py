@@ -1,29 +1,47 @@
-"""The command line. Exit codes: 0 done, 2 config, file or usage, 3 link, 4 fault or a motion that met something, 5 what
-was asked for was not done: a grasp that does not hold, a posture that is not reached; 130 interrupted."""
+"""The command line: every command, in the panel in which `allegro-twin --help` shows it.
+
+Exit codes: 0 done; 2 config, file or usage; 3 link; 4 fault, or a motion that was blocked; 5 the task failed (a grasp
+that does not hold, a posture that is not reached); 130 interrupted.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
-from allegro_twin.surfaces.cli import ends
-from allegro_twin.surfaces.cli.grasps import evaluating, improving, planning
-from allegro_twin.surfaces.cli.hand import bus, check_backend, hands, live
-from allegro_twin.surfaces.cli.policies import collecting, training
-from allegro_twin.surfaces.cli.recorded import exchange
-from allegro_twin.surfaces.cli.run import looking, running
-from allegro_twin.surfaces.cli.shown import doctor, schemas, shipped
-from allegro_twin.surfaces.cli.surfaces import lab, panel, ros, teleop
-from allegro_twin.surfaces.cli.twins import twin
+from allegro_twin.surfaces.cli import exit_codes
+from allegro_twin.surfaces.cli.cell import lab
+from allegro_twin.surfaces.cli.data import export, schemas
+from allegro_twin.surfaces.cli.grasps import evaluate, improve, plan
+from allegro_twin.surfaces.cli.hardware import bus, check_backend, hand, ros, teleop
+from allegro_twin.surfaces.cli.learning import collect, train
+from allegro_twin.surfaces.cli.machine import doctor
+from allegro_twin.surfaces.cli.start import lists, move, panel, run, view
+from allegro_twin.surfaces.cli.twin import commands as twin
 from allegro_twin.version import __version__
+
+PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
+    "Start": (run.run, view.view, lists.list_, lists.examples, panel.panel, move.posture, move.grasp, move.play,
+              move.keyboard),
+    "Grasps": (plan.plan, plan.new, improve.improve, evaluate.evaluate, evaluate.compare, lists.gallery),
+    "Hardware": (hand.hand, hand.calibrate, bus.check, bus.sniff, bus.firmware, check_backend.check_backend, move.teach,
+                 teleop.teleop, ros.ros2, ros.ros1),
+    "Learning": (lists.envs, train.train, collect.collect),
+    "Twin": (twin.excite, twin.identify, twin.gap, twin.mirror, twin.branch),
+    "Cell": (lab.lab,),
+    "Data": (export.export, export.layout, schemas.schemas),
+    "Machine": (doctor.doctor,),
+}  # fmt: skip
+"""Commands and groups of commands, by the panel that shows them."""
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="A digital twin of the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a scenario "
-    "(scenarios/**/*.yaml) what to grasp.",
+    help="A digital twin of the Wonik Allegro Hand. A config (conf/*.yaml) names a hand and its controller, a scenario "
+    "(scenarios/**/*.yaml) an object and a grasp. First try: allegro-twin run lemon",
 )
 
 
@@ -34,36 +52,26 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
-def _all(
+def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """What stands before any command."""
+    """Options before any command."""
 
 
-running.register(app)
-shipped.register(app)
-live.register(app)
-looking.register(app)
-panel.register(app)
-planning.register(app)
-improving.register(app)
-exchange.register(app)
-bus.register(app)
-check_backend.register(app)
-training.register(app)
-collecting.register(app)
-evaluating.register(app)
-twin.register(app)
-ros.register(app)
-lab.register(app)
-teleop.register(app)
-schemas.register(app)
-doctor.register(app)
-hands.register(app)
+def _register() -> None:
+    for name, commands in PANELS.items():
+        for command in commands:
+            if isinstance(command, typer.Typer):
+                app.add_typer(command, rich_help_panel=name)
+            else:
+                app.command(command.__name__.rstrip("_").replace("_", "-"), rich_help_panel=name)(command)
+
+
+_register()
 
 
 def main() -> None:
     """Run the command line."""
-    ends.run(app, sys.argv[1:] or ["--help"], "allegro-twin")
+    exit_codes.run(app, sys.argv[1:] or ["--help"], "allegro-twin")

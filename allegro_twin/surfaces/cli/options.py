@@ -1,64 +1,101 @@
-"""What many options have in common: what they take, what they refuse before anything begins, and what may follow."""
+"""Options that several commands share, and the checks that run before a command begins."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from allegro_twin.errors import ConfigError, HandError, RecordingError
-from allegro_twin.files.assets import refuse_shipped
-from allegro_twin.files.atomic_write import check_place
-from allegro_twin.files.output_folder import UNFINISHED, locked, one_run
-from allegro_twin.surfaces.cli import complete, console
+from allegro_twin.surfaces.cli import completion, console
+
+OUTPUT = "Output"
+"""Panel of the options that say what a command writes and shows."""
+TRIALS = "Trials"
+"""Panel of the options about uncertainty, seeds and budgets."""
+COMPUTE = "Compute"
+"""Panel of the options about processes and clusters."""
+MESH = "Mesh objects"
+"""Panel of the options for an object that is a mesh."""
+POLICY = "Policies"
+"""Panel of the options that a policy takes."""
+HAND = "allegro"
+"""The model of hand where none is named."""
+
+
+class Sides(StrEnum):
+    """Which hand a command runs."""
+
+    right = "right"
+    left = "left"
+    both = "both"
+
+
+class Recordings(StrEnum):
+    """Which trials get a Rerun recording."""
+
+    ends = "ends"
+    """The best and the worst of each object."""
+    all = "all"
+
+
+class Engines(StrEnum):
+    """What computes a sweep."""
+
+    local = "local"
+    ray = "ray"
+
 
 Config = Annotated[
     str,
-    typer.Option("--config", "-c", help="Which hand: a config by path or name.", autocompletion=complete.configs),
+    typer.Option("--config", "-c", help="Config of the hand, by path or name.", autocompletion=completion.configs),
 ]
 OtherHand = Annotated[
     str | None,
     typer.Option(
         "--hand",
-        help="Another hand: a file of conf/hands by path or name; `list hands`.",
-        autocompletion=complete.hands,
+        help="Use another hand: a file of conf/hands, by path or name (`list hands`).",
+        autocompletion=completion.hands,
     ),
 ]
 TrainedHand = Annotated[
     str | None,
     typer.Option(
         "--hand",
-        help="A model of hand, or a card; default: the recipe's. With the name of a task its defaults, for that hand.",
-        autocompletion=complete.models,
+        help="Model of hand, or a card; default: the recipe's. With a task: its defaults for this hand.",
+        autocompletion=completion.models,
     ),
 ]
 
 
 def positive(param: typer.CallbackParam, value: float | None) -> float | None:
-    """A callback for a time or a count that must be above zero, and finite. Raises ConfigError."""
+    """Callback for a time or a count: it must be positive and finite. Raises ConfigError."""
     if value is not None and not 0 < value < math.inf:
         raise ConfigError(f"{option(param)} must be positive and finite, not {value}")
     return value
 
 
 def port(param: typer.CallbackParam, value: int) -> int:
-    """A callback for a TCP port that can be said beforehand. Raises ConfigError."""
+    """Callback for a TCP port, 1 to 65535. Raises ConfigError."""
     if not 1 <= value <= 65535:
         raise ConfigError(f"{option(param)} must be a TCP port, 1 to 65535, not {value}")
     return value
 
 
 def folder(context: typer.Context, param: typer.CallbackParam, value: Path | None) -> Path | None:
-    """A callback for a folder to write into, which is made, and this command's alone until it ends. Raises
+    """Callback for an output folder: it is made, and locked for this command until it ends. Raises
     RecordingError."""
-    if value is None or context.resilient_parsing:  # The shell asks what may follow.
+    if value is None or context.resilient_parsing:  # Shell completion only.
         return value
+    from allegro_twin.files.output_folder import lock_folder
+
     try:
-        context.with_resource(locked(value))
+        context.with_resource(lock_folder(value))
     except RecordingError as error:
         raise RecordingError(f"{option(param)} {error}") from error
     return value
@@ -66,9 +103,12 @@ def folder(context: typer.Context, param: typer.CallbackParam, value: Path | Non
 
 @contextmanager
 def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
-    """`one_run` of a folder, with what was recorded before an interruption or a fault kept, and said."""
+    """Lock an output folder that this run replaces as a whole. After an interruption or a fault the unfinished files
+    stay in a subfolder, and the message names it."""
+    from allegro_twin.files.output_folder import UNFINISHED, write_run
+
     try:
-        with one_run(folder, last, keep=True) as staging:
+        with write_run(folder, last, keep=True) as staging:
             yield staging
     except BaseException as error:
         if (folder / UNFINISHED).exists():
@@ -81,14 +121,17 @@ def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
 
 
 def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | None]:
-    """A callback for a file to write, with one of these suffixes. It raises ConfigError or RecordingError now, and not
-    when the work is done."""
+    """Callback for an output file with one of these suffixes. It raises ConfigError or RecordingError before the work
+    begins."""
 
     def check(param: typer.CallbackParam, value: Path | None) -> Path | None:
         if value is None:
             return None
         if value.suffix not in suffixes:
             raise ConfigError(f"{option(param)} {value}: must end in {' or '.join(suffixes)}")
+        from allegro_twin.files.assets import refuse_shipped
+        from allegro_twin.files.atomic_write import check_place
+
         refuse_shipped(value)
         check_place(value)
         return value
@@ -97,5 +140,5 @@ def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | 
 
 
 def option(param: typer.CallbackParam) -> str:
-    """What the user calls it."""
+    """The name of an option as the user types it."""
     return str(param.opts[0])

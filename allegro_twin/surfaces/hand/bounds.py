@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.spec import GIVE, HandSpec
+from allegro_twin.spec import HandSpec
+from allegro_twin.spec.hand import GIVE
 from allegro_twin.types import Vector, frozen
 
 _ROUNDING = 1e-9  # rad.
 
 
-class Bounds:
+class JointBounds:
     """The joint limits less a margin that can be set, turned on and off."""
 
     def __init__(self, spec: HandSpec) -> None:
@@ -44,7 +45,7 @@ class Bounds:
     def check(self, posture: Vector, what: str = "posture", give: float = _ROUNDING) -> Vector:
         """A posture inside the hand's limits, which may be beyond the margin by no more than `give`, rad. Raises
         ConfigError naming the joint that comes too near its limit."""
-        said = self._spec.beyond(posture, *self.limits, give, "inside the margin of its limits")
+        said = self._spec.limit_violation(posture, *self.limits, give, "inside the margin of its limits")
         if said:
             raise ConfigError(f"{what}: {said}; set_margin or use_margin change it")
         return posture
@@ -55,7 +56,7 @@ class Bounds:
         program that sends back what it has read asks for no more. Raises ConfigError, which names `what` asked and the
         joint, for all else."""
         asked = self._spec.vector(values, what)
-        self._spec.reachable(asked, what)
+        self._spec.measured_posture(asked, what)
         posture = frozen(np.clip(self.check(asked, what, GIVE), *self.limits))
         if np.abs(posture - asked).max() > _ROUNDING:
             self.clipped += 1

@@ -50,7 +50,7 @@ class _Line(NamedTuple):
         return max(float(np.linalg.norm(self.point - self.begin.position)), _LEVER * turn)
 
 
-def straight(
+def straight_line_motion(
     hand: HandKinematics,
     start: Vector,
     targets: Mapping[str, ArrayLike],

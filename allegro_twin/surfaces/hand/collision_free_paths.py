@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.control.planning import CLEARANCE, Room, crossing, on_line, way
+from allegro_twin.control.path_planning import CLEARANCE, PlanningSpace, crossing_pairs, plan_path, postures_on_line
 from allegro_twin.control.trajectory import Waypoint, travel_time
 from allegro_twin.errors import SelfCollision
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.sim.contact.self_clearance import Clearance
+    from allegro_twin.sim.contact.self_clearance import SelfClearance
 
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
@@ -25,7 +25,7 @@ _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far f
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
 
 
-class Ways:
+class CollisionFreePaths:
     """Ways of one hand. The model that tells how near its parts are to each other is made at the first question."""
 
     def __init__(self, spec: HandSpec) -> None:
@@ -38,15 +38,15 @@ class Ways:
         travel_time(start, wish)
         self._check(wish.posture, what)
         fingers = [finger.joints for finger in self._spec.fingers]
-        room = Room(self._apart, fingers, np.clip(0.0, *limits), *limits)
-        found = way(room, start, wish.posture)
+        room = PlanningSpace(self._apart, fingers, np.clip(0.0, *limits), *limits)
+        found = plan_path(room, start, wish.posture)
         if found is None:
-            apart = self._apart(on_line(start, wish.posture))
-            parts = self._nearest(apart, crossing(apart, CLEARANCE))
+            apart = self._apart(postures_on_line(start, wish.posture))
+            parts = self._nearest(apart, crossing_pairs(apart, CLEARANCE))
             raise SelfCollision(f"{what}: found no way from here on which {parts} keep clear; go by another posture")
         careful = replace(wish, speed=min(wish.speed, _CAREFUL))
         if len(found) == 1:
-            wide = careful.speed == wish.speed or self._apart(on_line(start, wish.posture)).min() >= _WIDELY
+            wide = careful.speed == wish.speed or self._apart(postures_on_line(start, wish.posture)).min() >= _WIDELY
             return [wish if wide else careful]
         legs = [replace(careful, posture=posture) for posture in found]
         times = [max(travel_time(a, leg), _LEAST) for a, leg in zip([start, *found], legs, strict=False)]
@@ -57,7 +57,7 @@ class Ways:
         further into itself than it gives at the end."""
         self._check(rows[-1], what)
         apart = self._apart(rows)
-        if (met := crossing(apart, 0.0)).any():
+        if (met := crossing_pairs(apart, 0.0)).any():
             raise SelfCollision(f"{what}: {self._nearest(apart, met)} meet on the straight line there; go round")
 
     def touching(self, posture: Vector) -> list[tuple[str, str]]:
@@ -66,10 +66,10 @@ class Ways:
         return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
 
     @cached_property
-    def _clearance(self) -> Clearance:
-        from allegro_twin.sim.contact.self_clearance import Clearance
+    def _clearance(self) -> SelfClearance:
+        from allegro_twin.sim.contact.self_clearance import SelfClearance
 
-        return Clearance(self._spec)
+        return SelfClearance(self._spec)
 
     def _apart(self, postures: Array) -> Array:
         return self._clearance(postures)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.control.demonstration import taught
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion, trim_demonstration
 from allegro_twin.errors import ConfigError
-from allegro_twin.spec import GIVE, HandSpec
+from allegro_twin.spec import HandSpec
+from allegro_twin.spec.hand import GIVE
 from allegro_twin.types import Array, Sample, Vector
 
 
@@ -27,11 +27,11 @@ class Demonstration:
             raise ConfigError("nothing was taught: no time has passed in the demonstration; hand.wait(seconds) lets it")
         return self._inside(self._rows[-1][1])
 
-    def motion(self, tolerance: float = 0.004) -> Motion:
+    def motion(self, tolerance: float = 0.004) -> TaughtMotion:
         """The way they went, trimmed and simplified to within `tolerance` (rad)."""
         self.posture()
         times, positions = zip(*self._rows, strict=True)
-        return taught(np.array(times), self._inside(np.array(positions)), tolerance=tolerance)
+        return trim_demonstration(np.array(times), self._inside(np.array(positions)), tolerance=tolerance)
 
     def _inside(self, positions: Array) -> Array:
         """A joint that leans on its stop gives a little; what is taught ends at the limit. Anything further beyond it

@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.control.setpoint_filter import Pursuit
-from allegro_twin.control.timed_path import Timed
-from allegro_twin.control.trajectory import FASTEST, Following
+from allegro_twin.control.setpoint_filter import RateLimitedSetpoint
+from allegro_twin.control.trajectory import FASTEST, KnownPath, TimedPath
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.hand.facade import Hand
 from allegro_twin.types import Array, Vector
@@ -19,13 +18,13 @@ _MOST = 4000  # Such postures: some seconds of looking.
 _HERE = 0.05  # rad. A first posture without a time must be so near.
 
 
-class Outside:
+class ExternalSetpoints:
     """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
 
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:
         """`speed`, rad/s: of a set-point's joints at most."""
         self._hand, self._mover, self._speed = hand, hand._mover, speed
-        self._pursuit: Pursuit | None = None
+        self._pursuit: RateLimitedSetpoint | None = None
         self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
     def track(self, posture: ArrayLike, what: str = "joint_cmd") -> Vector:
@@ -37,7 +36,7 @@ class Outside:
         if pursuit is not None:
             pursuit.goal = goal
             return goal
-        self._pursuit = Pursuit(goal, self._speed)
+        self._pursuit = RateLimitedSetpoint(goal, self._speed)
         self._mover.follow(self._mover.position_kind, self._pursuit, what)
         return goal
 
@@ -55,7 +54,7 @@ class Outside:
         return pursuit.goal
 
     @property
-    def _driving(self) -> Pursuit | None:
+    def _driving(self) -> RateLimitedSetpoint | None:
         """The pursuit, where nothing else drives the hand."""
         goal = self._mover.goal
         return self._pursuit if goal is not None and goal.path is self._pursuit else None
@@ -79,10 +78,10 @@ class Outside:
             return 0.0
         path = _through(here, times + late, postures, velocities, late)
         self._check(path, what)
-        self._mover.follow(self._mover.position_kind, Following(path), what)
+        self._mover.follow(self._mover.position_kind, KnownPath(path), what)
         return path.seconds
 
-    def _check(self, path: Timed, what: str) -> None:
+    def _check(self, path: TimedPath, what: str) -> None:
         spans = np.abs(np.diff(path.postures, axis=0)).max(axis=1)
         count = int(min(max(math.ceil(float(spans.sum()) / _STEP), 2 * len(path.times), 20), _MOST))
         points = [path(t) for t in np.linspace(0.0, path.seconds, count)]
@@ -93,7 +92,7 @@ class Outside:
         (lower, upper), start = self._hand.limits, rows[0]
         least, most = np.minimum(lower, start), np.maximum(upper, start)  # A joint that rests beyond them comes back.
         for row in rows[1:]:  # A smooth curve may swing beyond the postures that it goes through.
-            if said := self._hand.spec.beyond(row, least, most, 1e-9):
+            if said := self._hand.spec.limit_violation(row, least, most, 1e-9):
                 raise ConfigError(f"{what}: on its way, {said}")
         self._look(rows, what)
 
@@ -104,12 +103,12 @@ class Outside:
         self._mover.ways.check_line(rows, what)
 
 
-def _through(here: Vector, times: Vector, postures: Array, velocities: Array | None, late: float) -> Timed:
+def _through(here: Vector, times: Vector, postures: Array, velocities: Array | None, late: float) -> TimedPath:
     """From where the hand is, at rest."""
     lead = [0.0] if late <= 0.0 else [0.0, late]
     still = np.repeat(here[None], len(lead), axis=0)
     rates = None if velocities is None else np.vstack([np.zeros_like(still), velocities])
-    return Timed(np.concatenate([lead, times]), np.vstack([still, postures]), rates)
+    return TimedPath(np.concatenate([lead, times]), np.vstack([still, postures]), rates)
 
 
 def _few(times: Vector) -> str:

@@ -16,19 +16,19 @@ from allegro_twin.app import Rig, assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
-from allegro_twin.control.motion import Motion
-from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
+from allegro_twin.control.demonstration import TaughtMotion
+from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
 from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture, load_trajectory
+from allegro_twin.hands.library.library import load_posture, load_trajectory
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.bounds import Bounds
-from allegro_twin.surfaces.hand.cartesian import straight
+from allegro_twin.surfaces.hand.bounds import JointBounds
+from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
-from allegro_twin.surfaces.hand.grasps import Grasped, begin, chosen, felt
-from allegro_twin.surfaces.hand.live_control import Direct
-from allegro_twin.surfaces.hand.motion import Kind, Mover
+from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, felt
+from allegro_twin.surfaces.hand.live_control import LiveControl
+from allegro_twin.surfaces.hand.motion import Kind, MotionControl
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ class Hand:
     `background=True` it passes on its own in real time, as it always does for a hand on a real bus."""
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
-        self._rig, self._bounds = rig, Bounds(rig.spec)
-        self._mover = Mover(rig, gains, background=background or rig.live)
-        self.direct = Direct(rig, self._mover, self._bounds)
+        self._rig, self._bounds = rig, JointBounds(rig.spec)
+        self._mover = MotionControl(rig, gains, background=background or rig.live)
+        self.direct = LiveControl(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
 
     @classmethod
@@ -85,10 +85,10 @@ class Hand:
     @cached_property
     def mirror(self) -> Mirror:
         """The model that runs beside a hand on a bus from the first time that one asks: `external_torque`, `contacts`,
-        `anomaly`; docs/mirror.md. Raises ConfigError for a hand that is not on a bus."""
-        from allegro_twin.twin.mirror.for_hand import beside  # It needs SciPy, which a hand alone does not.
+        `anomaly`; docs/explanation/mirror.md. Raises ConfigError for a hand that is not on a bus."""
+        from allegro_twin.twin.mirror.on_rig import mirror_rig  # It needs SciPy, which a hand alone does not.
 
-        return beside(self._rig, self.listen)
+        return mirror_rig(self._rig, self.listen)
 
     @property
     def state(self) -> HandState:
@@ -183,7 +183,7 @@ class Hand:
         `move_to` does."""
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
-        moves = straight(mover.model, start, targets, speed, euler)
+        moves = straight_line_motion(mover.model, start, targets, speed, euler)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what)
@@ -193,7 +193,7 @@ class Hand:
     def grasp(
         self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True,
         by_mirror: bool = False,
-    ) -> Grasped:  # fmt: skip
+    ) -> GraspOutcome:  # fmt: skip
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: that a
         finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. What the hand
@@ -231,7 +231,7 @@ class Hand:
             yield demonstration
         self.stop()
 
-    def play(self, motion: str | Motion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
+    def play(self, motion: str | TaughtMotion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
         """Go to where a motion begins (peak speed `approach`, rad/s), then repeat it `speed` times as fast as it was
         shown: one of the library's trajectories, or what a demonstration gave. Raises as `move_to` does."""
         if isinstance(motion, str):
@@ -240,7 +240,7 @@ class Hand:
         motion = replace(motion, positions=np.array([self._posture(row, what) for row in motion.positions]))
         path = motion.path(speed)
         self.move_to(motion.positions[0], approach)
-        self._mover.follow(self._mover.still_kind, Following(path), what)
+        self._mover.follow(self._mover.still_kind, KnownPath(path), what)
         if wait:
             self.wait()
 

@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.controller import Timed, Touched, performer
+from allegro_twin.grasping.controller import ContactSource, TimedGrasp, make_grasp_controller
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.motion import Mover
-from allegro_twin.surfaces.hand.motion_monitor import Goal
+from allegro_twin.surfaces.hand.motion import Goal, MotionControl
 from allegro_twin.types import HandState, Vector
 
 SQUEEZE = 0.5  # s.
@@ -27,7 +26,7 @@ _TOUCH = 0.05  # rad short of where the fingers were sent: something is in the w
 
 
 @dataclass(frozen=True, slots=True)
-class Grasped:
+class GraspOutcome:
     """What a hand knows of its grasp from positions and torques alone."""
 
     name: str
@@ -47,11 +46,11 @@ def chosen(name: str, width: float | None, model: HandKinematics, spec: HandSpec
 
 def begin(
     grasp: Grasp,
-    mover: Mover,
+    mover: MotionControl,
     spec: HandSpec,
     limits: tuple[Vector, Vector],
     force: float | None,
-    touched: Touched | None = None,
+    touched: ContactSource | None = None,
 ) -> None:
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
@@ -61,7 +60,7 @@ def begin(
     motion = timed(grasp, state.position, approach)
     controller: Controller[Any]
     if "torque" in spec.commands:
-        controller = performer(
+        controller = make_grasp_controller(
             grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force, touched=touched
         )
     elif grasp.grip is not None or force is not None or touched is not None:
@@ -69,17 +68,17 @@ def begin(
             f"{what}: a force is for hands that take torques; {spec.name} takes {', '.join(spec.commands)}"
         )
     else:
-        controller = Follow(motion.moves)
+        controller = PositionControl(motion.moves)
     path = motion.moves.begin(state.position)
     mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
 
 
-def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> Timed:
+def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> TimedGrasp:
     """The grasp's motion from a posture: to its pre-shape, closed at its own speed, then the squeeze."""
     close = grasp.waypoint("close")
     to_preshape = Moves(approach).begin(start).seconds
     to_close = to_preshape + travel_time(grasp.preshape, close)
-    return Timed(Moves([*approach, close, grasp.waypoint("squeeze", SQUEEZE)]), to_preshape, to_close)
+    return TimedGrasp(Moves([*approach, close, grasp.waypoint("squeeze", SQUEEZE)]), to_preshape, to_close)
 
 
 def for_width(grasp: Grasp, width: float, model: HandKinematics, spec: HandSpec) -> Grasp:
@@ -110,7 +109,7 @@ def aperture(model: HandKinematics, position: Vector, spec: HandSpec, fingers: t
     return float(np.linalg.norm(tips[thumb].position - np.mean(others, axis=0)) - 2 * _TIP_RADIUS)
 
 
-def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector) -> Grasped:
+def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector) -> GraspOutcome:
     """What is known at the end of a grasp. `weight`: torques that carry the hand itself, (n,), N·m."""
     short = np.abs(grasp.squeeze - state.position)
     touching = tuple(f.name for f in spec.fingers if short[list(f.joints)].max() > _TOUCH)
@@ -124,4 +123,4 @@ def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, 
     thumb = spec.fingers[-1].name
     both = thumb in touching and len(touching) > 1
     width = aperture(model, state.position, spec, touching) if both else float("nan")
-    return Grasped(grasp.name, touching, force, width)
+    return GraspOutcome(grasp.name, touching, force, width)

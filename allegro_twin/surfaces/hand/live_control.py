@@ -6,19 +6,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
-from allegro_twin.control.planning import on_line
+from allegro_twin.control.path_planning import postures_on_line
 from allegro_twin.control.trajectory import FASTEST, SLOWEST
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.surfaces.hand.bounds import Bounds
-from allegro_twin.surfaces.hand.motion import Mover
+from allegro_twin.surfaces.hand.bounds import JointBounds
+from allegro_twin.surfaces.hand.motion import MotionControl
 from allegro_twin.types import Vector
 
 
-class Direct:
+class LiveControl:
     """Of one hand, as `Hand.direct`. Any thread may call `limp`; all else comes from the one that makes wishes."""
 
-    def __init__(self, rig: Rig, mover: Mover, bounds: Bounds) -> None:
+    def __init__(self, rig: Rig, mover: MotionControl, bounds: JointBounds) -> None:
         self._rig, self._mover, self._bounds = rig, mover, bounds
 
     def prepare(self) -> None:
@@ -67,7 +67,7 @@ class Direct:
         spec, mover = self._rig.spec, self._mover
         goal = self._bounds.admit(posture, what)
         start = np.clip(mover.state.position, spec.lower, spec.upper)
-        mover.ways.check_line(on_line(start, goal), what)
+        mover.ways.check_line(postures_on_line(start, goal), what)
         mover.steer(goal, speed, what)
 
     def use_gains(self, name: str) -> None:

@@ -11,7 +11,7 @@ from allegro_twin.types import Sample
 Condition = Callable[[Sample], bool]
 
 
-class Driver:
+class LoopThread:
     """Runs samples and lets callers wait for what they wait for.
 
     In the foreground time passes only while somebody waits, so a simulation is as fast as it goes and repeats itself;

@@ -1,4 +1,4 @@
-"""What drives the hand behind the facade: which controller, towards what, since when."""
+"""Motion of a hand: its controllers, the motions that they follow, and what becomes of them."""
 
 from __future__ import annotations
 
@@ -7,24 +7,101 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
 from allegro_twin.backend import limp_of
-from allegro_twin.control.bumpless_switch import Relay
-from allegro_twin.control.controllers import PD, PID, Follow, Gains, Gravity, GravityCompensation, Send, Torque
-from allegro_twin.control.steered_path import Steering
-from allegro_twin.control.trajectory import Following, Hold, Reference
+from allegro_twin.control.bumpless_switch import BumplessSwitch
+from allegro_twin.control.controllers import (
+    PD,
+    PID,
+    ConstantCommand,
+    ConstantTorque,
+    Gains,
+    GravityCompensation,
+    GravityFeedforward,
+    PositionControl,
+)
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
+from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference
 from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import paced, run
-from allegro_twin.surfaces.hand.collision_free_paths import Ways
-from allegro_twin.surfaces.hand.loop_thread import Driver
-from allegro_twin.surfaces.hand.motion_monitor import Goal, Watch
-from allegro_twin.types import HandState, Sample, Vector, frozen
+from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
+from allegro_twin.surfaces.hand.loop_thread import LoopThread
+from allegro_twin.types import HandState, Sample, TorqueCommand, Vector, frozen
+
+_SETTLED, _STILL, _PATIENCE = 0.02, 0.05, 0.5  # rad, rad/s, s.
+_SHORT = 0.03  # rad. A joint further from where it should be is not there.
+_MOVED, _STUCK = 0.01, 0.5  # rad, s. A joint that should move and has not moved so far in that time is stuck.
+_FULL = 0.99  # Of its clip: a joint that is given so much should move.
+_LATEST = 3.0  # s after the end. What shakes in a contact instead of coming to rest is stuck as well.
+
+
+class Goal(NamedTuple):
+    """What the joints are asked to do: a path, when it began and for how long it lasts, s."""
+
+    path: Path
+    began: float
+    seconds: float
+    what: str = "the motion"
+    """For messages."""
+    pressing: float = 0.0
+    """From when on it may press, s since it began: being stopped is then what it is for."""
+
+    def at(self, t: float) -> Vector:
+        """Where the joints should be, (n,), rad."""
+        return self.path(t - self.began).position
+
+
+class MotionMonitor:
+    """Follows a motion sample by sample until it has arrived or is stuck."""
+
+    def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, period: float) -> None:
+        self.goal, self.arrived = goal, False
+        self._spec, self._over = spec, goal.began + goal.seconds + period
+        # What dry friction alone keeps from its place is not stuck.
+        self._short = np.maximum(_SHORT, 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9))
+        self._full = _FULL * spec.actuation.torque_limit
+        self._place, self._since = np.full(spec.n_joints, np.inf), np.zeros(spec.n_joints)
+        self._stuck: dict[str, float] = {}
+
+    def __call__(self, sample: Sample) -> bool:
+        """Look at the newest sample: whether the motion is stuck."""
+        if self.arrived:
+            return False
+        state = sample.state
+        late, error = state.t - self._over, self.goal.at(state.t) - state.position
+        over = late >= _PATIENCE or (late >= 0.0 and _settled(error, state))
+        if state.t - self.goal.began >= self.goal.pressing:
+            self.arrived = over
+            return False
+        pushing = np.abs(error) > self._short
+        if isinstance(sample.command, TorqueCommand):
+            pushing |= np.abs(sample.command.torque) >= self._full
+        resting = np.abs(state.position - self._place) < _MOVED
+        self._place = np.where(resting, self._place, state.position)
+        self._since = np.where(resting & pushing, self._since, state.t)
+        stuck = pushing & ((state.t - self._since >= _STUCK) | (late >= _LATEST))
+        self._stuck = {self._spec.joint_labels[k]: float(abs(error[k])) for k in np.flatnonzero(stuck)}
+        self.arrived = over and not pushing.any()
+        return bool(self._stuck)
+
+    @property
+    def words(self) -> str:
+        """What is stuck, the furthest from its place first."""
+        worst = sorted(self._stuck.items(), key=lambda item: -item[1])
+        rest = f" and {len(worst) - 3} more" if len(worst) > 3 else ""
+        return ", ".join(f"{name} {short:.2f} rad" for name, short in worst[:3]) + rest
+
+
+def _settled(error: Vector, state: HandState) -> bool:
+    return bool(np.abs(error).max() < _SETTLED and np.abs(state.velocity).max() < _STILL)
+
 
 Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid", "limp", "position"]
 KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
@@ -35,12 +112,12 @@ T = TypeVar("T")
 _DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
 
 
-class Mover:
+class MotionControl:
     """Turns wishes into controllers and hands the hand over to them, watches what they do, and waits for it."""
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_kinematics(rig.spec), Ways(rig.spec)
+        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0]
@@ -48,11 +125,11 @@ class Mover:
         self.stalled: MotionStalled | None = None
         """What stopped the last motion, if anything did."""
         self._told, self._changing, self._cut = True, threading.Lock(), False
-        self._watch: Watch | None = None
-        self._gravity = Gravity(self.model.gravity_torque)
-        self._limp = Send(limp_of(rig.spec))
-        self._relay = Relay(self._limp, rig.spec.actuation.torque_limit)
-        self.driver = Driver(self._samples(background), background=background)
+        self._watch: MotionMonitor | None = None
+        self._gravity = GravityFeedforward(self.model.gravity_torque)
+        self._limp = ConstantCommand(limp_of(rig.spec))
+        self._relay = BumplessSwitch(self._limp, rig.spec.actuation.torque_limit)
+        self.driver = LoopThread(self._samples(background), background=background)
 
     @property
     def state(self) -> HandState:
@@ -76,7 +153,7 @@ class Mover:
         return "position" if self.kinds is FIRMWARES else "pid"
 
     @property
-    def gravity(self) -> Gravity:
+    def gravity(self) -> GravityFeedforward:
         """The feed-forward. Raises ConfigError when nobody says where down is."""
         self._gravity.check(self.state)
         return self._gravity
@@ -87,7 +164,7 @@ class Mover:
             vector = frozen(vector)
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
-        self._gravity = Gravity(self.model.gravity_torque, vector)
+        self._gravity = GravityFeedforward(self.model.gravity_torque, vector)
         self._relay.amend(lambda c: replace(c, gravity=self._gravity) if getattr(c, "gravity", None) is not None else c)
 
     def given_gravity(self) -> Vector | None:
@@ -107,7 +184,7 @@ class Mover:
         if kind not in self.kinds:
             raise ConfigError(unknown("controller", kind, self.kinds))
         if kind == "torque":
-            self.drive("torque", Torque(torque))
+            self.drive("torque", ConstantTorque(torque))
         elif kind == "limp":
             self.drive("limp", self._limp)
         elif kind == "gravity":
@@ -131,14 +208,14 @@ class Mover:
     def steer(self, posture: Vector, speed: float, what: str) -> None:
         """Head for a posture, (n,), rad, at `speed`, rad/s, from whatever the last such wish is doing, or from rest."""
         watch = self._watch
-        if watch is None or not isinstance(watch.goal.path, Steering):
-            self.follow(self.position_kind, Following(Steering(self.state.position)), what)
+        if watch is None or not isinstance(watch.goal.path, SmoothSetpoint):
+            self.follow(self.position_kind, KnownPath(SmoothSetpoint(self.state.position)), what)
             watch = self._watch
         with self._changing:
             if self._cut or watch is None or watch is not self._watch:
                 return  # Somebody wanted something else in the meantime.
             path, began = watch.goal.path, watch.goal.began
-            assert isinstance(path, Steering)
+            assert isinstance(path, SmoothSetpoint)
             seconds = path.head_for(self.state.t - began, posture, speed)
             self._watch = self._watched(Goal(path, began, seconds, what))
 
@@ -180,15 +257,15 @@ class Mover:
             raise self.stalled
         return state
 
-    def _position(self, kind: Kind, reference: Reference) -> PD | PID | Follow:
+    def _position(self, kind: Kind, reference: Reference) -> PD | PID | PositionControl:
         if kind == "position":
-            return Follow(reference)
+            return PositionControl(reference)
         if kind == "pd":
             return PD(reference, self.gains, self.gravity)
         return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
 
-    def _watched(self, goal: Goal | None) -> Watch | None:
-        return None if goal is None else Watch(goal, self._rig.spec, self.gains, self._rig.backend.period)
+    def _watched(self, goal: Goal | None) -> MotionMonitor | None:
+        return None if goal is None else MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period)
 
     def _look(self, sample: Sample) -> None:
         """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""

@@ -1,4 +1,4 @@
-"""Who may come in from another computer: who knows the token, and who does not guess for long."""
+"""Access tokens of the panel: they are compared in constant time, and guessing is slowed down."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _SHORTEST = 16  # Characters. At 10 a minute nobody guesses so many.
 _ADDRESSES = 1024  # That are remembered.
 
 
-class Answer(Enum):
-    """What somebody hears who knocks."""
+class Access(Enum):
+    """The answer to somebody with a token, as HTTP statuses."""
 
     WELCOME = 200
     WRONG = 403
     ENOUGH = 429
 
 
-class Gate:
+class TokenGate:
     """Compares tokens in a time that says nothing about them. `clock` counts seconds. Without a token all may come in:
     then nobody but this computer can knock."""
 
@@ -36,24 +36,24 @@ class Gate:
         """Whether a token is needed."""
         return self._token is not None
 
-    def answer(self, address: str, token: str) -> Answer:
+    def answer(self, address: str, token: str) -> Access:
         """To somebody at an address. While it must rest not even the right token is looked at, or the rest were
         none."""
         if self._token is None:
-            return Answer.WELCOME
+            return Access.WELCOME
         now = self._clock()
         count, last = self._wrong.get(address, (0, now))
         if count >= TRIES and now < last + REST:
-            return Answer.ENOUGH
+            return Access.ENOUGH
         if hmac.compare_digest(token.encode(), self._token.encode()):
             self._wrong.pop(address, None)
-            return Answer.WELCOME
+            return Access.WELCOME
         if token:  # Who brings none has not guessed.
             self._wrong[address] = (count + 1 if now < last + REST else 1, now)
             self._wrong.move_to_end(address)
             while len(self._wrong) > _ADDRESSES:
                 self._wrong.popitem(last=False)
-        return Answer.WRONG
+        return Access.WRONG
 
 
 def checked(token: str) -> str:

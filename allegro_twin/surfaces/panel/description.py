@@ -1,92 +1,107 @@
-"""What the page is told once of a hand: who it is, what is there to choose, and what the library has for it."""
+"""The page's description of a hand: its scene, its choices, and the entries of the library that it can perform."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from allegro_twin.app import Rig
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import is_model
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.specs import is_hand_model
 from allegro_twin.hands.library.gains import gains_names
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp, load_posture, posture_names
+from allegro_twin.hands.library.library import Library, load_grasp, load_posture, posture_names
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.panel.requests import Scene
-from allegro_twin.surfaces.panel.scene_state import scenery_of
-from allegro_twin.surfaces.panel.session import OpenHand
-from allegro_twin.surfaces.panel.stream import Opened, Shelf
+from allegro_twin.surfaces.panel.requests import OpenScene
+from allegro_twin.surfaces.panel.stream import LibraryContents, SessionInfo
+from allegro_twin.types import Vector
+from allegro_twin.viewing.scenery import scenery
 
 
-def described(opened: OpenHand) -> Opened:
+def describe_hand(session: int, rig: Rig, config: RunConfig, controllers: tuple[str, ...], gains: str) -> SessionInfo:
     """Raises ConfigError."""
-    rig, config = opened.rig, opened.config
     choice = config.backend.virtual
-    return Opened(
-        opened.number,
+    return SessionInfo(
+        session,
         f"{rig.spec.serial or rig.spec.name} · {config.backend.place}",
         rig.spec,
-        scenery_of(rig),
-        rig.backend.period,
-        opened.hand.controllers,
+        scenery(rig.spec, _meta(rig)),
+        controllers,
         gains_names(rig.spec),
-        opened.gains,
+        gains,
         _scenarios(rig.spec) if choice else (),
         _things() if choice else (),
         config.task.scenario,
         config.task.object,
-        _no_tips(rig.spec, opened),
+        _no_tips(rig.spec),
     )
 
 
-def shelf(spec: HandSpec) -> Shelf:
-    """Postures and grasps that this hand can have; what is not for it is left out."""
-    postures, grasps, library = {}, {}, Library()
-    for listed in library.list("posture"):
-        if listed.entry.hand != spec.model:
-            continue
-        try:
-            postures[listed.name] = load_posture(listed.name, spec)
-        except ConfigError:
-            continue  # Outside the limits of this very hand.
-    for listed in library.list("grasp"):
-        if listed.entry.hand != spec.model:
-            continue
-        try:
-            grasps[listed.name] = load_grasp(listed.name, spec).close
-        except ConfigError:
-            continue
-    return Shelf(postures, grasps)
+def library_contents(spec: HandSpec) -> LibraryContents:
+    """Postures and grasps that this hand can have; others are left out."""
+    return LibraryContents(
+        _entries("posture", spec, lambda name: load_posture(name, spec)),
+        _entries("grasp", spec, lambda name: load_grasp(name, spec).close),
+    )
 
 
-def scene_of(config: RunConfig, wish: Scene) -> RunConfig:
+def _entries(kind: Any, spec: HandSpec, load: Callable[[str], Vector]) -> dict[str, Vector]:
+    found = {}
+    for listed in Library().list(kind):
+        if listed.entry.hand == spec.model:
+            try:
+                found[listed.name] = load(listed.name)
+            except ConfigError:
+                continue  # Outside the limits of this very hand.
+    return found
+
+
+def scene_of(config: RunConfig, request: OpenScene) -> RunConfig:
     """The config in another scene. Raises ConfigError."""
     if not config.backend.virtual:
         raise ConfigError(f"only a simulated hand has a scene to change; this one is {config.backend.place}")
     content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
-    if wish.scenario is None:
+    if request.scenario is None:
         home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
-        return parse(RunConfig, content | home, "the scene")
-    task = {"scenario": wish.scenario} | ({} if wish.thing is None else {"object": wish.thing})
-    return parse(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
+        return parse_settings(RunConfig, content | home, "the scene")
+    task = {"scenario": request.scenario} | ({} if request.thing is None else {"object": request.thing})
+    return parse_settings(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
+
+
+def _meta(rig: Rig) -> Mapping[str, Any]:
+    """The metadata that a recording of the rig would have, as far as they say how it looks."""
+    if rig.trial is not None:
+        return rig.trial.meta()
+    if rig.sim is not None:
+        from allegro_twin.sim.model.appearance import scene_appearance
+
+        return {"look": scene_appearance(rig.sim.model, rig.spec, ())}
+    recording = getattr(rig.backend, "recording", None)
+    return {} if recording is None else dict(recording.meta)
 
 
 def _scenarios(spec: HandSpec) -> tuple[str, ...]:
-    """Of a model of hand that has a folder of its own that; else what is in no other model's."""
+    """Those of a model of hand with a folder of its own; else those in no other model's folder."""
     folder = data_root() / "scenarios"
     own = folder / spec.model
-    found = own.glob("*.yaml") if own.is_dir() else (p for p in folder.rglob("*.yaml") if not is_model(p.parent.name))
+    found = (
+        own.glob("*.yaml") if own.is_dir() else (p for p in folder.rglob("*.yaml") if not is_hand_model(p.parent.name))
+    )
     return tuple(sorted(p.stem for p in found if "grasps" not in p.relative_to(folder).parts[:-1]))
 
 
 def _things() -> tuple[str, ...]:
-    from allegro_twin.sim.objects.catalogue import catalogue
+    from allegro_twin.sim.objects.catalogue import object_catalogue
 
-    return tuple(catalogue())
+    return tuple(object_catalogue())
 
 
-def _no_tips(spec: HandSpec, opened: OpenHand) -> str:
+def _no_tips(spec: HandSpec) -> str:
+    """Why fingertips cannot be dragged."""
     from allegro_twin.kinematics.hand import hand_kinematics
 
     try:

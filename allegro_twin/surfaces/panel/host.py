@@ -1,55 +1,68 @@
-"""The process that has the hand: it opens it, does what is wished, and tells the page."""
+"""The process of the panel that has the session: it carries out requests of the page, and tells the page about it."""
 
 from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeAlias
 
-from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, HandError
-from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.panel import requests as w
-from allegro_twin.surfaces.panel.cell import Place
-from allegro_twin.surfaces.panel.commands import Doing
-from allegro_twin.surfaces.panel.description import described, scene_of, shelf
-from allegro_twin.surfaces.panel.page_process import Page, Pages
-from allegro_twin.surfaces.panel.session import OpenHand
-from allegro_twin.surfaces.panel.stream import Ended, Notice, Sender
+from allegro_twin.surfaces.panel import requests
+from allegro_twin.surfaces.panel.page_process import PageProcess, PageServer
+from allegro_twin.surfaces.panel.stream import (
+    FrameSender,
+    LibraryContents,
+    Notice,
+    SessionEnded,
+    SessionInfo,
+    StreamFrame,
+)
 
-_BEAT = 0.1  # s between two looks at what the hand has to say.
-_TURNS = 0.0005  # s that a thread may keep the loop's thread waiting; Python's own 5 ms are longer than a period.
+_BEAT = 0.1  # s between two looks at the session and the page.
+_SWITCH = 0.0005  # s that a thread may keep the loop's thread waiting; Python's own 5 ms are longer than a period.
+
+Send: TypeAlias = Callable[[StreamFrame], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Habits:
-    """How the panel deals with the hand."""
+class Session(Protocol):
+    """A hand or a cell that is open for the page. `stop` and `stay` may come from any thread."""
 
-    gone: Literal["hold", "limp"] = "hold"
-    """What the hand does when nobody drives any more."""
-    recordings: Path = Path("out")
-    library: Path = Path("library/taught.yaml")
+    def describe(self) -> SessionInfo: ...
+    def library(self) -> LibraryContents | None: ...
+    def execute(self, request: requests.Request) -> str: ...
+    def stop(self) -> None: ...
+    def stay(self) -> None: ...
+    def report(self) -> Iterator[Notice | SessionEnded]: ...
+    def close(self) -> None: ...
+
+
+Opener: TypeAlias = Callable[[int, Send], Session]
+
+
+class Sessions(Protocol):
+    """Opens sessions."""
+
+    def prepare(self, request: requests.OpenScene | requests.Reopen | None) -> Opener:
+        """How to open the session as a request has it; None: as it was last. Raises ConfigError."""
+        ...
 
 
 class Host:
-    """Serves one hand until it is interrupted. The hand is limp afterwards, whatever happens."""
+    """Serves one session until it is closed. The session is stopped afterwards, whatever happens."""
 
-    def __init__(self, config: RunConfig, habits: Habits, pages: Pages) -> None:
-        self._config, self._habits, self._pages = config, habits, pages
-        self._wishes, self._count = w.Wishes(), 0
-        self._opened: OpenHand | None = None
-        self._doing: Doing | None = None
-        self._stalled: HandError | None = None
-        self._clipped = 0
+    def __init__(self, sessions: Sessions, pages: PageServer) -> None:
+        self._sessions, self._pages = sessions, pages
+        self._requests, self._count = requests.RequestQueue(), 0
+        self._session: Session | None = None
+        self._over, self._turning = threading.Event(), threading.Thread(target=self._turn, name="panel", daemon=True)
         self._page = pages.open()
-        self._send = Sender(self._page.frames)
+        self._send = FrameSender(self._page.frames)
 
     def serve(self, tell: Callable[[str], None]) -> None:
-        """Raises HandError when the hand cannot be opened at all, or the page cannot be shown."""
-        sys.setswitchinterval(_TURNS)
+        """Serve until it is interrupted; `tell` gets the page's address. Raises HandError when the session cannot be
+        opened at all, or the page cannot be shown."""
+        sys.setswitchinterval(_SWITCH)
         try:
             self.begin()
             tell(self._page.address())
@@ -58,137 +71,119 @@ class Host:
         finally:
             self.close()
 
+    def serve_beside(self) -> str:
+        """Serve in a thread, until `close`; the page's address. Raises as `serve` does."""
+        self.begin()
+        address = self._page.address()
+        self._turning.start()
+        return address
+
     def begin(self) -> None:
-        """Open the hand and listen to the page."""
+        """Open the session and listen to the page."""
         self._listen()
-        self._open(self._config, perform=False)
+        self._open(self._sessions.prepare(None))
 
     def turn(self) -> None:
-        """Do the next wish, if one comes soon, and look after hand and page."""
-        wish = self._wishes.get(_BEAT)
-        if wish is not None:
-            self._do(wish)
-        self._look()
+        """Carry out the next request, if one comes soon, and look after session and page."""
+        request = self._requests.get(_BEAT)
+        if request is not None:
+            self._execute(request)
+        self._watch()
 
     def close(self) -> None:
-        """Leave the hand limp and end the page."""
+        """Close the session and end the page."""
+        self._over.set()
+        if self._turning.is_alive():
+            self._turning.join()
         try:
             self._close()
         finally:
             self._page.close()
 
+    def _turn(self) -> None:
+        while not self._over.is_set():
+            self.turn()
+
     def _listen(self) -> None:
         page = self._page
-        threading.Thread(target=lambda: self._hear(page), name="wishes", daemon=True).start()
+        threading.Thread(target=lambda: self._hear(page), name="requests", daemon=True).start()
 
-    def _hear(self, page: Page) -> None:
-        """In a thread of its own: a stop does not wait for a wish that is being planned."""
-        for wish in page.wishes():
-            if not isinstance(wish, Place):  # That is of a cell.
-                self._take(wish)
-        self._take(w.Gone())
+    def _hear(self, page: PageProcess) -> None:
+        """In a thread of its own: a stop does not wait for a request that is being planned."""
+        for request in page.requests():
+            self._take(request)
+        self._take(requests.DriverLeft())
 
-    def _take(self, wish: w.Wish) -> None:
-        opened, limp = self._opened, self._habits.gone == "limp"
-        if isinstance(wish, w.Stop) or (isinstance(wish, w.Gone) and limp):
-            if opened is not None:
-                opened.hand.direct.limp()
-            self._wishes.clear()
-            wish = w.Stop()
-        elif isinstance(wish, w.Gone):
-            self._wishes.clear()
-            if opened is not None:
-                _stay(opened)
-        self._wishes.put(wish)
+    def _take(self, request: requests.Request) -> None:
+        session, limp = self._session, self._pages.gone == "limp"
+        if isinstance(request, requests.StopMotion) or (isinstance(request, requests.DriverLeft) and limp):
+            if session is not None:
+                session.stop()
+            self._requests.clear()
+            request = requests.StopMotion()
+        elif isinstance(request, requests.DriverLeft):
+            self._requests.clear()
+            if session is not None:
+                session.stay()
+        self._requests.put(request)
 
-    def _do(self, wish: w.Wish) -> None:
+    def _execute(self, request: requests.Request) -> None:
         try:
-            if isinstance(wish, w.Scene):
-                self._change(scene_of(self._config, wish), perform=wish.perform)
-            elif isinstance(wish, w.Again):
-                self._change(self._config, perform=False)
-            elif self._doing is not None:
-                said = self._doing(wish)
-                if said:
-                    self._page.tell(Notice(said))
-                if isinstance(wish, w.Keep):
-                    _stock(self._page, self._doing.spec)
+            if isinstance(request, requests.OpenScene | requests.Reopen):
+                self._reopen(request)
+            elif self._session is not None:
+                text = self._session.execute(request)
+                if text:
+                    self._page.tell(Notice(text))
+                if isinstance(request, requests.StoreTaught):
+                    _tell_library(self._page, self._session)
         except HandError as error:
             self._page.tell(Notice(str(error), bad=True))
 
-    def _look(self) -> None:
-        """What the hand has to say of itself, and whether the page is still there."""
+    def _watch(self) -> None:
+        """Tell the page what the session reports, and open a new page where it has died."""
         if not self._page.alive:
             self._page.close()
             self._page = self._pages.open()
-            self._send = Sender(self._page.frames)
+            self._send = FrameSender(self._page.frames)
             self._listen()
-            if self._opened is not None:
-                self._introduce(self._opened)
-        opened = self._opened
-        if opened is None:
-            return
-        stalled = opened.hand.stalled
-        if stalled is not None and stalled is not self._stalled:
-            self._page.tell(Notice(str(stalled), bad=True))
-        self._stalled = stalled
-        if opened.hand.clipped != self._clipped:
-            self._clipped = opened.hand.clipped
-            if self._clipped:
-                self._page.tell(Notice(f"{self._clipped} wishes a little beyond a limit were clipped to it"))
-        if opened.trouble:
-            self._page.tell(Notice(opened.trouble, bad=True))
-            opened.trouble = ""
-        if opened.verdict_due and opened.rig.trial is not None:
-            opened.verdict_due = False
-            report = opened.rig.trial.report()
-            words = "held" if report.held else f"not held: {report.reason}"
-            self._page.tell(Notice(f"the verdict: {words}", bad=not report.held))
-        try:
-            _ = opened.hand.state
-        except HandError as error:
-            self._page.tell(Ended(str(error)))
-            self._close()
+            if self._session is not None:
+                self._introduce(self._session)
+        for message in self._session.report() if self._session is not None else ():
+            self._page.tell(message)
+            if isinstance(message, SessionEnded):
+                self._close()
 
-    def _change(self, config: RunConfig, *, perform: bool) -> None:
-        """Open the hand anew; as it was, where this one cannot be opened."""
-        before = self._config
+    def _reopen(self, request: requests.OpenScene | requests.Reopen) -> None:
+        """Open the session anew; as it was, where this one cannot be opened."""
+        start = self._sessions.prepare(request)
         self._close()
         try:
-            self._open(config, perform=perform)
-            self._config = config
+            self._open(start)
         except ConfigError:
-            self._open(before, perform=False)
+            self._open(self._sessions.prepare(None))
             raise
 
-    def _open(self, config: RunConfig, *, perform: bool) -> None:
+    def _open(self, start: Opener) -> None:
         self._count += 1
-        opened = OpenHand(self._count, config, lambda frame: self._send(frame), perform=perform)
-        self._opened = opened
-        self._doing = Doing(opened, self._habits.recordings, self._habits.library)
-        self._introduce(opened)
+        self._session = start(self._count, lambda frame: self._send(frame))
+        self._introduce(self._session)
 
-    def _introduce(self, opened: OpenHand) -> None:
-        page, spec = self._page, opened.rig.spec
-        page.tell(described(opened))
+    def _introduce(self, session: Session) -> None:
+        page = self._page
+        page.tell(session.describe())
         # Some hundred files are read for it: nobody should wait for them to see the hand.
-        threading.Thread(target=lambda: _stock(page, spec), name="shelf", daemon=True).start()
+        threading.Thread(target=lambda: _tell_library(page, session), name="library", daemon=True).start()
 
     def _close(self) -> None:
-        opened, self._opened, self._doing = self._opened, None, None
-        if opened is not None:
-            opened.close()
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()
 
 
-def _stock(page: Page, spec: HandSpec) -> None:
+def _tell_library(page: PageProcess, session: Session) -> None:
     try:
-        page.tell(shelf(spec))
+        if (contents := session.library()) is not None:
+            page.tell(contents)
     except HandError as error:
         page.tell(Notice(f"the library: {error}", bad=True))
-
-
-def _stay(opened: OpenHand) -> None:
-    try:
-        opened.hand.direct.stay()
-    except HandError:
-        pass  # The loop has ended, and the hand is limp; `_look` tells.

@@ -1,4 +1,4 @@
-"""The page's own process: started, fed with news, listened to, and started again when it has died."""
+"""The page's own process: how it is started, told about the session, listened to, and started again when it dies."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Literal
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.panel.cell import CellOpened, Place
-from allegro_twin.surfaces.panel.requests import Wish
-from allegro_twin.surfaces.panel.stream import News
+from allegro_twin.surfaces.panel.requests import Request
+from allegro_twin.surfaces.panel.stream import PageMessage
 
 _START = 30.0  # s that the page's process may take to say that it is there.
 _DEATHS = 3
@@ -32,22 +31,18 @@ _EXTRA = "pip install --upgrade 'allegro-twin[panel]'"
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
-    """What the page's process is told first."""
+class PageSetup:
+    """The first message to the page's process."""
 
     token: str | None
     names: tuple[str, ...]
     """By which a browser may have found it; empty: by any, for there is a token."""
-    gone: str
-    """What happens to the hand when nobody drives, for the page to say."""
-    cell: bool = False
-    """The page is of a whole cell."""
 
 
-class Page:
+class PageProcess:
     """One process that shows the page. Raises ConfigError when it does not start."""
 
-    def __init__(self, listening: socket.socket, setup: Setup, url: str) -> None:
+    def __init__(self, listening: socket.socket, setup: PageSetup, url: str) -> None:
         self._url, self._ready, self.alive = url, threading.Event(), True
         ours, theirs = socket.socketpair()
         self.frames, frames = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -59,21 +54,21 @@ class Page:
         )
         theirs.close()
         frames.close()
-        self._news, self._telling = Connection(ours.detach()), threading.Lock()
-        self._news.send(setup)
+        self._link, self._telling = Connection(ours.detach()), threading.Lock()
+        self._link.send(setup)
 
     def address(self) -> str:
         """Where a browser finds it, once it is there."""
         self._ready.wait(_START)
         if not self._ready.is_set() or not self.alive:
-            raise ConfigError("the panel's page did not start; what it said stands above")
+            raise ConfigError("the panel's page did not start; its output stands above")
         return self._url
 
-    def wishes(self) -> Iterator[Wish | Place]:
-        """All that comes, until the page has died."""
+    def requests(self) -> Iterator[Request]:
+        """All requests that come, until the page has died."""
         try:
             while True:
-                message: Any = self._news.recv()
+                message: Any = self._link.recv()
                 if message is None:
                     self._ready.set()
                 else:
@@ -82,42 +77,43 @@ class Page:
             self.alive = False
             self._ready.set()
 
-    def tell(self, news: News | CellOpened) -> None:
-        """What a page that has died is not told, the next one is."""
+    def tell(self, message: PageMessage) -> None:
+        """Send a message; a page that has died misses it, and the next one is told again."""
         with self._telling, suppress(OSError):
-            self._news.send(news)
+            self._link.send(message)
 
     def close(self) -> None:
         """End it."""
-        self._news.close()
+        self._link.close()
         self.frames.close()
         if self._process.poll() is None:
             self._process.terminate()
         self._process.wait()
 
 
-class Pages:
+class PageServer:
     """Where pages are served. Raises ConfigError for a port that is taken, and where viser is missing or too old."""
 
-    def __init__(self, host: str, port: int, gone: str, token: str | None = None, *, cell: bool = False) -> None:
+    def __init__(self, host: str, port: int, gone: Literal["hold", "limp"], token: str | None = None) -> None:
+        """`gone`: what a session does when nobody drives any more."""
         _viser()
-        self._listening = _listening(host, port)
+        self.gone, self._listening = gone, _listening(host, port)
         port = int(self._listening.getsockname()[1])
         self._deaths = -1
         here = is_loopback(host)
         if not here:
             token = token or secrets.token_urlsafe(24)
         names = ("localhost", "127.0.0.1", "::1", host) if here else ()
-        self._setup = Setup(token, names, gone, cell)
+        self._setup = PageSetup(token, names)
         name = f"[{host}]" if ":" in host else host
         self._url = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
-    def open(self) -> Page:
+    def open(self) -> PageProcess:
         """A page. Raises ConfigError when it has died too often."""
         self._deaths += 1
         if self._deaths > _DEATHS:
-            raise ConfigError(f"the panel's page has ended {self._deaths} times; what it said stands above")
-        return Page(self._listening, self._setup, self._url)
+            raise ConfigError(f"the panel's page has ended {self._deaths} times; its output stands above")
+        return PageProcess(self._listening, self._setup, self._url)
 
 
 def _viser() -> None:

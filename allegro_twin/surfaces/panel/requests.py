@@ -1,4 +1,4 @@
-"""What a person may wish of a hand, as plain data, and the queue that it waits in."""
+"""Requests of a person at the page, as plain data, and the queue in which they wait for the session."""
 
 from __future__ import annotations
 
@@ -9,77 +9,84 @@ from typing import TypeAlias
 
 
 @dataclass(frozen=True, slots=True)
-class Joints:
+class MoveJoints:
     """Head for these positions, (n,), rad."""
 
     position: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Posture:
+class MovePalm:
+    """Move the palm of a cell to a pose of the world: position, m, and quaternion w x y z, (7,)."""
+
+    pose: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MoveToPosture:
     """Go to a posture of the library."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class Grasp:
+class PerformGrasp:
     """Perform a grasp of the library."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class Control:
-    """Another controller, as `Hand.set_controller` takes it."""
+class ChooseController:
+    """Change the controller, as `Hand.set_controller` does."""
 
     kind: str
 
 
 @dataclass(frozen=True, slots=True)
-class UseGains:
-    """Other gains of the library, from the next wish on."""
+class ChooseGains:
+    """Use other gains of the library, from the next request on."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class Gravity:
-    """What controllers compensate, palm frame, (3,), m/s²; None: what the hand reports."""
+class SetGravity:
+    """Set the gravity that controllers compensate, palm frame, (3,), m/s²; None: what the hand reports."""
 
     vector: tuple[float, float, float] | None
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class HoldHere:
     """Stay here."""
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
-    """Limp, at once."""
+class StopMotion:
+    """Stop at once: a hand goes limp, a cell stands still."""
 
 
 @dataclass(frozen=True, slots=True)
-class Release:
-    """Take wishes again after a stop."""
+class ReleaseStop:
+    """Take requests again after a stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Teach:
-    """Begin to be shown something, or end it."""
+    """Begin a demonstration, or end it."""
 
     on: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Repeat:
-    """The motion that was shown last."""
+class PlayTaught:
+    """Play the motion of the last demonstration."""
 
 
 @dataclass(frozen=True, slots=True)
-class Keep:
-    """Store what was shown in the user's library: the way the fingers went, or where they were left."""
+class StoreTaught:
+    """Store the last demonstration in the user's library: its motion, or the posture at its end."""
 
     name: str
     motion: bool
@@ -93,7 +100,7 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class OpenScene:
     """Open a simulated hand anew, in a scenario, with an object of the catalogue in place of its own; None: as the
     config has it. `perform`: and do what the scenario, or the config, is for."""
 
@@ -103,58 +110,60 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Again:
+class Reopen:
     """Open the hand again, limp: after a fault, or at the end of a recording."""
 
 
 @dataclass(frozen=True, slots=True)
-class Gone:
+class DriverLeft:
     """Nobody drives any more."""
 
 
-Wish: TypeAlias = (
-    Joints
-    | Posture
-    | Grasp
-    | Control
-    | UseGains
-    | Gravity
-    | Hold
-    | Stop
-    | Release
+Request: TypeAlias = (
+    MoveJoints
+    | MovePalm
+    | MoveToPosture
+    | PerformGrasp
+    | ChooseController
+    | ChooseGains
+    | SetGravity
+    | HoldHere
+    | StopMotion
+    | ReleaseStop
     | Teach
-    | Repeat
-    | Keep
+    | PlayTaught
+    | StoreTaught
     | Record
-    | Scene
-    | Again
-    | Gone
+    | OpenScene
+    | Reopen
+    | DriverLeft
 )
+_CONTINUOUS = (MoveJoints, MovePalm)
+"""A handle that is dragged asks for more of these than a session can do: of several in a row only the newest waits."""
 
 
-class Wishes:
-    """They wait here until the hand has time. A slider that is dragged wishes more than a hand can do: of joint
-    positions in a row only the newest waits."""
+class RequestQueue:
+    """Requests wait here until the session has time."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Wish] = deque()
-        self._news = threading.Condition()
+        self._waiting: deque[Request] = deque()
+        self._changed = threading.Condition()
 
-    def put(self, wish: Wish) -> None:
-        with self._news:
-            if isinstance(wish, Joints) and self._waiting and isinstance(self._waiting[-1], Joints):
+    def put(self, request: Request) -> None:
+        with self._changed:
+            if isinstance(request, _CONTINUOUS) and self._waiting and type(self._waiting[-1]) is type(request):
                 self._waiting.pop()
-            self._waiting.append(wish)
-            self._news.notify()
+            self._waiting.append(request)
+            self._changed.notify()
 
     def clear(self) -> None:
-        """Forget all that waits: somebody pressed stop."""
-        with self._news:
+        """Drop everything that waits, after a stop."""
+        with self._changed:
             self._waiting.clear()
 
-    def get(self, timeout: float) -> Wish | None:
+    def get(self, timeout: float) -> Request | None:
         """The oldest, or None if none came for so many seconds."""
-        with self._news:
+        with self._changed:
             if not self._waiting:
-                self._news.wait(timeout)
+                self._changed.wait(timeout)
             return self._waiting.popleft() if self._waiting else None

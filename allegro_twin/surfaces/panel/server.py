@@ -1,25 +1,29 @@
-"""The front door: all that a browser reaches. One page, a stop, and the way to viser behind it; no files."""
+"""The panel's HTTP server: one page, the stop, and a tunnel to viser behind it; it serves no files."""
 
 from __future__ import annotations
 
 import asyncio
 import gzip
 from asyncio import StreamReader, StreamWriter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from http import HTTPStatus
+from http.cookies import CookieError, SimpleCookie
+from typing import NamedTuple
+from urllib.parse import parse_qs, urlsplit
 
-from allegro_twin.surfaces.panel.access import Answer, Gate
-from allegro_twin.surfaces.panel.http_head import COOKIE, Request, answer, parsed
+from allegro_twin.surfaces.panel.access import Access, TokenGate
 
 _PATIENCE, _LONGEST, _CHUNK = 10.0, 1 << 14, 1 << 16
 """s for a request's head, and bytes of it, and bytes that are passed on at once."""
+COOKIE = "allegro_panel"
 _WORDS = {
-    Answer.WRONG: "the panel needs its token: open the address that allegro-twin printed",
-    Answer.ENOUGH: "too many wrong tokens from this address: wait a minute",
+    Access.WRONG: "the panel needs its token: open the address that allegro-twin printed",
+    Access.ENOUGH: "too many wrong tokens from this address: wait a minute",
 }
 
 
-class Door:
+class PanelServer:
     """Answers browsers. `names` are those by which one may have found it, so that no other page can be served under a
     name of its own that leads here; empty: any. `stop` is called for a stop, whoever sends it in."""
 
@@ -27,7 +31,7 @@ class Door:
         self,
         page: bytes,
         behind: tuple[str, int],
-        gate: Gate,
+        gate: TokenGate,
         stop: Callable[[], None],
         names: tuple[str, ...] = (),
     ) -> None:
@@ -54,14 +58,14 @@ class Door:
             with suppress(OSError):
                 await writer.wait_closed()
 
-    def _answered(self, request: Request, address: str) -> bytes | None:
+    def _answered(self, request: HttpRequest, address: str) -> bytes | None:
         """What to say; None: let it through."""
         if self._names and request.name not in self._names:
             return answer(421, b"the panel is not served under this name\n")
         if request.from_elsewhere:
             return answer(403, b"another page may not drive the hand\n")
         verdict = self._gate.answer(address, request.token)
-        if verdict is not Answer.WELCOME:
+        if verdict is not Access.WELCOME:
             return answer(verdict.value, (_WORDS[verdict] + "\n").encode())
         match request.method, request.path:
             case "POST", "/stop":
@@ -78,7 +82,7 @@ class Door:
                 return answer(200, self._page, "text/html; charset=utf-8")
         return answer(404, b"there is nothing here\n")
 
-    async def _through(self, request: Request, reader: StreamReader, writer: StreamWriter) -> None:
+    async def _through(self, request: HttpRequest, reader: StreamReader, writer: StreamWriter) -> None:
         inner_reader, inner_writer = await asyncio.open_connection(*self._behind)
         inner_writer.write(request.without_cookie())
         ways = [asyncio.create_task(_pass_on(reader, inner_writer)),
@@ -96,3 +100,79 @@ async def _pass_on(reader: StreamReader, writer: StreamWriter) -> None:
         while chunk := await reader.read(_CHUNK):
             writer.write(chunk)
             await writer.drain()
+
+
+class HttpRequest(NamedTuple):
+    """The head of an HTTP request."""
+
+    method: str
+    path: str
+    query: Mapping[str, str]
+    headers: Mapping[str, str]
+    """Names in small letters."""
+    head: bytes
+    """As it came, with the empty line."""
+
+    @property
+    def token(self) -> str:
+        """That it brings, in its address or its cookie; empty: none."""
+        if "token" in self.query:
+            return self.query["token"]
+        try:
+            cookie = SimpleCookie(self.headers.get("cookie", ""))
+        except CookieError:
+            return ""
+        return cookie[COOKIE].value if COOKIE in cookie else ""
+
+    @property
+    def upgrades(self) -> bool:
+        return self.headers.get("upgrade", "").lower() == "websocket"
+
+    @property
+    def name(self) -> str:
+        """Of the computer, as the browser was told it."""
+        return urlsplit(f"//{self.headers.get('host', '')}").hostname or ""
+
+    @property
+    def from_elsewhere(self) -> bool:
+        """Whether a page of another origin sent it: a browser says so, and no page can keep it from that."""
+        origin = self.headers.get("origin")
+        return origin is not None and urlsplit(origin).netloc != self.headers.get("host")
+
+    def without_cookie(self) -> bytes:
+        """The head for whoever is behind the door, who needs no token."""
+        lines = self.head.split(b"\r\n")
+        return b"\r\n".join(line for line in lines if not line.lower().startswith(b"cookie:"))
+
+
+def parsed(head: bytes) -> HttpRequest | None:
+    """None for what is no request."""
+    first, *lines = head.decode("latin-1").split("\r\n")
+    words = first.split(" ")
+    if len(words) != 3 or not words[2].startswith("HTTP/1."):
+        return None
+    try:
+        target = urlsplit(words[1])
+        headers = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        query = {key: values[0] for key, values in parse_qs(target.query).items()}
+        request = HttpRequest(words[0], target.path, query, headers, head)
+        _ = request.name, request.from_elsewhere
+    except ValueError:
+        return None
+    return request
+
+
+def answer(status: int, body: bytes = b"", kind: str = "text/plain; charset=utf-8", *more: str) -> bytes:
+    """A whole answer; `more` are further lines of its head."""
+    head = [
+        f"HTTP/1.1 {status} {HTTPStatus(status).phrase}",
+        f"Content-Type: {kind}",
+        f"Content-Length: {len(body)}",
+        "Connection: close",
+        "Cache-Control: no-store",
+        "X-Content-Type-Options: nosniff",
+        "X-Frame-Options: DENY",
+        "Referrer-Policy: no-referrer",
+        *more,
+    ]
+    return "\r\n".join([*head, "", ""]).encode() + body

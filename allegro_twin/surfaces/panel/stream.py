@@ -1,4 +1,4 @@
-"""What goes to the page: moments of the hand, which may be lost, and news, which may not."""
+"""Messages to the page: frames of the session, which may be lost, and messages that may not."""
 
 from __future__ import annotations
 
@@ -8,23 +8,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.panel.cell import CellFrame
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.scenery import Scenery
 
+RATE = 30.0
+"""Frames a second of the session's clock."""
 _LARGEST = 1 << 16  # Bytes of a frame; one has some 3,000.
+_NONE: Vector = np.empty(0)
 
 
-class Frame(NamedTuple):
-    """One moment."""
+class StreamFrame(NamedTuple):
+    """One moment of a session."""
 
-    hand: int
-    """Which opening of the hand it is of; they count up."""
+    session: int
+    """Which opening of it; they count up."""
     t: float
-    """s, on the hand's clock."""
+    """s, on the session's clock."""
     position: Vector
-    """(n,), rad."""
+    """Of the hand, (n,), rad."""
     torque: Vector
     """(n,), N·m."""
     temperature: Vector
@@ -32,34 +36,36 @@ class Frame(NamedTuple):
     target: Vector
     """(n,), rad; NaN where the controller wants no position."""
     look: Mapping[str, Array]
-    """What is known beside the hand: `look.viewer.Look`, and `others`, (k, 7), for every object but the first."""
+    """What is known beside the hand: `rerun.viewer.Look`, and `others`, (k, 7), for every object but the first. With an
+    arm: `flange` and `goal`, where the palm is to go, (7,)."""
     kind: str
     """The controller."""
     stopped: bool
-    """Limp until somebody releases the stop."""
+    """No request is carried out until somebody releases the stop."""
     lost: int
     """Periods of the hand without a state, so far."""
     link: tuple[str, ...]
-    """What the link went through, in words."""
+    """Warnings of the link."""
     recorded: float
     """s; negative: not recording."""
     teaching: bool
+    arm: Vector = _NONE
+    """Joint positions of the arm, rad; empty: the hand is alone."""
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
-    """A hand was opened."""
+class SessionInfo:
+    """What the page is told when a session is opened."""
 
-    hand: int
+    session: int
     title: str
     spec: HandSpec
     scenery: Scenery
-    period: float
-    """s."""
-    kinds: tuple[str, ...]
-    gains: tuple[str, ...]
-    used: str
-    """Those in use."""
+    kinds: tuple[str, ...] = ()
+    """Controllers."""
+    gains: tuple[str, ...] = ()
+    used: str = ""
+    """The gains in use."""
     scenarios: tuple[str, ...] = ()
     """Empty: the scene of this hand cannot be changed from here."""
     things: tuple[str, ...] = ()
@@ -67,11 +73,13 @@ class Opened:
     thing: str | None = None
     no_tips: str = ""
     """Why fingertips cannot be dragged; empty: they can."""
+    arm: HandSpec | None = None
+    """The arm of a cell; None: the hand is alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shelf:
-    """What the library has for this hand."""
+class LibraryContents:
+    """Entries of the library for this hand."""
 
     postures: Mapping[str, Vector] = field(default_factory=dict)
     """(n,), rad."""
@@ -81,41 +89,41 @@ class Shelf:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that a person should read."""
+    """A sentence for a person."""
 
     text: str
     bad: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
-    """The hand is gone: why. It can be opened again."""
+class SessionEnded:
+    """The session has ended; it can be opened again."""
 
     why: str
 
 
-News = Opened | Shelf | Notice | Ended
+PageMessage = SessionInfo | LibraryContents | Notice | SessionEnded
 
 
-class Sender:
-    """Sends frames and never waits: who does not read in time misses some."""
+class FrameSender:
+    """Sends frames and never waits: a page that does not read in time misses some."""
 
     def __init__(self, pipe: socket.socket) -> None:
         pipe.setblocking(False)
         self._pipe = pipe
 
-    def __call__(self, frame: Frame | CellFrame) -> None:
+    def __call__(self, frame: StreamFrame) -> None:
         try:
             self._pipe.send(pickle.dumps(frame, pickle.HIGHEST_PROTOCOL))
         except OSError:
-            pass  # The page is slow or gone; that is for whoever looks after it, not for the loop.
+            pass  # The page is slow or gone; the host looks after it, not the loop.
 
 
-def received(pipe: socket.socket) -> Frame | CellFrame | None:
+def receive_frame(pipe: socket.socket) -> StreamFrame | None:
     """The next frame, from this program's own other process; None when it has ended."""
     content = pipe.recv(_LARGEST)
     if not content:
         return None
     frame = pickle.loads(content)
-    assert isinstance(frame, Frame | CellFrame)
+    assert isinstance(frame, StreamFrame)
     return frame

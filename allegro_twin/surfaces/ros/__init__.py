@@ -1,20 +1,27 @@
-"""A hand on ROS 2, without ROS installed, or on ROS 1: a client of `Hand` that never turns its loop."""
+"""Sessions on ROS: a hand on ROS 2, without ROS installed, or on ROS 1, and a cell on ROS 2.
+
+A bridge is an observer of its session, whose loop it never turns.
+"""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from allegro_twin.recording.messages.vocabulary import named, vocabulary
+from allegro_twin.recording.messages.message_types import ros_types, ros_types_by_name
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.ros.bridge import Bridge
-from allegro_twin.surfaces.ros.topics import NAMESPACE, NODE
+from allegro_twin.surfaces.ros.bridge import NODE, RosBridge
+from allegro_twin.surfaces.ros.hand_topics import NAMESPACE, HandTopics
 
-Told = Callable[[str], None]
+if TYPE_CHECKING:
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.remote.remote_control import RemoteControl
 
 
-def _nobody(line: str) -> None:
-    """Hears nothing."""
+def _ignore(reason: str) -> None:
+    """Nobody is interested in refusals."""
 
 
 @contextmanager
@@ -27,16 +34,19 @@ def open_bridge(
     rate: float = 100.0,
     speed: float = 2.0,
     network: bool = False,
-    told: Told = _nobody,
-) -> Iterator[Bridge]:
-    """Put a hand on ROS 2; `serve` then passes on what comes. `rate`: Hz, published; `speed`: rad/s, of what is asked
-    for without a time; `network`: beyond this machine; `told` hears what was refused. Raises ConfigError, LinkError."""
+    on_refusal: Callable[[str], None] = _ignore,
+) -> Iterator[RosBridge]:
+    """Put a hand on ROS 2; `serve` then publishes and obeys.
+
+    `rate`: Hz, of what is published; `speed`: rad/s, of motions without a time; `network`: beyond this machine;
+    `on_refusal` gets the reason of every refused command. Raises ConfigError, LinkError.
+    """
     from allegro_twin.surfaces.ros.node import Node
 
-    words = named(distro)
+    words = ros_types_by_name(distro)
     node = Node(words, NODE, namespace, domain, network=network)
     try:
-        bridge = Bridge(hand, node, words, rate=rate, speed=speed, told=told)
+        bridge = RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
         node.announce()
         yield bridge
     finally:
@@ -50,14 +60,45 @@ def open_ros1(
     namespace: str = NAMESPACE,
     rate: float = 100.0,
     speed: float = 2.0,
-    told: Told = _nobody,
-) -> Iterator[Bridge]:
+    on_refusal: Callable[[str], None] = _ignore,
+) -> Iterator[RosBridge]:
     """The same on ROS 1, by rospy, at the master of ROS_MASTER_URI."""
     from allegro_twin.surfaces.ros.ros1 import Ros1Node
 
-    words = vocabulary()
+    words = ros_types()
     node = Ros1Node(words, NODE, namespace)
     try:
-        yield Bridge(hand, node, words, rate=rate, speed=speed, told=told)
+        yield RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
+    finally:
+        node.close()
+
+
+@contextmanager
+def open_cell(
+    cell: Cell,
+    remote: RemoteControl | None = None,
+    *,
+    namespace: str = "/",
+    domain: int = 0,
+    distro: str = "jazzy",
+    rate: float = 100.0,
+) -> Iterator[RosBridge]:
+    """Put a cell on ROS 2, on this machine alone, as an observer of its events. `remote` carries out commands; None:
+    the state machine leads the cell, and commands are refused. Raises ConfigError, LinkError."""
+    from allegro_twin.surfaces.ros.cell_topics import CellTopics
+    from allegro_twin.surfaces.ros.node import Node
+
+    words, over = ros_types_by_name(distro), threading.Event()
+    node = Node(words, NODE, namespace, domain)
+    try:
+        bridge = RosBridge(CellTopics(cell, words, remote, rate=rate), node, _ignore)
+        node.announce()
+        thread = threading.Thread(target=bridge.serve, args=(over.is_set,), name="allegro_twin ros cell", daemon=True)
+        thread.start()
+        try:
+            yield bridge
+        finally:
+            over.set()
+            thread.join(timeout=2.0)
     finally:
         node.close()

@@ -1,24 +1,79 @@
-"""A ROS 2 node as other nodes see it on the wire: topics, qualities of service, and the lists they are found by."""
+"""A ROS 2 node as other nodes see it on the wire: topics, their types, qualities of service, and discovery."""
 
 from __future__ import annotations
 
 import os
+from functools import cache
 from typing import Any
 from uuid import UUID
 
 import numpy as np
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.types import array, float32, float64, int8, int16, int32, int64, sequence, uint8, uint16, uint32
+from cyclonedds.idl.types import uint64 as uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
+from rosbags.interfaces import Nodetype
 
 from allegro_twin.errors import ConfigError, LinkError
-from allegro_twin.recording.messages.vocabulary import NODES, Message, Vocabulary
-from allegro_twin.surfaces.ros.idl import wire
-from allegro_twin.surfaces.ros.node_api import NAME, PLAIN, Quality, Received, checked, full
+from allegro_twin.recording.messages.message_types import NODES, Message, RosTypes
+from allegro_twin.surfaces.ros.node_api import NAME, PLAIN, QosProfile, Received, checked, full
+
+_BASE = {
+    "bool": bool, "byte": uint8, "char": uint8, "octet": uint8, "string": str, "float32": float32, "float64": float64,
+    "int8": int8, "int16": int16, "int32": int32, "int64": int64,
+    "uint8": uint8, "uint16": uint16, "uint32": uint32, "uint64": uint64,
+}  # fmt: skip
+
+
+def dds_name(kind: str) -> str:
+    """`std_msgs/msg/String` as DDS has it: `std_msgs::msg::dds_::String_`."""
+    package, folder, name = kind.split("/")
+    return f"{package}::{folder}::dds_::{name}_"
+
+
+@cache
+def struct(words: RosTypes, kind: str) -> type[IdlStruct]:
+    """The type with its fields, which Cyclone DDS can read and write by itself."""
+    fields = {name: _field(words, shape) for name, shape in words.fields(kind)}
+    made: type[IdlStruct] = make_idl_struct(kind.split("/")[-1], dds_name(kind).replace("::", "."), fields)
+    return made
+
+
+@cache
+def wire(words: RosTypes, kind: str) -> type[Any]:
+    """The same type, whose samples are CDR bytes that nobody takes apart."""
+    inner = struct(words, kind)
+
+    class Wire(inner):  # type: ignore[misc, valid-type]  # The base is made at run time.
+        def __init__(self, data: bytes) -> None:
+            self.data = data
+
+        def serialize(self, *_: Any, **__: Any) -> bytes:
+            return self.data
+
+        @classmethod
+        def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Any:
+            return cls(bytes(data))
+
+    Wire.__idl__ = inner.__idl__
+    return Wire
+
+
+def _field(words: RosTypes, shape: tuple[Any, Any]) -> Any:
+    node, args = shape
+    if node == Nodetype.BASE:
+        return _BASE[args[0]]
+    if node == Nodetype.NAME:
+        return struct(words, args)
+    inner, length = _field(words, args[0]), args[1]
+    return array[inner, length] if node == Nodetype.ARRAY else sequence[inner]
+
 
 HIGHEST = 232
 """Of domain ids: the ports of a higher one are not there, DDSI-RTPS 9.6.1."""
@@ -31,7 +86,7 @@ _domains: dict[int, Domain] = {}
 """A process configures a domain once."""
 
 
-def qos_of(quality: Quality, *more: Any) -> Qos:
+def qos_of(quality: QosProfile, *more: Any) -> Qos:
     """A quality of service as Cyclone DDS has it; everything is reliable."""
     durability = Policy.Durability.TransientLocal if quality.latched else Policy.Durability.Volatile
     return Qos(
@@ -47,7 +102,7 @@ class Node:
     """One participant with one node. Nothing waits here but `wait`. Raises ConfigError for a name or a domain that ROS
     does not allow, LinkError where the network does not let it."""
 
-    def __init__(self, words: Vocabulary, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
+    def __init__(self, words: RosTypes, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
         self.words, self.name, self.namespace = words, name, checked(namespace)
         if not 0 <= domain <= HIGHEST:
             raise ConfigError(f"ROS_DOMAIN_ID must be 0 to {HIGHEST}, not {domain}")
@@ -62,13 +117,13 @@ class Node:
         self._writers: dict[str, Any] = {}
         self._readers: dict[str, Any] = {}
         self._waiting = WaitSet(self._participant)
-        self._nodes = self._writer("ros_discovery_info", NODES, Quality(1, latched=True), hashed=False)
+        self._nodes = self._writer("ros_discovery_info", NODES, QosProfile(1, latched=True), hashed=False)
 
-    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def advertise(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to publish a topic."""
         self._writers[topic] = self._writer(self._dds(topic), kind, quality)
 
-    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to hear a topic."""
         place = Topic(self._participant, self._dds(topic), wire(self.words, kind))
         reader = DataReader(self._participant, place, qos_of(quality, self._hash(kind)))
@@ -119,7 +174,7 @@ class Node:
         self.__dict__.pop("_nodes", None)
         self.__dict__.pop("_participant", None)
 
-    def _writer(self, name: str, kind: str, quality: Quality, *, hashed: bool = True) -> Any:
+    def _writer(self, name: str, kind: str, quality: QosProfile, *, hashed: bool = True) -> Any:
         place = Topic(self._participant, name, wire(self.words, kind))
         return DataWriter(self._participant, place, qos_of(quality, *([self._hash(kind)] if hashed else [])))
 

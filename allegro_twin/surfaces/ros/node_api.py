@@ -1,4 +1,4 @@
-"""What a bridge asks of a node, of ROS 2 or ROS 1, and what both have in common."""
+"""What a bridge needs of a ROS node, of ROS 2 or ROS 1, and what both have in common."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 from uuid import UUID
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.recording.messages.vocabulary import Message
+from allegro_twin.recording.messages.message_types import Message
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -21,7 +21,7 @@ class Received(NamedTuple):
     """The program that sent it."""
 
 
-class Quality(NamedTuple):
+class QosProfile(NamedTuple):
     """Quality of service, in ROS 2's words; always reliable, which is its default."""
 
     depth: int = 10
@@ -29,15 +29,25 @@ class Quality(NamedTuple):
     """Transient local: who comes later gets the last one too."""
 
 
-PLAIN = Quality()
-"""What ROS 2 has where nothing is said."""
+PLAIN = QosProfile()
+"""ROS 2's default."""
 
 
-class Wire(Protocol):
+class RosTopic(NamedTuple):
+    """One topic; a name without a slash in front is in the session's namespace."""
+
+    name: str
+    kind: str
+    quality: QosProfile
+    what: str
+    """For the table in docs/ros.md."""
+
+
+class RosNode(Protocol):
     """A node, as far as a bridge knows it."""
 
-    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None: ...
-    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None: ...
+    def advertise(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None: ...
+    def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None: ...
     def publish(self, topic: str, message: Message) -> None: ...
     def wait(self, seconds: float) -> list[Received]: ...
 

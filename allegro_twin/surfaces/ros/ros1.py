@@ -8,17 +8,17 @@ from functools import cache
 from typing import Any
 
 from allegro_twin.errors import ConfigError, LinkError
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.surfaces.ros.node_api import PLAIN, Quality, Received, checked, full
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.surfaces.ros.node_api import PLAIN, QosProfile, Received, checked, full
 
-HINT = "apt-get install python3-rospy, in an environment made with --system-site-packages; docs/ros.md"
+HINT = "apt-get install python3-rospy, in an environment made with --system-site-packages; docs/how-to/use_ros.md"
 TF = "tf2_msgs/msg/TFMessage"
 
 
 class Ros1Node:
     """One node at a master. Raises ConfigError without rospy, LinkError without a master."""
 
-    def __init__(self, words: v.Vocabulary, name: str, namespace: str) -> None:
+    def __init__(self, words: v.RosTypes, name: str, namespace: str) -> None:
         self.words, self.name, self.namespace = words, name, checked(namespace)
         self._ros, graph = _rospy()
         if not graph.is_master_online():
@@ -29,7 +29,7 @@ class Ros1Node:
         self._subscribers: list[Any] = []
         self._heard: queue.Queue[Received] = queue.Queue(maxsize=1000)
 
-    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def advertise(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to publish a topic."""
         if kind == v.LOG:
             return  # ROS 1 has another type for it, and rospy says what is logged.
@@ -37,7 +37,7 @@ class Ros1Node:
             full(topic, self.namespace), self._raw(kind), latch=quality.latched, queue_size=quality.depth
         )
 
-    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to hear a topic."""
 
         def hear(message: Any) -> None:

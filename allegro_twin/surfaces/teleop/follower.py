@@ -9,9 +9,8 @@ import numpy as np
 
 from allegro_twin.errors import SelfCollision
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.external_setpoints import Outside
-from allegro_twin.surfaces.teleop.landmarks import TIPS, in_palm, seen
-from allegro_twin.surfaces.teleop.targets import Targets
+from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
+from allegro_twin.surfaces.teleop.targets import TIPS, FingertipTargets, in_palm, is_hand
 from allegro_twin.types import Array, Vector
 
 _FASTEST, _NOISE = 2.0, 0.02
@@ -25,7 +24,7 @@ Told = Callable[[str], None]
 
 
 @dataclass(slots=True)
-class Tally:
+class FrameCounts:
     """Frames."""
 
     followed: int = 0
@@ -37,20 +36,27 @@ class Tally:
     """Left out, for a newer one was there already."""
 
 
-class Follower:
+class HandFollower:
     """One hand, led by frames. It holds as soon as `patience`, s, have passed without one that it believes."""
 
     def __init__(
-        self, hand: Hand, targets: Targets, retarget: Retarget, told: Told, *, speed: float = 2.0, patience: float = 0.3
+        self,
+        hand: Hand,
+        targets: FingertipTargets,
+        retarget: Retarget,
+        told: Told,
+        *,
+        speed: float = 2.0,
+        patience: float = 0.3,
     ) -> None:
         """`speed`: rad/s, of joints at most; `told` hears when a hand is lost and seen again. Raises ConfigError."""
         self._hand, self._targets, self._retarget, self._told = hand, targets, retarget, told
-        self._outside, self._patience = Outside(hand, speed), patience
+        self._outside, self._patience = ExternalSetpoints(hand, speed), patience
         self._outside.nominal()
         self._before: tuple[float, Array] | None = None
         self._believed, self._why = hand.state.t, "none was there yet"
         self._holding, self._goal = True, self._inside(hand.state.position)
-        self.tally = Tally()
+        self.tally = FrameCounts()
 
     def see(self, t: float, landmarks: Array) -> None:
         """A frame at a time of the hand, s: landmarks (21, 3), m, NaN where none was seen."""
@@ -72,7 +78,7 @@ class Follower:
 
     def _believable(self, t: float, landmarks: Array) -> bool:
         self._why = "no frame came"
-        if not seen(landmarks):
+        if not is_hand(landmarks):
             self._before, self._why = None, "no whole hand in the frames"
             self.tally.unseen += 1
             return False

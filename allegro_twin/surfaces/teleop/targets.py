@@ -1,4 +1,4 @@
-"""What a tracked hand asks of a robot's: where its fingertips should be, from the palm and from the thumb."""
+"""Targets of a robot's fingertips, from the 21 landmarks of a tracked hand."""
 
 from __future__ import annotations
 
@@ -10,14 +10,60 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.surfaces.teleop.landmarks import TIPS, finger_length, in_palm
 from allegro_twin.types import Array, Vector
+
+COUNT = 21
+"""MediaPipe's hand landmarks: the wrist, then four each of thumb, index, middle, ring and little finger, tips last."""
+WRIST, MIDDLE = 0, 9
+TIPS = {"thumb": 4, "index": 8, "middle": 12, "ring": 16, "little": 20}
+_KNUCKLES = {"index": 5, "ring": 13}
+_MIDDLE_FINGER = (9, 10, 11, 12)
+_FLAT = 1e-3  # m. Knuckles that are no further apart across the palm say nothing about which way it looks.
+PALM = (0.04, 0.16)
+"""m. From the wrist to the middle finger's knuckle: a toddler's, and the largest hands there are, with room."""
+
+
+def is_hand(landmarks: Array) -> bool:
+    """Whether (21, 3), m, is a hand: all there, of a hand's size, and not folded into a line."""
+    if not np.isfinite(landmarks).all():
+        return False
+    return PALM[0] <= palm_length(landmarks) <= PALM[1] and float(np.linalg.norm(_across(landmarks))) > _FLAT
+
+
+def palm_length(landmarks: Array) -> float:
+    """From the wrist to the middle finger's knuckle, m."""
+    return float(np.linalg.norm(landmarks[MIDDLE] - landmarks[WRIST]))
+
+
+def finger_length(landmarks: Array) -> float:
+    """Of the middle finger from its knuckle along its bones, m: the same however it is bent."""
+    return float(np.linalg.norm(np.diff(landmarks[list(_MIDDLE_FINGER)], axis=0), axis=1).sum())
+
+
+def in_palm(landmarks: Array, side: Side) -> Array:
+    """The points (21, 3), m, as seen from the palm: from the middle finger's knuckle, x out of the palm, z to the
+    fingers, y toward the index finger of a right hand and away from it on a left one."""
+    up = landmarks[MIDDLE] - landmarks[WRIST]
+    z = up / np.linalg.norm(up)
+    across = _across(landmarks) * (1.0 if side == "right" else -1.0)
+    y = across / np.linalg.norm(across)
+    seen_from: Array = (landmarks - landmarks[MIDDLE]) @ np.column_stack([np.cross(y, z), y, z])
+    return seen_from
+
+
+def _across(landmarks: Array) -> Array:
+    """From the ring finger's knuckle to the index finger's, (3,), m, without what is along the palm."""
+    up = landmarks[MIDDLE] - landmarks[WRIST]
+    width = landmarks[_KNUCKLES["index"]] - landmarks[_KNUCKLES["ring"]]
+    across: Array = width - up * (width @ up) / max(float(up @ up), 1e-12)
+    return across
+
 
 _RECENT = 60  # Frames whose median says how long the person's finger is: two seconds of a camera.
 THUMB, LONGEST = "thumb", "middle"
 
 
-class Vectors(NamedTuple):
+class TargetVectors(NamedTuple):
     """Which fingertip each target is of, and from where."""
 
     origins: tuple[str | None, ...]
@@ -25,7 +71,7 @@ class Vectors(NamedTuple):
     tips: tuple[str, ...]
 
 
-def vectors(spec: HandSpec) -> Vectors:
+def target_vectors(spec: HandSpec) -> TargetVectors:
     """From the palm to every tip, and from the thumb to the others, for a pinch is what lies between two tips. Raises
     ConfigError for a hand with other fingers than a person's, or without a thumb or a middle finger."""
     names = tuple(finger.name for finger in spec.fingers)
@@ -35,15 +81,15 @@ def vectors(spec: HandSpec) -> Vectors:
         what = f"has a finger {strange[0]!r}, which no person has" if strange else f"has no {missing[0]}"
         raise ConfigError(f"{spec.name} {what}: teleop cannot lead it")
     others = tuple(name for name in names if name != THUMB)
-    return Vectors((None,) * len(names) + (THUMB,) * len(others), names + others)
+    return TargetVectors((None,) * len(names) + (THUMB,) * len(others), names + others)
 
 
-class Targets:
+class FingertipTargets:
     """Turns frames of a person's hand into targets for one robot hand, its size found from the frames themselves."""
 
     def __init__(self, spec: HandSpec, side: Side) -> None:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
-        self.vectors, self.side = vectors(spec), side
+        self.vectors, self.side = target_vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
         longest = ClosedFormFinger(spec, LONGEST)
         self._base: Vector = longest.base
@@ -56,7 +102,7 @@ class Targets:
         return self._length / float(np.median(self._lengths))
 
     def __call__(self, landmarks: Array) -> Array:
-        """Landmarks (21, 3), m → targets (k, 3), m, palm frame, in the order of `vectors`."""
+        """Landmarks (21, 3), m → targets (k, 3), m, palm frame, in the order of `target_vectors`."""
         self._lengths.append(finger_length(landmarks))
         points = self.scale * in_palm(landmarks, self.side) * self._mirror
         ends = [self._base + points[TIPS[tip]] for tip in self.vectors.tips]

@@ -15,7 +15,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import SIDES, Side
-from allegro_twin.surfaces.teleop.landmarks import COUNT, PALM, palm_length
+from allegro_twin.surfaces.teleop.targets import COUNT, PALM, palm_length
 from allegro_twin.types import Array, Vector
 
 HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]
@@ -23,7 +23,7 @@ HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class HandTrack:
     """What a tracker saw."""
 
     times: Vector
@@ -34,9 +34,9 @@ class Track:
     """Which of the person's hands, where the file says so."""
 
 
-def read_track(path: Path) -> Track:
+def read_track(path: Path) -> HandTrack:
     """The frames of a `.npz`, `.csv` or `.json`. Raises ConfigError, one line, for the first thing that is wrong."""
-    readers: dict[str, Callable[[bytes, Path], Track]] = {".npz": _npz, ".csv": _csv, ".json": _json}
+    readers: dict[str, Callable[[bytes, Path], HandTrack]] = {".npz": _npz, ".csv": _csv, ".json": _json}
     if path.suffix not in readers:
         raise ConfigError(f"{path}: hand tracking is a file in {', '.join(readers)}, or `webcam`")
     if path.exists() and not path.is_file():
@@ -48,7 +48,7 @@ def read_track(path: Path) -> Track:
     return _checked(readers[path.suffix](content, path), path)
 
 
-def _npz(content: bytes, path: Path) -> Track:
+def _npz(content: bytes, path: Path) -> HandTrack:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
@@ -63,10 +63,10 @@ def _npz(content: bytes, path: Path) -> Track:
     if times.ndim != 1 or points.shape != (len(times), COUNT, 3):
         raise ConfigError(f"{path}: landmarks has shape {points.shape}; {len(times)} frames need "
                           f"({len(times)}, {COUNT}, 3)")  # fmt: skip
-    return Track(times, points, _side(str(found["side"]) if "side" in found else None, path))
+    return HandTrack(times, points, _side(str(found["side"]) if "side" in found else None, path))
 
 
-def _csv(content: bytes, path: Path) -> Track:
+def _csv(content: bytes, path: Path) -> HandTrack:
     rows = list(csv.reader(content.decode(errors="replace").splitlines()))
     if not rows or [name.strip() for name in rows[0]] != HEADER:
         raise ConfigError(f"{path}: its first line must be {','.join(HEADER[:5])},…,{HEADER[-1]}: {len(HEADER)} names")
@@ -79,10 +79,10 @@ def _csv(content: bytes, path: Path) -> Track:
         except ValueError as error:
             raise ConfigError(f"{path}:{line}: {error}") from error
     table = np.array(numbers).reshape(-1, len(HEADER))
-    return Track(table[:, 0], table[:, 1:].reshape(-1, COUNT, 3))
+    return HandTrack(table[:, 0], table[:, 1:].reshape(-1, COUNT, 3))
 
 
-def _json(content: bytes, path: Path) -> Track:
+def _json(content: bytes, path: Path) -> HandTrack:
     try:
         document: Any = json.loads(content)
     except ValueError as error:
@@ -92,7 +92,7 @@ def _json(content: bytes, path: Path) -> Track:
         raise ConfigError(f"{path}: must hold a mapping with a list of `frames`")
     pairs = [_frame(frame, f"{path}: frame {number}") for number, frame in enumerate(frames)]
     side = document.get("side")
-    return Track(
+    return HandTrack(
         np.array([t for t, _ in pairs]),
         np.array([points for _, points in pairs]).reshape(-1, COUNT, 3),
         _side(None if side is None else str(side), path),
@@ -120,7 +120,7 @@ def _side(text: str | None, path: Path) -> Side | None:
     return text
 
 
-def _checked(track: Track, path: Path) -> Track:
+def _checked(track: HandTrack, path: Path) -> HandTrack:
     times = track.times
     if not len(times):
         raise ConfigError(f"{path}: holds no frame")

@@ -1,7 +1,7 @@
-"""A recorded hand on a wire goes on otherwise from some instant: its model does, from what a mirror knows of it.
+"""Branch of a recorded hand on a wire: its model continues from the state that a mirror estimates.
 
-Of a hand nobody knows what it holds, and a model is not the hand. So what is known, estimated and assumed is said, and
-the same model goes on without any change, too: what it is off by from the recording is its own error.
+Nobody knows what the hand holds, and a model is not the hand. So the result says what is known, estimated and assumed.
+The same model also continues without any change: its distance from the recording is the model's own error.
 """
 
 from __future__ import annotations
@@ -15,36 +15,43 @@ from allegro_twin.app.rig import guarded
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
-from allegro_twin.twin.branch.assumptions import knowledge, meetings
-from allegro_twin.twin.branch.model_backend import model_at
-from allegro_twin.twin.branch.overrides import Changes, change_of
-from allegro_twin.twin.branch.recover_controller import Driver, changed_by, driver_of
-from allegro_twin.twin.branch.result import Branched, Through, Wanted, rows_before
+from allegro_twin.sim.model.joints import JointChange
+from allegro_twin.twin.branch.assumptions import list_assumptions, list_collisions
+from allegro_twin.twin.branch.model_backend import model_backend_at
+from allegro_twin.twin.branch.overrides import Changes, hand_change
+from allegro_twin.twin.branch.recover_controller import BranchController, change_controller, find_controller
+from allegro_twin.twin.branch.result import BranchOptions, BranchResult, SampleStages, first_samples
 from allegro_twin.twin.mirror.contact_detection import SETTLED
-from allegro_twin.twin.mirror.for_hand import mirrored, played, spec_in
+from allegro_twin.twin.mirror.factory import recorded_spec
+from allegro_twin.twin.mirror.on_recording import mirror_recording, recorded_samples
 from allegro_twin.types import Array, Sample
 
 
-def estimated(recording: Recording, at: float, changes: Changes, through: Through, wanted: Wanted) -> Branched:
-    """Raises ConfigError for a recording that tells too little to go on from."""
+def branch_from_estimate(
+    recording: Recording, at: float, changes: Changes, stages: SampleStages, options: BranchOptions
+) -> BranchResult:
+    """Continue a hand's recording with its model. Raises ConfigError for a recording that says too little."""
     _check(recording, at, changes)
-    spec, columns = spec_in(recording, wanted.hand), recording.columns
+    spec, columns = recorded_spec(recording, options.hand), recording.columns
     row = int(np.searchsorted(columns["t"], at - 1e-9))
-    change = change_of(changes, spec)
-    driver = driver_of(recording, spec, row, open_loop=wanted.open_loop)
-    other = changed_by(driver, recording, spec, row, changes)
-    seen = mirrored(recording.path, wanted.hand, None, wanted.gravity)
+    change = hand_change(changes, spec)
+    driver = find_controller(recording, spec, row, open_loop=options.open_loop)
+    other = change_controller(driver, recording, spec, row, changes)
+    mirrored = mirror_recording(recording.path, options.hand, None, options.gravity)
     before = columns["position"][:row]
-    alone = _Future(recording, row, driver, Change(), wanted)
+    alone = _Future(recording, row, driver, JointChange(), options)
     unchanged = np.concatenate([before, [sample.state.position for sample in alone.samples()]])
-    future, beside = _Future(recording, row, other, change, wanted), _Beside(columns["position"], unchanged)
-    samples = chain(rows_before(played(recording), row), future.samples())
-    branched = np.array([sample.state.position for sample in through(beside.counted(samples), beside)])
-    said = [*knowledge(recording, at, seen, driver, wanted), *alone.stopped("without a change "), *future.stopped()]
+    future, reference = _Future(recording, row, other, change, options), _References(columns["position"], unchanged)
+    samples = chain(first_samples(recorded_samples(recording), row), future.samples())
+    branched = np.array([sample.state.position for sample in stages(reference.counted(samples), reference)])
+    notes = [
+        *list_assumptions(recording, at, mirrored, driver, options),
+        *alone.stopped("without a change "),
+        *future.stopped(),
+    ]
     rest = slice(row, len(branched))
-    said += meetings(spec, columns["t"][rest], columns["position"][rest], branched[rest])
-    return Branched(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(said))
+    notes += list_collisions(spec, columns["t"][rest], columns["position"][rest], branched[rest])
+    return BranchResult(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(notes))
 
 
 def _check(recording: Recording, at: float, changes: Changes) -> None:
@@ -67,15 +74,17 @@ def _check(recording: Recording, at: float, changes: Changes) -> None:
 class _Future:
     """The rows of a recording from one on, as a model has them."""
 
-    def __init__(self, recording: Recording, row: int, driver: Driver, change: Change, wanted: Wanted) -> None:
-        self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, wanted
+    def __init__(
+        self, recording: Recording, row: int, driver: BranchController, change: JointChange, options: BranchOptions
+    ) -> None:
+        self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, options
         self._fault = ""
 
     def samples(self) -> Iterator[Sample]:
-        """Until the recording ends, or the guard would have stopped the hand."""
+        """Yield samples until the recording ends, or the guard would stop the hand."""
         driver = self._driver
         closed = driver.config is not None
-        hand: HandBackend = model_at(self._recording, self._row, self._change, self._wanted, closed=closed)
+        hand: HandBackend = model_backend_at(self._recording, self._row, self._change, self._wanted, closed=closed)
         if driver.config is not None:
             hand = guarded(driver.config, hand.spec, hand)
         ticks = self._recording.columns["tick"].astype(int).tolist()
@@ -94,13 +103,13 @@ class _Future:
             self._fault = f"after {state.t:.3f} s: {fault}"
 
     def stopped(self, how: str = "") -> Iterator[str]:
-        """Why it ended before the recording did."""
+        """Why the samples ended before the recording did."""
         if self._fault:
             yield f"The guard would {how}have left it limp {self._fault}"
 
 
-class _Beside:
-    """Where the recording's joints were, and where those of the unchanged branch are."""
+class _References:
+    """Joint positions of the recording, and of the unchanged branch, beside each sample."""
 
     def __init__(self, recorded: Array, unchanged: Array) -> None:
         self._recorded, self._unchanged, self._row = recorded, unchanged, -1

@@ -1,4 +1,4 @@
-"""What is to be otherwise, from text."""
+"""Changes of a branch, and the recorded config that they apply to."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pydantic.fields import FieldInfo
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import parse_yaml
-from allegro_twin.files.schema import models_in, parse
+from allegro_twin.files.schema import models_in, parse_settings
 from allegro_twin.plugins import Registry
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.spec import HandSpec
 
 Changes: TypeAlias = Mapping[str, Any]
-"""By key: of PHYSICS, or `controller.…` as in a config."""
+"""Values by key: of PHYSICS, or `controller.…` as in a config."""
 PHYSICS = ("friction", "damping", "frictionloss", "strength")
 _CONTROLLER = "controller."
 
 
-def changes_of(texts: list[str]) -> dict[str, Any]:
-    """`friction=0.5` and the like. Raises ConfigError."""
+def parse_changes(texts: list[str]) -> dict[str, Any]:
+    """Parse `friction=0.5` and the like. Raises ConfigError."""
     found = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -40,35 +40,37 @@ def changes_of(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def change_of(changes: Changes, spec: HandSpec) -> Change:
-    """Of the hand itself. Raises ConfigError for what nobody can change in such a hand."""
+def hand_change(changes: Changes, spec: HandSpec) -> JointChange:
+    """The change of the hand itself. Raises ConfigError for a key that such a hand does not have."""
     if "strength" in changes and "torque" not in spec.commands:
         raise ConfigError(f"--set strength: {spec.name} closes its own loop; damping and frictionloss can be set")
-    return Change(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
+    return JointChange(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
 
 
-def of_controller(changes: Changes) -> dict[str, Any]:
+def controller_changes(changes: Changes) -> dict[str, Any]:
     """The keys of the controller's block that change."""
     found = {key: value for key, value in changes.items() if key.startswith(_CONTROLLER)}
     return {key.removeprefix(_CONTROLLER): value for key, value in found.items()}
 
 
-def changed(config: RunConfig, changes: Changes) -> RunConfig:
-    """The config with its controller changed; the same one where that is not asked for."""
-    own = of_controller(changes)
+def apply_changes(config: RunConfig, changes: Changes) -> RunConfig:
+    """The config with its controller changed; the same config where no controller key changes."""
+    own = controller_changes(changes)
     return config.changed(controller=own) if own else config
 
 
-def config_of(recording: Recording) -> RunConfig:
-    """Raises ConfigError for one that this program does not understand, or a recording that holds none."""
+def recorded_config(recording: Recording) -> RunConfig:
+    """The config that a recording was made with. Raises ConfigError for one that this program does not understand, or a
+    recording without one."""
     content = recording.meta.get("config")
     if content is None:
         raise ConfigError(f"{recording.path} does not say with which config it was made")
-    return parse(RunConfig, _given(RunConfig, content), f"{recording.path}: config")
+    return parse_settings(RunConfig, _written_keys(RunConfig, content), f"{recording.path}: config")
 
 
-def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
-    """What somebody wrote: a recording holds all keys of a config, and one at its default is read by nobody here."""
+def _written_keys(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys that the user wrote: a recording holds all keys of a config, and those at their defaults are left
+    out."""
     found = {}
     for key, value in content.items():
         field = model.model_fields[key]
@@ -76,12 +78,12 @@ def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]
         if value is None or value == (list(default) if isinstance(default, tuple) else default):
             continue
         inner = _model_of(field, value) if isinstance(value, Mapping) else None
-        found[key] = value if inner is None else _given(inner, value)
+        found[key] = value if inner is None else _written_keys(inner, value)
     return found
 
 
 def _model_of(field: FieldInfo, value: Mapping[str, Any]) -> type[BaseModel] | None:
-    """The model of a block; None for a mapping without one."""
+    """The settings model of a block; None for a mapping without one."""
     registry = next((each for each in field.metadata if isinstance(each, Registry)), None)
     if registry is not None:
         found: type[BaseModel] = registry.kind(value["kind"]).settings

@@ -1,8 +1,8 @@
-"""A recorded simulation goes on otherwise from some instant, beside what it did.
+"""Branch of a recorded simulation: it runs again from its beginning, with a change at some instant.
 
-A simulation and its controller are deterministic. So the instant is reached by running the recording's own config
-again from its beginning, with velocities, contacts, objects and the controller's memory as they were, and not by
-guessing them from what was recorded; every row up to it is compared, bit for bit.
+A simulation and its controller are deterministic. Running the recording's own config again therefore reaches the
+instant with all velocities, contacts, objects and the controller's memory as they were. Every row up to it is compared,
+bit for bit.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.engine.backend import ENGINE, SimBackend
-from allegro_twin.twin.branch.overrides import Changes, change_of, changed, config_of
-from allegro_twin.twin.branch.recover_controller import successor
-from allegro_twin.twin.branch.result import Branched, Through
+from allegro_twin.twin.branch.overrides import Changes, apply_changes, hand_change, recorded_config
+from allegro_twin.twin.branch.recover_controller import hand_over
+from allegro_twin.twin.branch.result import BranchResult, SampleStages
 from allegro_twin.types import Array, Sample
 
 
-def repeated(recording: Recording, at: float, changes: Changes, through: Through) -> Branched:
-    """Raises ConfigError for a recording that cannot be repeated."""
+def resimulate(recording: Recording, at: float, changes: Changes, stages: SampleStages) -> BranchResult:
+    """Run a recorded simulation again. Raises ConfigError for a recording that cannot be repeated."""
     path, engine = recording.path, recording.meta["engine"]
     if engine != ENGINE:
         raise ConfigError(f"{path} was made with {engine}, and this is {ENGINE}: it would not be the same")
-    config = config_of(recording)
-    after = changed(config, changes)
+    config = recorded_config(recording)
+    after = apply_changes(config, changes)
     rig = assemble(config)
     if rig.sim is None:
         raise ConfigError(f"{path} is of a simulation that its config does not describe: it cannot be repeated")
@@ -40,20 +40,20 @@ def repeated(recording: Recording, at: float, changes: Changes, through: Through
         samples = _run(rig, rig.sim, at, changes, other)
         follower = _Follower(recording, at, rig)
         samples = follower.watched(rig.trial.watched(samples) if rig.trial is not None else samples)
-        found = [sample.state.position for sample in through(samples, follower.beside)]
+        positions = [sample.state.position for sample in stages(samples, follower.beside)]
         whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
         report = rig.trial.report() if whole and rig.trial is not None else None
-    return Branched(recording.columns["t"], recording.columns["position"], np.array(found), rig.spec, report)
+    return BranchResult(recording.columns["t"], recording.columns["position"], np.array(positions), rig.spec, report)
 
 
 class _Follower:
-    """Keeps up with the recording row by row, to its end."""
+    """Follows the recording row by row, to its end."""
 
     def __init__(self, recording: Recording, at: float, rig: Rig) -> None:
         self._recording, self._at, self._trial, self._row = recording, at, rig.trial, 0
 
     def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
-        """A stage. Raises ConfigError where the samples are not the recording's before `at`."""
+        """Compare samples before `at` with the recording (a stage). Raises ConfigError where they differ."""
         path, position = self._recording.path, self._recording.columns["position"]
         for row, sample in enumerate(samples):
             self._row = row
@@ -77,11 +77,11 @@ class _Follower:
 
 
 def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controller[Any] | None) -> Iterator[Sample]:
-    """The loop, with a change in the middle."""
+    """The control loop, with a change in the middle."""
     controller, backend = rig.controller, rig.backend
     state = backend.reset()
     memory, done = controller.start(state), False
-    change = change_of(changes, rig.spec)
+    change = hand_change(changes, rig.spec)
     while True:
         if not done and state.t >= at - 1e-9:
             done = True
@@ -89,7 +89,7 @@ def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controll
                 sim.model.geom_friction[:, 0] = changes["friction"]
             sim.become(change)
             if other is not None:
-                controller, memory = successor(controller, memory, other, state)
+                controller, memory = hand_over(controller, memory, other, state)
         command, memory = controller(state, memory)
         backend.write(command)
         yield Sample(state, command)

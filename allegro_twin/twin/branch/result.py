@@ -1,4 +1,4 @@
-"""Both futures of a recording, whichever hand it is of."""
+"""Options and result of a branch."""
 
 from __future__ import annotations
 
@@ -10,47 +10,48 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
-Beside: TypeAlias = Callable[[], dict[str, Array]]
-"""What is known beside a sample: where the recording's joints were (`target`), and what a trial sees."""
-Through: TypeAlias = Callable[[Iterator[Sample], Beside], Iterator[Sample]]
+ReferenceColumns: TypeAlias = Callable[[], dict[str, Array]]
+"""Columns beside a sample: the recording's joint positions (`target`), and what a trial reports."""
+SampleStages: TypeAlias = Callable[[Iterator[Sample], ReferenceColumns], Iterator[Sample]]
 
 
-class Wanted(NamedTuple):
-    """How a hand on a wire is to go on."""
+class BranchOptions(NamedTuple):
+    """How a hand on a wire continues."""
 
     hand: str = ""
-    """Its own file; default: the one it was recorded with."""
+    """The hand's file; default: the one it was recorded with."""
     disturbance: Literal["forget", "hold"] = "forget"
-    """What becomes of what pushes the joints at the instant."""
+    """What happens to the external torques of the instant."""
     open_loop: bool = False
-    """The recorded commands go on, whatever its controller would have done."""
+    """The recorded commands continue, whatever the controller would have done."""
     gravity: Vector | None = None
     """In the palm frame, (3,), m/s², where neither recording nor hand says it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Branched:
-    """Both futures."""
+class BranchResult:
+    """A recording and its branch."""
 
     t: Vector
     """s, (k,), of the whole recording."""
     recorded: Array
-    """Joint positions as they were, (k, n), rad."""
+    """Recorded joint positions, (k, n), rad."""
     branched: Array
-    """As they would have been; fewer rows where the guard would have stopped the hand."""
+    """Joint positions of the branch; fewer rows where the guard would have stopped the hand."""
     spec: HandSpec
-    report: Report | None = None
+    report: TrialReport | None = None
     """The verdict on the branch, where the recording is of a scenario."""
     unchanged: Array | None = None
-    """As the model of a hand on a wire has it without any change: off by its own error. None: there is none."""
-    said: tuple[str, ...] = ()
-    """What is known of the instant, what is estimated and what assumed."""
+    """The model's joint positions without any change: their distance from the recording is the model's error. None for
+    a simulation."""
+    notes: tuple[str, ...] = ()
+    """Sentences: what is known of the instant, what is estimated and what is assumed."""
 
 
-def rows_before(samples: Iterable[Sample], row: int) -> Iterator[Sample]:
-    """The first of some samples."""
+def first_samples(samples: Iterable[Sample], row: int) -> Iterator[Sample]:
+    """The first `row` samples."""
     for number, sample in enumerate(samples):
         if number == row:
             return

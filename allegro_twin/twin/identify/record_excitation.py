@@ -1,4 +1,4 @@
-"""Excitations on a config's hand: how it must lie, what is left to record, and the recording."""
+"""Records excitations of a config's hand: its pose, what is left to record, and the recording."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, Pose, pose, rehearsed
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
 from allegro_twin.types import Sample
 from allegro_twin.version import __version__
 
 SHORTEST = 4.0  # s. Less is not worth an approach.
-_GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that is to tell how the hand lies.
+_GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that tells the hand's pose.
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """One pose, and what of it is still to be recorded."""
+class ExcitationRun:
+    """A recording that is still to be made of a pose."""
 
-    pose: Pose
+    pose: ExcitationPose
     seconds: float
     seed: int
     """Of the motion in this file."""
@@ -36,31 +36,33 @@ class Task:
     file: Path
 
 
-def task_of(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> Task | None:
-    """What is left of a pose in a folder: nothing, all, or the rest of what was interrupted, in a file of its own.
-    Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
-    lie, there, files = pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
+def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> ExcitationRun | None:
+    """The remaining recording of a pose in a folder: None, all, or the rest of an interrupted one, in a file of its
+    own. Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
+    hand_pose, recorded_seconds, files = find_pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
     for file in files:
         try:
             recording = load(file, partial=True)
         except RecordingError:
-            file.unlink()  # Nothing was written into it yet.
+            file.unlink()  # It has no rows yet.
             continue
         if (asked := recording.meta.get("excitation", {}).get("asked", seed)) != seed:
             raise ConfigError(
                 f"{file} has the motion of seed {asked}, not {seed}: give --seed {asked}, or another --out"
             )
-        there += len(recording) * config.period
-    left = seconds - there
+        recorded_seconds += len(recording) * config.period
+    left = seconds - recorded_seconds
     if left < min(SHORTEST, seconds / 2.0):
         return None
     number = max((int(file.stem.rpartition("_")[2]) for file in files), default=0) + 1
-    return Task(lie, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow")
+    return ExcitationRun(
+        hand_pose, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow"
+    )
 
 
-def laid(config: RunConfig, lie: Pose) -> RunConfig:
-    """The config with the hand lying so: a virtual one is put there, of another it is said, unless its IMU says it.
-    Raises ConfigError for what is not on a bus."""
+def pose_config(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
+    """The config with the hand in this pose: a virtual hand is put there; another's gravity is set, unless its IMU
+    reports it. Raises ConfigError for a hand that is not on a bus."""
     if not isinstance(config.backend, CanSettings):
         raise ConfigError(
             f"a {config.backend.kind} hand has no drive to find: `excite` is for hands on a bus, real or virtual"
@@ -68,40 +70,40 @@ def laid(config: RunConfig, lie: Pose) -> RunConfig:
     settings, change = config.backend, dict[str, object]()
     if settings.interface == VIRTUAL:
         scene = {} if settings.scene is None else settings.scene.model_dump(exclude_unset=True)
-        scene |= {"kind": "sim", "facing": list(lie.facing), "fingers": list(lie.fingers)}
+        scene |= {"kind": "sim", "facing": list(hand_pose.facing), "fingers": list(hand_pose.fingers)}
         change["scene"] = scene
-    told = settings.imu > 0.0 and settings.gravity is None
-    if not told and settings.interface != VIRTUAL:
-        change["gravity"] = list(lie.gravity)
-    elif not told:
+    reported = settings.imu > 0.0 and settings.gravity is None
+    if not reported and settings.interface != VIRTUAL:
+        change["gravity"] = list(hand_pose.gravity)
+    elif not reported:
         change |= {"imu": _GRAVITY_FROM_IMU, "gravity": None}
     return config.model_copy(update={"task": TaskSettings()}).changed(backend=change)
 
 
-def play(config: RunConfig, todo: Task, advance: Callable[[float], None]) -> Excitation:
-    """Rehearse, then play and record. The hand is limp afterwards, whatever happens. Raises HandError."""
+def record_run(config: RunConfig, job: ExcitationRun, advance: Callable[[float], None]) -> Excitation:
+    """Rehearse, then play and record. The hand is limp afterwards in any case. Raises HandError."""
     rig = assemble(config)
     with closing(rig.backend):
-        motion = rehearsed(rig.spec, todo.pose, todo.seed, todo.seconds).excitation
-        samples = _checked(until(todo.seconds, run(rig.backend, motion)), todo.pose)
-        for sample in recorded(samples, todo.file, rig.spec, config.period, meta=_meta(rig, config, todo, motion)):
+        motion = rehearse(rig.spec, job.pose, job.seed, job.seconds).excitation
+        samples = _check_pose(until(job.seconds, run(rig.backend, motion)), job.pose)
+        for sample in record(samples, job.file, rig.spec, config.period, meta=_meta(rig, config, job, motion)):
             advance(sample.state.t)
     return motion
 
 
-def _checked(samples: Iterator[Sample], lie: Pose) -> Iterator[Sample]:
-    """Before anything moves far: whether the hand lies as it should."""
+def _check_pose(samples: Iterator[Sample], hand_pose: ExcitationPose) -> Iterator[Sample]:
+    """Check the hand's pose before anything moves far."""
     for number, sample in enumerate(samples):
         if number == 0:
-            lie.check(sample.state.gravity)
+            hand_pose.check(sample.state.gravity)
         yield sample
 
 
-def _meta(rig: Rig, config: RunConfig, todo: Task, motion: Excitation) -> dict[str, object]:
+def _meta(rig: Rig, config: RunConfig, job: ExcitationRun, motion: Excitation) -> dict[str, object]:
     found: dict[str, object] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         found |= rig.sim.meta()
     return found | {
         "calibration": dict(rig.device.calibration),
-        "excitation": {"pose": todo.pose.name, "asked": todo.asked, "seed": motion.seed, "scale": motion.scale},
+        "excitation": {"pose": job.pose.name, "asked": job.asked, "seed": motion.seed, "scale": motion.scale},
     }

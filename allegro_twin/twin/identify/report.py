@@ -1,81 +1,25 @@
-"""The page: values and their doubts, what the model makes of the motion, friction, and what is missing."""
+"""HTML report of an identification: values with uncertainties, model and measurement, friction, missing data.
+
+One file with nothing from elsewhere.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from html import escape
-from typing import Literal, NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.evaluation.page.charts import round_numbers
-from allegro_twin.grasping.evaluation.page.style import STYLE
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.twin.identify.fitting.parameterisation import NAMES
-from allegro_twin.twin.identify.fitting.regress import smoothed
-from allegro_twin.twin.identify.fitting.shooting import cut
-from allegro_twin.twin.identify.pipeline import Identified
+from allegro_twin.twin.identify.fitting.regress import smooth_motion
+from allegro_twin.twin.identify.fitting.shooting import cut_pieces
+from allegro_twin.twin.identify.pipeline import Identification
 from allegro_twin.twin.identify.results.hand_file import SCALE
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
 from allegro_twin.types import Array
+from allegro_twin.viewing.report import ChartLine, html_page, line_chart
 
-WIDTH, HEIGHT, LEFT, FOOT, TOP, RIGHT = 340, 210, 52, 40, 12, 14
-_MOST = 300
-"""Points of a line."""
-
-
-class Line(NamedTuple):
-    """One line, (k,) each."""
-
-    x: Array
-    y: Array
-    kind: Literal["ink", "good", "bad", "soft"]
-    said: str
-
-
-def chart(lines: Sequence[Line], across: str, upwards: str) -> str:
-    """All lines in one frame that holds them; `across` and `upwards` name the axes."""
-    x, y = (np.concatenate([line[k] for line in lines]) for k in (0, 1))
-    (x0, x1), (y0, y1) = _range(x), _range(y)
-    wide, tall = WIDTH - LEFT - RIGHT, HEIGHT - FOOT - TOP
-    body = []
-    for tick in round_numbers(y0, y1):
-        at = TOP + tall * (1.0 - (tick - y0) / (y1 - y0))
-        body.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{at:.1f}" y2="{at:.1f}"/>')
-        body.append(_text(LEFT - 6, at + 4, f"{tick:g}", "end"))
-    for tick in round_numbers(x0, x1):
-        body.append(_text(LEFT + wide * (tick - x0) / (x1 - x0), HEIGHT - FOOT + 18, f"{tick:g}", "middle"))
-    for line in lines:
-        chosen = np.unique(np.linspace(0, len(line.x) - 1, min(len(line.x), _MOST)).astype(int))
-        px = LEFT + wide * (line.x[chosen] - x0) / (x1 - x0)
-        py = TOP + tall * (1.0 - (line.y[chosen] - y0) / (y1 - y0))
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
-        body.append(
-            f'<polyline class="line {line.kind}" points="{points}"><title>{escape(line.said)}</title></polyline>'
-        )
-    body.append(_text(LEFT + wide / 2, HEIGHT - 4, across, "middle"))
-    body.append(_text(LEFT, TOP - 2, upwards, "start"))
-    said = escape(f"{upwards} against {across}: {'; '.join(line.said for line in lines)}")
-    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" role="img" aria-label="{said}">{"".join(body)}</svg>'
-
-
-def card(title: str, said: str, drawing: str) -> str:
-    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(said)}</figcaption>{drawing}</figure>"
-
-
-def _range(values: Array) -> tuple[float, float]:
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return (low, high) if high > low else (low - 1.0, high + 1.0)
-
-
-def _text(x: float, y: float, said: str, anchor: str) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(said)}</text>'
-
-
-_STYLE = (
-    ".line { fill: none; stroke-width: 1.6; } .line.ink { stroke: var(--ink); } .line.good { stroke: var(--good); }"
-    ".line.bad { stroke: var(--bad); } .line.soft { stroke: var(--soft); } .no { white-space: normal; }"
-)
 _UNITS = {
     "torque_constant": ("torque constant, N·m", 1.0), "armature": ("armature / k, g·m²", 1e3),
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
@@ -86,31 +30,36 @@ _UNITS = {
 _SHOWN = 1.0  # s of motion in a picture.
 
 
-def page(found: Identified) -> str:
-    """The text of the file."""
+def report_page(found: Identification) -> str:
+    """Text of the HTML file."""
     first = found.motions[0]
     title = f"The drive of {first.spec.name} {first.spec.serial}".strip()
     about = f"{ENGINE} · friction {'LuGre' if found.fit.bristly else 'Coulomb'} · backlash {_play(found)} · "
     about += f"{len(found.motions)} recordings, " + (
         f"{sum(motion.seconds for motion in found.motions):.0f} s · N·m from {SCALE[found.fit.masses]}"
     )
-    parts = (values(found), missing(found), motions(found), spectra(found), friction(found), spread(found))
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}{_STYLE}</style></head><body><main>"
-        f"<header><h1>{escape(title)}</h1><p class='soft'>{escape(about)}</p></header>{''.join(parts)}</main></body>"
-        "</html>\n"
+    parts = (
+        values_table(found),
+        missing_values(found),
+        motion_figures(found),
+        spectrum_figures(found),
+        friction_figures(found),
+        spread_tables(found),
     )
+    return html_page(title, about, parts)
 
 
-def values(found: Identified) -> str:
-    """One row a joint."""
+def figure_card(title: str, caption: str, drawing: str) -> str:
+    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(caption)}</figcaption>{drawing}</figure>"
+
+
+def values_table(found: Identification) -> str:
+    """Table with one row per joint."""
     names = [name for name in _UNITS if name in found.values]
-    stops = np.isfinite(found.stops).all()
+    stops = np.isfinite(found.end_stop_offsets).all()
     both = ("offset by end stops, mrad", "by weight − by stops") if stops else ()
-    said = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
-    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in said), []
+    titles = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
+    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in titles), []
     for joint, alias in enumerate(_joints(found)):
         cells = [_cell(found, name, joint) for name in names] + (_by_stops(found, joint) if stops else [])
         left = f"<td class='n'>{found.fit.spread.residual[joint]:.1f} × noise</td>"
@@ -123,15 +72,15 @@ def values(found: Identified) -> str:
     )
 
 
-def _by_stops(found: Identified, joint: int) -> list[str]:
-    """Two cells: what the end stops say, and how far weight disagrees."""
-    stop, weight = 1e3 * found.stops[joint], found.values["offset"]
+def _by_stops(found: Identification, joint: int) -> list[str]:
+    """Two cells: the offset by the end stops, and the difference by weight."""
+    stop, weight = 1e3 * found.end_stop_offsets[joint], found.values["offset"]
     apart = "–" if weight.reason[joint] else f"{1e3 * weight.value[joint] - stop:+.1f}"
     return [f"<td class='n'>{stop:.1f}</td>", f"<td class='n'>{apart}</td>"]
 
 
-def missing(found: Identified) -> str:
-    """Why what is not determined is not, and what to record."""
+def missing_values(found: Identification) -> str:
+    """Why values are not determined, and what to record."""
     lines = []
     for name, value in found.values.items():
         for joint, why in enumerate(value.reason):
@@ -141,11 +90,11 @@ def missing(found: Identified) -> str:
     return f"<h2>Not determined</h2><ul>{''.join(lines) or '<li>Nothing: all values are.</li>'}</ul>"
 
 
-def motions(found: Identified) -> str:
-    """Measured against simulated for the worst, the median and the best joint, from one start, open loop."""
+def motion_figures(found: Identification) -> str:
+    """Measured and simulated motion of the worst, the median and the best joint, from one start, open loop."""
     motion = found.motions[0]
     player = found.fit.player(motion)
-    cuts = cut([motion], motion.spec, round(_SHOWN / motion.period))
+    cuts = cut_pieces([motion], motion.spec, round(_SHOWN / motion.period))
     middle = slice(len(cuts.position) // 2, len(cuts.position) // 2 + 1)
     pieces = type(cuts.pieces)(*(each[middle] for each in cuts.pieces))
     simulated = player.play(found.fit.drive, cuts.position[middle], cuts.velocity[middle], pieces)[0]
@@ -155,20 +104,22 @@ def motions(found: Identified) -> str:
     cards = []
     for name, joint in (("worst", order[-1]), ("median", order[len(order) // 2]), ("best", order[0])):
         lines = [
-            Line(t, measured[:, joint], "ink", "measured"),
-            Line(t, before[:, joint], "soft", "after the regression"),
-            Line(t, simulated[:, joint], "bad", "simulated"),
+            ChartLine(t, measured[:, joint], "ink", "measured"),
+            ChartLine(t, before[:, joint], "soft", "after the regression"),
+            ChartLine(t, simulated[:, joint], "bad", "simulated"),
         ]
-        said = f"{_joints(found)[joint]}: black measured, red simulated from one start, grey after the regression alone"
-        cards.append(card(f"The {name} joint", said, chart(lines, "s", "rad")))
+        caption = (
+            f"{_joints(found)[joint]}: black measured, red simulated from one start, grey after the regression alone"
+        )
+        cards.append(figure_card(f"The {name} joint", caption, line_chart(lines, "s", "rad")))
     return f"<h2>Measured and simulated</h2><div class='cards'>{''.join(cards)}</div>"
 
 
-def spectra(found: Identified) -> str:
-    """What is left over in pieces of 0.3 s, by frequency, against the noise of the encoders."""
+def spectrum_figures(found: Identification) -> str:
+    """Spectrum of the residuals in pieces of 0.3 s, against the noise of the encoders."""
     motion = found.motions[0]
     player = found.fit.player(motion)
-    cuts = cut(list(found.motions), motion.spec)
+    cuts = cut_pieces(list(found.motions), motion.spec)
     left = player.play(found.fit.drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
     power = np.square(np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), axis=1))).mean(axis=0) / left.shape[1]
     hertz = np.asarray(np.fft.rfftfreq(left.shape[1], motion.period), np.float64)
@@ -176,11 +127,13 @@ def spectra(found: Identified) -> str:
     for joint in np.argsort(-found.fit.spread.residual)[:3]:
         floor = np.full(len(hertz) - 1, 1e6 * found.fit.floor[joint])
         lines = [
-            Line(hertz[1:], 1e6 * np.sqrt(power[1:, joint]), "bad", "left over"),
-            Line(hertz[1:], floor, "ink", "noise"),
+            ChartLine(hertz[1:], 1e6 * np.sqrt(power[1:, joint]), "bad", "left over"),
+            ChartLine(hertz[1:], floor, "ink", "noise"),
         ]
         cards.append(
-            card(_joints(found)[joint], "red left over, black the encoder's noise", chart(lines, "Hz", "µrad"))
+            figure_card(
+                _joints(found)[joint], "red left over, black the encoder's noise", line_chart(lines, "Hz", "µrad")
+            )
         )
     return (
         "<h2>What is left over</h2><p class='soft'>Simulated minus measured, from smoothed starts; below 10 Hz these "
@@ -188,9 +141,9 @@ def spectra(found: Identified) -> str:
     )
 
 
-def friction(found: Identified) -> str:
-    """Torque against speed, and how often each speed was seen."""
-    speeds = np.concatenate([smoothed(motion).velocity for motion in found.motions])
+def friction_figures(found: Identification) -> str:
+    """Torque against speed, and how often each speed occurred."""
+    speeds = np.concatenate([smooth_motion(motion).velocity for motion in found.motions])
     cards = []
     for joint, alias in enumerate(_joints(found)):
         v = np.linspace(-1.5, 1.5, 241)
@@ -198,15 +151,17 @@ def friction(found: Identified) -> str:
         often, edges = np.histogram(speeds[:, joint], bins=60, range=(-1.5, 1.5))
         height = often / often.max() * float(np.abs(torque).max()) if often.any() else often
         lines = [
-            Line((edges[1:] + edges[:-1]) / 2.0, height, "soft", "how often"),
-            Line(v, torque, "good", "friction and damping"),
+            ChartLine((edges[1:] + edges[:-1]) / 2.0, height, "soft", "how often"),
+            ChartLine(v, torque, "good", "friction and damping"),
         ]
-        cards.append(card(alias, "blue torque, grey how often each speed was seen", chart(lines, "rad/s", "mN·m")))
+        cards.append(
+            figure_card(alias, "blue torque, grey how often each speed was seen", line_chart(lines, "rad/s", "mN·m"))
+        )
     return f"<h2>Friction</h2><div class='cards'>{''.join(cards)}</div>"
 
 
-def spread(found: Identified) -> str:
-    """What leaving a recording out changes, and which values go together."""
+def spread_tables(found: Identification) -> str:
+    """Change by leaving a recording out, and correlated values."""
     rows = []
     for number, motion in enumerate(found.motions):
         moved = found.fit.spread.by_recording[number]
@@ -226,7 +181,7 @@ def spread(found: Identified) -> str:
     )
 
 
-def _pairs(found: Identified) -> Iterator[str]:
+def _pairs(found: Identification) -> Iterator[str]:
     names, n = [name for name in NAMES if name != "mass_scale"], len(found.fit.floor)
     columns = np.concatenate([np.arange(n) + found.fit.columns(name).start for name in names])
     labels = [f"{name} of {alias}" for name in names for alias in _joints(found)]
@@ -237,7 +192,7 @@ def _pairs(found: Identified) -> Iterator[str]:
         yield f"<li>{escape(labels[a])} and {escape(labels[b])}: {value:+.2f}</li>"
 
 
-def _torque(found: Identified, joint: int, v: Array) -> Array:
+def _torque(found: Identification, joint: int, v: Array) -> Array:
     drive = found.fit.drive
     dry = np.full(len(v), drive.frictionloss[joint])
     if found.fit.bristly:
@@ -245,7 +200,7 @@ def _torque(found: Identified, joint: int, v: Array) -> Array:
     return np.asarray(np.sign(v) * dry + drive.damping[joint] * v)
 
 
-def _cell(found: Identified, name: str, joint: int) -> str:
+def _cell(found: Identification, name: str, joint: int) -> str:
     value, by = found.values[name], _UNITS[name][1]
     if value.reason[joint]:
         return f"<td class='n' title='{escape(value.reason[joint], quote=True)}'>–</td>"
@@ -254,10 +209,10 @@ def _cell(found: Identified, name: str, joint: int) -> str:
     return f"<td class='n'>{by * value.value[joint]:.{digits}f} ± {half:.{digits}f}</td>"
 
 
-def _play(found: Identified) -> str:
+def _play(found: Identification) -> str:
     return "in the model" if found.fit.loose else "none seen"
 
 
-def _joints(found: Identified) -> tuple[str, ...]:
+def _joints(found: Identification) -> tuple[str, ...]:
     spec = found.motions[0].spec
-    return spec.readable
+    return spec.joint_labels

@@ -1,9 +1,9 @@
-"""Touches, from disturbances: pure functions of what an observer estimated.
+"""Contact detection from disturbance torques: pure functions of what an observer estimated.
 
-A push on a fingertip is felt by several joints at once, each a little. So a finger is touched where the disturbances of
-its joints leave an ellipsoid, Σ (d / above)² > 1, whose axes have the proportions of what free motions disturb; its
-size is where the largest of a block of free motion (1 s) would be once in RARE blocks, by Gumbel's law of extremes.
-Joints at rest have axes of their own: where friction breaks away it holds a torque there that no mirror can know.
+A push on a fingertip disturbs several joints at once, each a little. So a finger is touched where the disturbances of
+its joints leave an ellipsoid, Σ (d / above)² > 1. Its axes have the proportions of the disturbances in free motion. Its
+size is what the largest value of a block of free motion (1 s) reaches once in RARE blocks, by Gumbel's law of extremes.
+Joints at rest have axes of their own: friction that breaks away holds a torque there that no mirror can know.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from allegro_twin.sim.observer.observer import REST
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-SETTLED = 1.0  # s until an observer that began somewhere has forgotten it.
+SETTLED = 1.0  # s until an observer has forgotten where it began.
 BLOCK = 1.0  # s
-RARE = 10 * 3600.0  # Blocks: a false alarm of a finger in 10 hours, of a hand in two and a half.
-FREED = 0.1  # s for which a joint that counts as moving has been faster than REST.
-FEWEST = 4  # Blocks' worth of rows that tell about joints at rest, or moving.
-LEAST = 0.004  # N·m. No axis is shorter: the noise of encoders alone makes 2 mN·m.
-PERIODS = 2  # In a row that are outside.
-EULER = 0.5772  # Of Gumbel's law: its mean is the mode and as many scales.
+RARE = 10 * 3600.0  # Blocks: one false alarm of a finger in 10 hours, of a hand in two and a half.
+FREED = 0.1  # s for which a joint has been faster than REST before it counts as moving.
+FEWEST = 4  # Blocks' worth of rows that are needed for joints at rest, or moving.
+LEAST = 0.004  # N·m. No axis is shorter: encoder noise alone makes 2 mN·m.
+PERIODS = 2  # Successive periods outside the ellipsoid.
+EULER = 0.5772  # Gumbel's law: its mean is the mode plus this many scales.
 
 
 class Contact(NamedTuple):
@@ -36,36 +36,37 @@ class Contact(NamedTuple):
     begin: float
     """s"""
     end: float
-    """s; that of the motion where it is still touched then."""
+    """s; the end of the motion where the touch lasts until then."""
     torque: float
-    """The largest, of any of its joints, N·m."""
+    """The largest disturbance of any of the finger's joints, N·m."""
     joint: int
-    """The outermost that is pushed beyond its own axis: it touched the link that this joint moves, or one further out;
-    -1 where joints are pushed too little each to tell."""
+    """The outermost joint that is pushed beyond its own axis: the contact is on the link that this joint moves, or
+    further out. -1 where no single joint is pushed enough to tell."""
 
 
-class Pace:
-    """Tells which joints have been moving for a while: theirs is another friction than that of a joint at rest, which
-    holds any torque, and nobody knows which."""
+class MovingJoints:
+    """Tells which joints have been moving for a while. Friction of a joint at rest is different: it holds any
+    torque."""
 
     def __init__(self, n: int, period: float) -> None:
         self._since, self._period = np.zeros(n), period
 
     def __call__(self, velocity: Vector) -> NDArray[np.bool_]:
-        """After another period at some speeds, (n,), rad/s."""
+        """Which joints move, after another period at these speeds, (n,), rad/s."""
         self._since = np.where(np.abs(velocity) > REST, self._since + self._period, 0.0)
         return np.asarray(self._since > FREED)
 
 
-def axes(above: Array, moving: NDArray[np.bool_]) -> Array:
-    """Of thresholds (2, n) those of joints at rest or moving, (n,) or (k, n), N·m."""
+def joint_thresholds(above: Array, moving: NDArray[np.bool_]) -> Array:
+    """Select from thresholds (2, n) those of joints at rest or moving, (n,) or (k, n), N·m."""
     return np.asarray(np.where(moving, above[1], above[0]))
 
 
-def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: float, spec: HandSpec) -> Array:
-    """The axes of every finger's ellipsoid, of joints at rest and moving, (2, n), N·m, from the disturbances (k, n),
-    N·m, of a motion that touches nothing and which joints moved for a while. `held`: what friction that breaks away may
-    hold in a joint at rest, (n,), N·m; less is no touch there. Raises ConfigError where it is too short to tell."""
+def contact_thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: float, spec: HandSpec) -> Array:
+    """The axes of every finger's ellipsoid, of joints at rest and moving, (2, n), N·m. `free`, `moving`:
+    disturbances (k, n), N·m, of a motion without contact, and which joints moved for a while. `held`: torque that
+    breakaway friction may hold in a joint at rest, (n,), N·m; less is no contact there. Raises ConfigError for a
+    motion that is too short."""
     first, block = round(SETTLED / period), round(BLOCK / period)
     if len(free) < 4 * first:
         raise ConfigError(f"a free motion of {len(free) * period:.1f} s says too little: at least {4 * SETTLED:g} s")
@@ -75,12 +76,12 @@ def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: flo
     for finger in spec.fingers:
         own = list(finger.joints)
         for which, chosen in enumerate((~moving[:, own], moving[:, own])):
-            # Of what hardly ever was nothing else tells.
+            # With too few rows in this state, all rows count.
             kept = np.where(chosen.sum(axis=0) >= FEWEST * block, chosen, True)
             usual = np.sqrt(np.square(free[:, own]).mean(axis=0, where=kept))
             shares = np.where(kept, free[:, own], 0.0) / np.maximum(usual, 1e-6)
             above[which, own] = np.maximum(usual, 1e-6) * np.sqrt(_rare(np.square(shares).sum(axis=1), block))
-        both = pushed(free, axes(above, moving), spec, own)
+        both = push_ratio(free, joint_thresholds(above, moving), spec, own)
         above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
     above = np.maximum(above, LEAST)
     above[0] = np.where(held > 0.0, np.maximum(above[0], held + above[1]), above[0])
@@ -88,16 +89,16 @@ def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: flo
 
 
 def _rare(squares: Vector, block: int) -> float:
-    """What is reached once in RARE blocks, and nowhere here. Squares of normal noise have an exponential tail, to which
-    Gumbel's law belongs."""
+    """The value that is reached once in RARE blocks, at least the largest one here. Squares of normal noise have an
+    exponential tail, which leads to Gumbel's law."""
     largest = squares.reshape(-1, block).max(axis=1)
     largest = largest[largest > 0.0] if largest.any() else largest
     rare = largest.mean() + np.sqrt(6.0) / np.pi * largest.std() * (np.log(RARE) - EULER)
     return max(float(rare), float(largest.max()))
 
 
-def pushed(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
-    """How far outside its ellipsoid each finger is, 1 on it, (k, fingers); of some joints together, (k,).
+def push_ratio(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
+    """Distance of each finger in units of its ellipsoid, 1 on it, (k, fingers); with `joints` of these together, (k,).
     `above`: (n,), or (k, n)."""
     share = np.square(disturbance / above)
     if joints is not None:
@@ -106,9 +107,9 @@ def pushed(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[in
     return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
 
 
-def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
-    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid in PERIODS periods up to now."""
-    over = pushed(disturbance, above, spec) > 1.0
+def touched_fingers(disturbance: Array, above: Array, spec: HandSpec) -> Array:
+    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid for the last PERIODS periods."""
+    over = push_ratio(disturbance, above, spec) > 1.0
     held = over.copy()
     for back in range(1, PERIODS):
         held[back:] &= over[:-back]
@@ -116,17 +117,17 @@ def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
     return np.asarray(held)
 
 
-def outermost(share: Vector, joints: Sequence[int]) -> int:
-    """The last of a finger's joints, from the palm on, that is pushed beyond its own axis; -1: none. `share`: squares
-    of disturbances, in squares of axes, (n,). A push loads the joints before it and no other, so that what touches the
-    finger touches the link that this joint moves, or, where the lever is short, one further out."""
+def outermost_joint(share: Vector, joints: Sequence[int]) -> int:
+    """The last of a finger's joints, counted from the palm, that is pushed beyond its own axis; -1: none. `share`:
+    squared disturbances over squared axes, (n,). A push loads only the joints before it, so the contact is on the link
+    that this joint moves, or, with a short lever, further out."""
     return max((joint for joint in joints if share[joint] > 1.0), key=list(joints).index, default=-1)
 
 
-def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
-    """All touches, in order; one that comes back within `pause`, s, has not ended. Where disturbances are NaN the
+def find_contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
+    """All contacts, in order. A contact that returns within `pause`, s, has not ended. Where disturbances are NaN the
     mirror began again."""
-    found, flags = [], touched(disturbance, above, spec)
+    found, flags = [], touched_fingers(disturbance, above, spec)
     for begun in (t[0], *t[np.isnan(disturbance).any(axis=1)]):
         flags[(t >= begun) & (t < begun + SETTLED)] = False
     for number, finger in enumerate(spec.fingers):
@@ -138,5 +139,5 @@ def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause:
             during, own = slice(part[0], part[-1] + 1), list(finger.joints)
             torque, begin, end = float(np.abs(disturbance[during, own]).max()), float(t[part[0]]), float(t[part[-1]])
             share = np.broadcast_to(np.square(disturbance / above), disturbance.shape)[during].mean(axis=0)
-            found.append(Contact(finger.name, begin, end, torque, outermost(share, own)))
+            found.append(Contact(finger.name, begin, end, torque, outermost_joint(share, own)))
     return sorted(found, key=lambda contact: contact.begin)

@@ -1,4 +1,4 @@
-"""Collects what a mirror sees into windows, and says once what is wrong."""
+"""Fault detection: collects what a mirror estimates into windows and reports a fault once it is certain."""
 
 from __future__ import annotations
 
@@ -10,91 +10,101 @@ from numpy.typing import NDArray
 
 from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.contact_detection import EULER, thresholds
-from allegro_twin.twin.mirror.encoder_drift import Drift
-from allegro_twin.twin.mirror.fault_signatures import FINGERS, largest, shaped
-from allegro_twin.twin.mirror.faults import CREEP, JUMP, MOVING, ROW, Anomaly, Name, Window, direct, still
-from allegro_twin.twin.mirror.loose_link import Falls
-from allegro_twin.twin.mirror.slip_detection import Slips
+from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
+from allegro_twin.twin.mirror.encoder_drift import DriftDetector
+from allegro_twin.twin.mirror.fault_signatures import FINGERS, largest_gains, signature_fault
+from allegro_twin.twin.mirror.faults import (
+    CREEP,
+    JUMP,
+    MOVING,
+    ROW,
+    Fault,
+    FaultName,
+    MirrorWindow,
+    direct_fault,
+    still_joints,
+)
+from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
+from allegro_twin.twin.mirror.slip_detection import SlipDetector
 from allegro_twin.types import Array, HandState, Vector, frozen
 
 ROWS = 50
-"""Of a window: 1.5 s at 3 ms."""
+"""Rows of a window: 1.5 s at 3 ms."""
 EVERY = 8
-"""Rows between two looks: 0.24 s."""
+"""Rows between two evaluations: 0.24 s."""
 WAIT = 40
-"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before. A
-joint that stays has ROWS: it may be stuck."""
+"""Rows from the first sign to a fault's name. Only these rows count, so that shapes are not mixed with what was before.
+A joint that stays still waits for ROWS: it may be stuck."""
 FASTEST = 0.003
-"""s: the period of which JUMP is; in a longer one joints go further."""
+"""s: the period that JUMP refers to; in a longer period joints move further."""
 LONGEST = 72
-"""Rows from the first sign after which the likelier of two is named, however near the other comes."""
+"""Rows from the first sign after which the likeliest fault is named, however close the next one is."""
 FILE = 34
-"""Rows from the first sign to a name of the file: fingers that close on something rest by then."""
+"""Rows from the first sign to the fault `wrong_file`: fingers that close on something rest by then."""
 SOONEST = 24
-"""Rows that shapes are told from at least."""
+"""Fewest rows for telling shapes apart."""
 CLEAR = 20.0
-"""What is clear is e¹⁰ times likelier than what is next likely: half of `Anomaly.lead` is the logarithm."""
+"""The likeliest fault is clear where it is e¹⁰ times likelier than the next: half of `Fault.lead` is the logarithm."""
 RARE = 3e5
-"""Looks in which a free finger reaches its threshold once: 20 hours."""
+"""Evaluations in which a free finger reaches its threshold once: 20 hours."""
 DEFAULT, PART = 0.02, 0.03
-"""N·m, and of a motor's limit, where no free motion says what a touch is."""
+"""N·m, and share of a motor's limit: contact threshold without a free motion."""
 SURE = 8.0
-"""Standard deviations of reported from predicted positions that noise never is."""
+"""Standard deviations between reported and predicted positions that noise never reaches."""
 UNKNOWN = frozen([np.inf])
-ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Where every report comes, and without noise.
+ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Every report arrives, and without noise.
 SIGMAS = 6.0
-"""Of the disturbance that noise alone makes: less is no touch where no free motion says what is."""
+"""Standard deviations of the disturbance that noise alone makes: less is no contact without a free motion."""
 REACH = 3
-"""Periods in which nothing pushes a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
-g·m², go 7 and 9 mrad in 9 ms. In more it is as the square of their number."""
-SHAPED: tuple[Name, ...] = ("weak", "friction", "payload", "wrong_file")  # Told by what free motions do not reach.
+"""Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
+g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
+SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
 BLOCK, FEWEST = 20, 4
-"""Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
-ENOUGH = 22.0  # s of free motion that hold so many at 3 ms, after what a mirror takes to settle and to fill a window.
+"""Evaluations of a block, 4.8 s, and fewest blocks of a free motion that give thresholds of shapes."""
+ENOUGH = 22.0  # s of free motion that contain this many at 3 ms, after a mirror has settled and filled a window.
 
 
-class Weights(NamedTuple):
-    """Of a hand's links, in one of its postures."""
+class LinkWeights(NamedTuple):
+    """Gravity and friction of a hand's links in one posture."""
 
     pull: Array
-    """What a kilogram at each link's centre of mass would weigh on each joint, (links, n), N·m."""
+    """Torque on each joint of a kilogram at each link's centre of mass, (links, n), N·m."""
     lean: Array | None
-    """How the torques of gravity turn with the joints, (n, n), N·m/rad; None: not known of this hand."""
+    """Derivative of gravity's torques by the joints, (n, n), N·m/rad; None: not known for this hand."""
     free: NDArray[np.bool_]
-    """Joints of fingers that nothing touches, (n,)."""
+    """Joints of fingers without contact, (n,)."""
     down: Vector
     """Gravity in the palm frame, (3,), m/s²."""
     rub: Vector
-    """Dry friction now over that in fast motion, (n,)."""
+    """Dry friction over dry friction in fast motion, (n,)."""
 
 
-class Calm(NamedTuple):
-    """What free motions of a hand do not reach."""
+class Thresholds(NamedTuple):
+    """Thresholds that free motions of a hand do not reach."""
 
-    above: Array
-    """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
+    contact: Array
+    """Of disturbances, as from `contact_thresholds`, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
-    """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
+    """Of shapes, as `signature_fault` takes them, (fingers,); infinite without a free motion."""
     spread: Vector = UNKNOWN
-    """Of the disturbances that noise alone makes in a mirror for which these thresholds are right, (n,), N·m: they go
-    out with those that it makes now. Infinite where it is not known."""
+    """Standard deviation of the disturbances that noise alone makes in a mirror for which these thresholds hold, (n,),
+    N·m: the thresholds grow with the present one. Infinite where it is not known."""
 
     @property
-    def unnamed(self) -> tuple[Name, ...]:
-        """Names that cannot be said, for no free motion, or too short a one, tells what is usual."""
+    def unchecked_faults(self) -> tuple[FaultName, ...]:
+        """Names of faults that cannot be found, since there was no free motion, or one that was too short."""
         return SHAPED if np.isinf(self.gains).any() else ()
 
     @staticmethod
-    def usual(spec: HandSpec) -> Calm:
-        """Where no free motion was seen; of a hand that closes its own loop a share of what its motors give."""
+    def default(spec: HandSpec) -> Thresholds:
+        """Thresholds without a free motion; for a hand that closes its own loop a share of its motors' limits."""
         above = np.full(spec.n_joints, DEFAULT)
         if "torque" not in spec.commands:
             above = np.maximum(above, PART * spec.actuation.torque_limit)
-        return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf), above / SIGMAS)
+        return Thresholds(np.stack([above, above]), np.full(len(spec.fingers), np.inf), above / SIGMAS)
 
     @staticmethod
-    def of(
+    def from_free_motion(
         disturbance: Array,
         moving: NDArray[np.bool_],
         held: Vector,
@@ -102,38 +112,42 @@ class Calm(NamedTuple):
         period: float,
         spec: HandSpec,
         spread: Vector = UNKNOWN,
-    ) -> Calm:
-        """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
-        those at rest (`Observer.held`), the largest gains of its looks, (looks, fingers), and `spread`. A gain is
-        reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
-        where it is too short."""
-        above, blocks = thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
+    ) -> Thresholds:
+        """Thresholds from a free motion. `disturbance`: (k, n), N·m; `moving`: which joints moved for a while, (k, n);
+        `held`: torque that friction may hold in joints at rest (`Observer.held`); `gains`: the largest of each
+        evaluation, (evaluations, fingers). A gain is reached once in RARE evaluations, by Gumbel's law over blocks that
+        do not overlap. Raises ConfigError for a motion that is too short."""
+        above, blocks = contact_thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
         if blocks < FEWEST:
-            return Calm(above, np.full(len(spec.fingers), np.inf), spread)
+            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread)
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
-        return Calm(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
+        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
 
 
-class Diagnosis:
-    """Keeps up with a mirror. `calm`: what free motions do not reach; `period`: s."""
+class FaultDetector:
+    """Finds faults in the rows of a mirror. `calm`: thresholds of free motions; `period`: s."""
 
-    def __init__(self, spec: HandSpec, calm: Calm, period: float) -> None:
-        self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.above[0]
+    def __init__(self, spec: HandSpec, thresholds: Thresholds, period: float) -> None:
+        self._spec, self._quiet, self._period, self._above = spec, thresholds.gains, period, thresholds.contact[0]
         self.gains: list[Vector] = []
-        """The largest of every finger, look by look, (fingers,) each."""
+        """The largest gain of every finger per evaluation, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]]
         self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
-        self.interrupted()
-        self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
-        self.found: Anomaly | None = None  # As soon as that is sure; a slip until something else is.
+        self.restart()
+        self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
+        self.fault: Fault | None = None  # Set once certain; a slip gives way to a fault.
 
-    def interrupted(self) -> None:
-        """What comes next follows on nothing: nobody knows how long ago, or where the hand went since."""
+    def restart(self) -> None:
+        """Start anew after an interruption of unknown length."""
         spec, row, above = self._spec, ROW * self._period, self._above
-        self._drift, self._falls, self._slips = Drift(spec, row), Falls(spec), Slips(spec, row, above)
+        self._drift, self._falls, self._slips = (
+            DriftDetector(spec, row),
+            LooseLinkDetector(spec),
+            SlipDetector(spec, row, above),
+        )
         self._periods, self._rows, self._count, self._sign = [], [], 0, -1
         self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
 
@@ -143,17 +157,17 @@ class Diagnosis:
         estimate: Estimate,
         torque: Vector,
         off: Vector,
-        weights: Weights | None,
+        weights: LinkWeights | None,
         since: NDArray[np.int_] = ONCE,
         expected: Vector = EXACT,
     ) -> None:
-        """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
-        are wanted in the last of ROW periods; `since`: periods from a joint's last report to this one, 0 where it was
-        lost, (n,); `expected`: standard deviation of `off`, (n,), rad."""
+        """Add a period: the mirror's estimate, the motors' torques, N·m, and reported minus predicted positions, rad.
+        `weights` are needed in the last of ROW periods (`row_due`). `since`: periods from a joint's last report to this
+        one, 0 where it was lost, (n,). `expected`: standard deviation of `off`, (n,), rad."""
         v, heard = estimate.velocity, since > 0
         went = np.abs(state.position - self._at)
         sped = went - since * self._went
-        # Not where a joint was stopped: it met something.
+        # A joint that was stopped does not count: it met something.
         most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), np.abs(off), 0.0)
         self._at = np.where(heard, state.position, self._at)
@@ -171,38 +185,38 @@ class Diagnosis:
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
         self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
         fell = self._falls.add(away, noise.max(axis=0))
-        inside = weights.lean is None  # A loop of its own carries a link that falls.
+        inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
-            self._say(Anomaly("loose", *fell))
+            self._set_fault(Fault("loose", *fell))
         if slid is not None:
-            self._say(Anomaly("slip", *slid))
-        self._creep(row, weights)
+            self._set_fault(Fault("slip", *slid))
+        self._check_drift(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
-            self._look()
+            self._evaluate()
 
-    def _say(self, found: Anomaly | None) -> None:
-        """A fault stays, and what is wrong later may follow from it; a slip is over once it is said."""
-        if found is not None and (self.found is None or self.found.name == "slip"):
-            self.found = found
+    def _set_fault(self, found: Fault | None) -> None:
+        """Keep a fault: what is wrong later may follow from it. A slip gives way to the next."""
+        if found is not None and (self.fault is None or self.fault.name == "slip"):
+            self.fault = found
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
-        """Whether nothing touches the fingers but that of a joint, nor was held in the last ROWS."""
+        """Whether no other finger was in contact or held something in the last ROWS."""
         own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
         return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
-    def _creep(self, row: Sequence[Vector], weights: Weights) -> None:
-        """What takes longer than a window."""
+    def _check_drift(self, row: Sequence[Vector], weights: LinkWeights) -> None:
+        """Faults that take longer than a window."""
         d, torque, velocity, side, *_ = row
         if weights.lean is None:
             return
         tells = (np.abs(velocity) > MOVING) & weights.free
         self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
         if self._count % EVERY == EVERY // 2:
-            drifts = self._drift.look()
-            self._say(None if drifts is None else Anomaly("encoder_drift", *drifts))
+            drifts = self._drift.check()
+            self._set_fault(None if drifts is None else Fault("encoder_drift", *drifts))
 
     @property
-    def due(self) -> bool:
+    def row_due(self) -> bool:
         """Whether the next period ends a row."""
         return len(self._periods) == ROW - 1
 
@@ -213,45 +227,45 @@ class Diagnosis:
             column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
         self._count += 1
 
-    def _last(self, count: int) -> Window:
+    def _last(self, count: int) -> MirrorWindow:
         end = (self._count - 1) % LONGEST + LONGEST + 1
-        return Window(*(column[end - count : end] for column in self._rows))
+        return MirrorWindow(*(column[end - count : end] for column in self._rows))
 
-    def _look(self) -> None:
+    def _evaluate(self) -> None:
         window = self._last(ROWS)
-        self.gains.append(largest(window, self._spec))
-        self._right |= (self.gains[-1] <= self._quiet) & (self._travelled(window) > ROWS / 2)
-        at_once = direct(window, self._spec)
+        self.gains.append(largest_gains(window, self._spec))
+        self._right |= (self.gains[-1] <= self._quiet) & (self._moving_rows(window) > ROWS / 2)
+        at_once = direct_fault(window, self._spec)
         if at_once is None and not (self.gains[-1] > self._quiet).any():
             self._sign = -1
             return
         if self._sign < 0:
             self._sign = self._count
         if at_once is None:
-            self._say(self._shaped())
-        elif not _falling(at_once, window):
-            self._say(at_once)
+            self._set_fault(self._signature())
+        elif not _may_be_fall(at_once, window):
+            self._set_fault(at_once)
 
-    def _shaped(self) -> Anomaly | None:
-        """From what was seen since the first sign."""
+    def _signature(self) -> Fault | None:
+        """The fault whose shape the rows since the first sign have."""
         waited = self._count - self._sign
         window = self._last(min(max(SOONEST, waited), LONGEST))
-        seen = shaped(window, self._quiet, self._spec)
+        seen = signature_fault(window, self._quiet, self._spec)
         if seen is None:
             return None
         if seen.name == "wrong_file":
             return seen if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS else None
-        wait = LONGEST if seen.lead < CLEAR else ROWS if still(window)[seen.joint] else WAIT
+        wait = LONGEST if seen.lead < CLEAR else ROWS if still_joints(window)[seen.joint] else WAIT
         if waited < wait:
             return None
-        return None if self._drift.grew(seen.name, seen.joint, seen.gain) else seen
+        return None if self._drift.explains_more(seen.name, seen.joint, seen.gain) else seen
 
-    def _travelled(self, window: Window) -> Vector:
-        """In how many rows each finger's second busiest joint moves, (fingers,)."""
+    def _moving_rows(self, window: MirrorWindow) -> Vector:
+        """Rows in which each finger's second busiest joint moves, (fingers,)."""
         moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
         return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])
 
 
-def _falling(seen: Anomaly, window: Window) -> bool:
-    """Whether what looks like a jump may become the fall of a loose link: the next look tells."""
+def _may_be_fall(seen: Fault, window: MirrorWindow) -> bool:
+    """Whether an apparent jump may become the fall of a loose link: the next evaluation tells."""
     return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)

@@ -1,13 +1,13 @@
-"""What is wrong with a hand by the shape of what it disturbs: pure functions of a second and a half of a mirror.
+"""Fault signatures: faults recognised by the shape of their disturbances, as pure functions of a window of 1.5 s.
 
-Each fault of physics leaves a disturbance of its own shape x on a finger's joints, times one unknown c: a weak motor
-minus its own torque, friction the sign of the speed, a payload the weight of its link as every joint before it carries
-it. No file's dry friction is exact: of every joint the sign of its speed, s, counts as noise, too, so that products are
+Each physical fault disturbs a finger's joints with a shape x of its own, times one unknown c. A weak motor: minus its
+own torque. Friction: the sign of the speed. A payload: the weight of its link, as every joint before it carries it. No
+file's dry friction is exact, so the sign of each joint's speed, s, counts as noise, too. Products are therefore
 
-    x · y = Σ x y − ρ (Σ x s) (Σ y s) / (1 + ρ Σ s²),    ρ = RUB,
+    x · y = Σ x y − ρ (Σ x s) (Σ y s) / (1 + ρ Σ s²),    ρ = RUB.
 
-and of the shapes of all joints that counts which takes away most squares, G = (x · d)² / (x · x), with a c that can be.
-Only joints that move are looked at, and have moved that way for a row: at rest dry friction hides all of it.
+Of the shapes of all joints the one that explains most squares wins, G = (x · d)² / (x · x), with a possible c. Only
+joints that move, and have moved the same way for a row, count: at rest dry friction hides everything.
 """
 
 from __future__ import annotations
@@ -19,71 +19,71 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.faults import MOVING, SINGLE, Anomaly, Name, Window, alone, holding
+from allegro_twin.twin.mirror.faults import MOVING, SINGLE, Fault, FaultName, MirrorWindow, finger_share, holds_object
 from allegro_twin.types import Array, Vector
 
 NOISE = 4e-4
-"""N·m: of a row's disturbance, where the file is right. Of the joints of hands 40, 41, 84 and 85: 0.24 to 0.5 mN·m."""
+"""N·m: noise of a row's disturbance with a correct file. On the joints of hands 40, 41, 84 and 85: 0.24 to 0.5 mN·m."""
 RUB = 1.5
-"""In NOISE², how much dry friction differs from the file of a hand with nothing wrong: half a count of torque and more,
-of the same hands 0.43 mN·m."""
+"""In NOISE²: variance of dry friction about the file in a healthy hand, half a count of torque and more; on the same
+hands 0.43 mN·m."""
 USUAL = {"weak": 1.0, "friction": 0.1, "payload": 0.05}
-"""1, N·m, kg. Ours: where two shapes explain alike the less odd amount is likelier, by its share of this squared."""
+"""1, N·m, kg. Ours: where two shapes explain equally well, the less unusual amount is likelier, by its share of this,
+squared."""
 MOST = {"weak": 1.0, "friction": np.inf, "payload": np.inf}
-SHARE = 0.5  # Of the squares that are not noise, what one shape must take away.
-LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: smaller ones are not named.
-MANY, FINGERS = 5, 3  # Joints with something wrong, on so many fingers: then it is the file.
+SHARE = 0.5  # Share of the squares beyond noise that one shape must explain.
+LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: smaller faults are not named.
+MANY, FINGERS = 5, 3  # Joints with a fault, on this many fingers: then the file is wrong.
 
 
 BENT, BREAKS = 3, 1.02
-"""Rows until bristles are bent, 0.1 s, and how much friction that breaks away is more than in fast motion. With that
-friction was told from weakness in 47 of 48 windows of hands 200-202 (before in 13)."""
+"""Rows until bristles are bent, 0.1 s, and the ratio of breakaway friction to friction in fast motion. With these,
+friction was told from weakness in 47 of 48 windows of hands 200-202 (13 without)."""
 
 
-class Gain(NamedTuple):
-    """What one shape takes away of a finger's disturbances."""
+class SignatureGain(NamedTuple):
+    """What one shape explains of a finger's disturbances."""
 
-    name: Name
+    name: FaultName
     joint: int
     amount: float
     gain: float
     """Sum of squares, N²m²."""
     share: float
-    """Of all squares but those of noise."""
+    """Share of all squares beyond noise."""
     left: float
-    """Over, in the mean of what counts, N²m²."""
+    """Mean of the remaining squares, N²m²."""
 
 
-def shaped(window: Window, quiet: Vector, spec: HandSpec) -> Anomaly | None:
-    """What a disturbance has the shape of, or None. `quiet`: for each finger a gain that free motions do not reach,
-    (fingers,)."""
-    if holding(window):
+def signature_fault(window: MirrorWindow, quiet: Vector, spec: HandSpec) -> Fault | None:
+    """The fault whose shape a disturbance has, or None. `quiet`: gains that free motions do not reach, (fingers,)."""
+    if holds_object(window):
         return None
-    found, own = gains(window, spec), alone(window, spec)
+    found, own = signature_gains(window, spec), finger_share(window, spec)
     for number, each in enumerate(spec.fingers):
         if window.holds[:, number].any() and own[list(each.joints)].max() < SINGLE:
             found[each.name] = []
     best = [max(found[finger.name], key=lambda each: each.gain, default=None) for finger in spec.fingers]
     odd = [each for each, above in zip(best, quiet, strict=True) if each is not None and each.gain > above]
     if len(odd) >= FINGERS and _odd_joints(found, quiet, spec) >= MANY:
-        return Anomaly("wrong_file", odd[0].joint, float(len(odd)))
+        return Fault("wrong_file", odd[0].joint, float(len(odd)))
     sure = [each for each in odd if each.share > SHARE and each.amount > LEAST[each.name]]
     if not sure:
         return None
     most = max(sure, key=lambda each: each.gain)
     finger = next(f.name for f in spec.fingers if most.joint in f.joints)
     others = max((each.gain for each in found[finger] if each is not most), default=0.0)
-    return Anomaly(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
+    return Fault(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
 
 
-def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
-    """Of every shape of every joint, by finger; the smaller of two that are alike has the larger gain."""
+def signature_gains(window: MirrorWindow, spec: HandSpec) -> dict[str, list[SignatureGain]]:
+    """Gains of all shapes of all joints, by finger. Of two similar shapes the smaller has the larger gain."""
     moving = _moving(window)
-    side, torque, d = (np.where(moving, each, 0.0) for each in (_late(window.side), _late(window.torque), window[0]))
+    side, torque, d = (np.where(moving, each, 0.0) for each in (_delay(window.side), _delay(window.torque), window[0]))
     known = RUB / (1.0 + RUB * np.square(side).sum(axis=0))
 
     def product(x: Array, y: Array) -> Array:
-        """Of shapes (..., k, n), joint by joint, (..., n)."""
+        """Products of shapes (..., k, n), joint by joint, (..., n)."""
         apart = (x * side).sum(axis=-2) * (y * side).sum(axis=-2)
         return np.asarray((x * y).sum(axis=-2) - known * apart)
 
@@ -91,7 +91,7 @@ def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
     for finger in spec.fingers:
         same[np.ix_(finger.joints, finger.joints)] = 1.0
     carried = np.moveaxis(window.pull, 1, 0) * moving
-    fits: dict[Name, tuple[Vector, Vector]] = {
+    fits: dict[FaultName, tuple[Vector, Vector]] = {
         "weak": (product(-torque, d), product(torque, torque)),
         "friction": (product(-side, d), product(side, side)),
         "payload": ((product(carried, d) * same).sum(axis=1), (product(carried, carried) * same).sum(axis=1)),
@@ -104,19 +104,19 @@ def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
     return found
 
 
-def _gain(name: Name, joint: int, along: float, size: float, whole: float, count: float) -> Gain | None:
-    """`whole`: squares of what is to be explained; `count`: of how many rows of joints."""
+def _gain(name: FaultName, joint: int, along: float, size: float, whole: float, count: float) -> SignatureGain | None:
+    """`whole`: squares to be explained; `count`: number of rows of joints in them."""
     if size < 1e-12 or along <= 0.0:
         return None
     amount = min(along / size, MOST[name])
     gain = amount * (2.0 * along - amount * size) - (NOISE * amount / USUAL[name]) ** 2
     share = gain / max(whole - count * NOISE**2, gain, 1e-12)
-    return Gain(name, joint, float(amount), float(gain), float(share), float((whole - gain) / count))
+    return SignatureGain(name, joint, float(amount), float(gain), float(share), float((whole - gain) / count))
 
 
-def _moving(window: Window) -> NDArray[np.bool_]:
-    """Where a joint moves, and did so in the row before, the same way, (k, n): until then a disturbance is on its
-    way. Friction that breaks away bends its bristles for longer."""
+def _moving(window: MirrorWindow) -> NDArray[np.bool_]:
+    """Where a joint moves, and moved the same way in the row before, (k, n): until then the disturbance is not
+    complete. Friction that breaks away bends its bristles for longer."""
     way = np.sign(window.velocity) * (np.abs(window.velocity) > MOVING)
     breaks, moving = (np.abs(window.side) > BREAKS).any(axis=0), way != 0.0
     for back in range(1, BENT + 1):
@@ -125,17 +125,17 @@ def _moving(window: Window) -> NDArray[np.bool_]:
     return np.asarray(moving)
 
 
-def largest(window: Window, spec: HandSpec) -> Vector:
-    """The largest gain of every finger, (fingers,): of free motions, to set `quiet`."""
-    found = gains(window, spec)
+def largest_gains(window: MirrorWindow, spec: HandSpec) -> Vector:
+    """The largest gain of every finger, (fingers,). Those of free motions give `quiet`."""
+    found = signature_gains(window, spec)
     return np.array([max((each.gain for each in found[finger.name]), default=0.0) for finger in spec.fingers])
 
 
-def _late(rows: Array) -> Array:
-    """As a disturbance follows what makes it: a third of a row later."""
+def _delay(rows: Array) -> Array:
+    """Delay rows by a third, as a disturbance follows its cause."""
     return np.asarray((2.0 * rows + np.concatenate([rows[:1], rows[:-1]])) / 3.0)
 
 
-def _odd_joints(found: Mapping[str, Sequence[Gain]], quiet: Vector, spec: HandSpec) -> int:
+def _odd_joints(found: Mapping[str, Sequence[SignatureGain]], quiet: Vector, spec: HandSpec) -> int:
     pairs = zip(spec.fingers, quiet, strict=True)
     return sum(len({g.joint for g in found[f.name] if g.gain > above and g.name != "payload"}) for f, above in pairs)

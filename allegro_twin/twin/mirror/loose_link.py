@@ -1,9 +1,9 @@
-"""Whether a link is loose: it falls through its backlash, with its own inertia alone.
+"""Loose link detection: a link that falls through its backlash, with its own inertia alone.
 
-A joint's inertia is its motor's, some hundred times its last link's. A link that is loose leaves its motor's tooth
-when its weight turns over, or as it comes loose, falls for some periods and lands on the other: what is reported runs
-away from what was expected over two periods and more, and swings back. An encoder that jumps does so in one period; a
-push on a finger moves its other joints, too.
+A joint's inertia is its motor's, some hundred times its last link's. A loose link leaves its motor's tooth when its
+weight turns over, or as it comes loose. It falls for some periods and lands on the other tooth. The reported position
+runs away from the expected one over two periods and more, and swings back. An encoder that jumps does so in one period.
+A push on a finger moves its other joints, too.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector, frozen
 
-AWAY = 0.002  # rad from what was expected, which no motor does in a period or three: 0.7 rad/s out of nothing.
-FIRST = 0.03  # Of the largest, what a fall is away a period before: a jump is none.
-BACK = 0.25  # Of the largest, how far it swings back when it lands.
-ALONE = 0.3  # Of the largest, what other joints of the finger are away at most.
-NONE = frozen([0.0])  # Of noise.
+AWAY = 0.002  # rad from the expected position within three periods, 0.7 rad/s at once: no motor does that.
+FIRST = 0.03  # Share of the largest deviation in the period before: a jump has none.
+BACK = 0.25  # Share of the largest deviation by which the link swings back when it lands.
+ALONE = 0.3  # Largest share that other joints of the finger deviate by.
+NONE = frozen([0.0])  # No noise.
 
 
-class Falls:
-    """Keeps three rows of what was reported minus what was expected."""
+class LooseLinkDetector:
+    """Keeps three rows of reported minus expected positions."""
 
     def __init__(self, spec: HandSpec) -> None:
         self._fingers = [list(finger.joints) for finger in spec.fingers]
@@ -29,8 +29,8 @@ class Falls:
         self._noise: list[Vector] = []
 
     def add(self, off: Array, noise: Vector = NONE) -> tuple[int, float] | None:
-        """A row's periods, (k, n), rad, and what noise never makes of them, (n,), rad: the joint whose link fell in the
-        row before, and how far it was away, rad."""
+        """Add a row's periods, (k, n), rad, and the limit of noise, (n,), rad. Returns the joint whose link fell in the
+        row before, and its deviation, rad."""
         self._noise = [*self._noise[-2:], np.broadcast_to(noise, off.shape[1:])]
         self._rows = [*self._rows[-2:], off]
         if len(self._rows) < 3:
@@ -43,15 +43,15 @@ class Falls:
             if not out.any() or not k <= begun < 2 * k:
                 continue
             which = int(np.abs(part[begun : begun + k // 2]).max(axis=0).argmax())
-            far = fallen(part[:, which], int(begun))
+            far = fall_amount(part[:, which], int(begun))
             others = np.abs(np.delete(part, which, axis=1)[begun : begun + k])
             if far and others.max(initial=0.0) < ALONE * far:
                 return own[which], far
         return None
 
 
-def fallen(off: Array, begun: int) -> float:
-    """How far a joint that was away first in period `begun` was away before it swung back, (k,), rad; 0: no fall."""
+def fall_amount(off: Array, begun: int) -> float:
+    """Largest deviation of a joint that began to deviate in period `begun`, (k,), rad; 0: no fall."""
     way = off * np.sign(off[begun])
     lobe = way[begun:][: int(np.argmin(way[begun:] > 0.0)) or None]
     top = begun + int(lobe.argmax())

@@ -1,4 +1,4 @@
-"""The mirror: a stage over samples, so it works on a bus, on a virtual hand and on a recording alike."""
+"""The mirror: a model that follows a hand's samples, on a bus, on a virtual hand or in a recording."""
 
 from __future__ import annotations
 
@@ -14,52 +14,59 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.contact_detection import PERIODS, SETTLED, Pace, axes, outermost, pushed
-from allegro_twin.twin.mirror.fault_detection import Calm, Diagnosis, Weights
-from allegro_twin.twin.mirror.faults import NAMES, Anomaly, words
+from allegro_twin.twin.mirror.contact_detection import (
+    PERIODS,
+    SETTLED,
+    MovingJoints,
+    joint_thresholds,
+    outermost_joint,
+    push_ratio,
+)
+from allegro_twin.twin.mirror.fault_detection import FaultDetector, LinkWeights, Thresholds
+from allegro_twin.twin.mirror.faults import NAMES, Fault, fault_text
 from allegro_twin.types import Array, HandState, Sample, Vector
 
 STOPS = ("contact", *NAMES)
-"""What can stop a hand."""
+"""Events that can stop a hand."""
 BLIND = 0.1
-"""s without a report after which the mirror begins again: by then 2 mN·m a period have carried it 20 mrad away."""
+"""s without a report after which the mirror starts again: by then 2 mN·m a period have carried it 20 mrad away."""
 DIM = 0.02
-"""s without a report after which no new touch is told for as long again. Ours: friction that breaks away carries a
-joint off its mirror by no linear law, and what is left of that is gone by then."""
+"""s without a report after which no new contact is reported for as long again. Ours: friction that breaks away carries
+a joint off its mirror by no linear law, and the effect is gone by then."""
 COUNTS = 4
-"""States within which a host counts a period of which it heard nothing (`wire.host.clock.PATIENCE`), and one more."""
+"""States within which a host counts a lost period (`drivers.can.driver.clock.PATIENCE`), and one more."""
 CLEARLY = 0.25
-"""Of the squares by which a step is off: of fewer a period that nobody counted explains it. Half of each is none."""
+"""Share of a step's squared error below which an uncounted period explains it. With half a period the share is 1."""
 NOISIER = 1.25
-"""Times the noise that it was made for: with more in the first half of SETTLED a mirror takes the hand's own."""
+"""Ratio of measured to assumed noise in the first half of SETTLED above which a mirror takes the measured one."""
 
 
 class Mirror:
-    """Keeps up with samples: with the torques that a hand reports, or, where it closes its own loop, with what it is
-    told. `torque_constant`: with which the host's counts became N·m, (n,); of the former alone."""
+    """Follows the samples of a hand: with the torques that it reports, or, where it closes its own loop, with its
+    commands. `torque_constant`: with which the host converts counts to N·m, (n,); only for the former."""
 
     def __init__(
         self,
         spec: HandSpec,
         observer: Observer | LoopObserver,
         torque_constant: Vector,
-        calm: Calm | None = None,
+        thresholds: Thresholds | None = None,
         stop: Collection[str] = (),
         gravity: Vector | None = None,
     ) -> None:
-        """`calm`: what free motions do not reach; `stop`: of STOPS, what leaves the hand limp; `gravity`: in the palm
+        """`thresholds`: those of free motions; `stop`: events of STOPS that raise HandFault; `gravity`: in the palm
         frame, (3,), m/s², where the hand does not report it."""
         self._spec, self._observer, self._constant, self._stop = spec, observer, torque_constant, stop
         self._gravity, self._told = gravity, limp_of(spec)
-        self._calm = calm or Calm.usual(spec)
+        self._thresholds = thresholds or Thresholds.default(spec)
         self._estimate: Estimate | None = None
-        self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new touch is told.
+        self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new contact is reported.
         self._over = np.zeros(len(spec.fingers), dtype=int)
         self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
-        self._lost = Lost(observer.period)
-        self._noise: Noise | None = Noise(spec.n_joints)
-        self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
-        self._diagnosis = Diagnosis(spec, self._calm, observer.period)
+        self._lost = LostPeriods(observer.period)
+        self._noise: NoiseEstimator | None = NoiseEstimator(spec.n_joints)
+        self._pace, self._moving = MovingJoints(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
+        self._diagnosis = FaultDetector(spec, self._thresholds, observer.period)
 
     @property
     def spec(self) -> HandSpec:
@@ -72,20 +79,20 @@ class Mirror:
 
     @property
     def external_torque(self) -> Vector:
-        """What pushes the joints from outside, (n,), N·m; NaN before the second sample."""
-        return self.latest()["disturbance"]
+        """External torque on the joints, (n,), N·m; NaN before the second sample."""
+        return self.columns()["disturbance"]
 
     @property
     def contacts(self) -> tuple[str, ...]:
-        """The fingers that something touches."""
+        """Names of the fingers in contact."""
         return tuple(f.name for f, over in zip(self._spec.fingers, self._over, strict=True) if over >= PERIODS)
 
     @property
     def touched_joints(self) -> dict[str, int]:
-        """Of every finger that something touches the outermost joint that is pushed beyond its own axis: it touches the
-        link that this joint moves, or one further out; -1 where that cannot be told."""
-        share = np.square(self.external_torque / self.above)
-        return {f.name: outermost(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
+        """For every finger in contact its outermost joint that is pushed beyond its own axis: the contact is on the
+        link that this joint moves, or further out. -1 where that cannot be told."""
+        share = np.square(self.external_torque / self.contact_thresholds)
+        return {f.name: outermost_joint(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -93,39 +100,38 @@ class Mirror:
         return self._moving
 
     @property
-    def above(self) -> Vector:
-        """More than this is a touch now, (n,), N·m: what free motions do not reach, and further out while the
-        disturbance is known less well than in them."""
-        wider = self._observer.spread / self._calm.spread
-        return np.asarray(axes(self._calm.above, self._moving) * np.maximum(wider, 1.0))
+    def contact_thresholds(self) -> Vector:
+        """Contact thresholds now, (n,), N·m: those of free motions, larger while the disturbance is less certain than
+        in them."""
+        wider = self._observer.spread / self._thresholds.spread
+        return np.asarray(joint_thresholds(self._thresholds.contact, self._moving) * np.maximum(wider, 1.0))
 
     @property
-    def unnamed(self) -> tuple[str, ...]:
-        """Faults that it cannot name: nobody told what is usual."""
-        return self._calm.unnamed
+    def unchecked_faults(self) -> tuple[str, ...]:
+        """Names of faults that cannot be found without thresholds of a free motion."""
+        return self._thresholds.unchecked_faults
 
     @property
-    def anomaly(self) -> Anomaly | None:
-        """What is wrong with the hand, once that is sure."""
-        return self._diagnosis.found
+    def fault(self) -> Fault | None:
+        """The fault of the hand, once it is certain."""
+        return self._diagnosis.fault
 
     @property
-    def diagnosis(self) -> Diagnosis:
-        """For thresholds: its windows."""
+    def fault_detector(self) -> FaultDetector:
+        """The detector of faults, with its windows."""
         return self._diagnosis
 
-    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
-        """A stage that passes the samples on. Raises ConfigError for a hand that does not say where down is, HandFault
-        for what is to stop it."""
+    def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """Observe samples and pass them on (a stage). Raises ConfigError for a hand whose gravity is unknown, HandFault
+        for an event of `stop`."""
         for sample in samples:
-            self.see(sample)
+            self.observe(sample)
             yield sample
 
-    def see(self, sample: Sample) -> None:
-        """The next sample; periods that are missing before it, by its tick, pass without a report. Raises as
-        `watched`."""
+    def observe(self, sample: Sample) -> None:
+        """Observe the next sample. Periods that its tick says are missing pass without a report. Raises as `watch`."""
         state = sample.state
-        gone = self._lost.gone(state, max(state.tick - self._tick, 1), self._estimate)
+        gone = self._lost.count(state, max(state.tick - self._tick, 1), self._estimate)
         if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
@@ -133,7 +139,7 @@ class Mirror:
             if blind > DIM:
                 self._clear = max(self._clear, state.t + blind)
             self._since += gone
-            for lost, (estimate, torque) in enumerate(self._passed(state, gone), 1):
+            for lost, (estimate, torque) in enumerate(self._estimates(state, gone), 1):
                 ends = lost == gone
                 known = heard & ends
                 position = np.where(known, state.position, estimate.predicted)
@@ -141,14 +147,14 @@ class Mirror:
                 if state.t > self._begun + SETTLED:
                     self._judge(replace(state, position=position), torque, np.where(known, self._since, 0))
             self._since[heard] = 0
-            self._listen(state, gone)
+            self._measure_noise(state, gone)
         self._told, self._tick = sample.command, state.tick
 
-    def _passed(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
-        """The periods that ended with a state, and what the motors gave in each by the model, (n,), N·m. A host that
-        waits for a report sends nothing new, so the torque is that of the whole gap; a log that lost rows has it of the
-        last period alone, and the command that came before the first: between these it changed somehow."""
-        observer, down = self._observer, self.down(state)
+    def _estimates(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
+        """The periods up to a state, and the model's motor torques in each, (n,), N·m. A host that waits for a report
+        sends nothing new, so the torque is that of the whole gap. A log that lost rows has it of the last period alone,
+        and the command before the first: between these it is interpolated."""
+        observer, down = self._observer, self.gravity_in_palm(state)
         if isinstance(observer, LoopObserver):
             told = position_of(self._told, self._spec)
             for _ in range(gone - 1):
@@ -163,24 +169,24 @@ class Mirror:
                 yield observer.missed(between, down, np.abs(duty - first)), between * observer.torque_constant
         yield observer.step(duty, down, state.position), duty * observer.torque_constant
 
-    def _listen(self, state: HandState, gone: int) -> None:
-        """How noisy the hand's reports are, at first."""
+    def _measure_noise(self, state: HandState, gone: int) -> None:
+        """Measure the noise of the hand's reports, at first."""
         if self._noise is None:
             return
         self._noise.add(state.position, gone)
         if state.t > self._begun + SETTLED / 2.0:
-            found, self._noise = self._noise.found(), None
+            found, self._noise = self._noise.estimate(), None
             if (found > NOISIER * self._observer.noise).any():
                 self._observer.noisier(np.maximum(found, self._observer.noise))
 
-    def down(self, state: HandState) -> Vector:
-        """Gravity in the palm frame, (3,), m/s²: as it was told, or as the hand reports it."""
+    def gravity_in_palm(self, state: HandState) -> Vector:
+        """Gravity in the palm frame, (3,), m/s²: as given, or as the hand reports it."""
         return state.gravity if self._gravity is None else self._gravity
 
-    def latest(self) -> dict[str, Array]:
-        """Further columns of a recording. `event`: 1 for every finger that is touched, then which anomaly, counted from
-        1 in the order of `anomalies.NAMES`, and its joint; 0 and -1 where there is none."""
-        unknown, estimate, found = np.full(self._spec.n_joints, np.nan), self._estimate, self.anomaly
+    def columns(self) -> dict[str, Array]:
+        """Further columns of a recording. `event`: 1 for every finger in contact; then the number of the fault, counted
+        from 1 in the order of `faults.NAMES`, and its joint; 0 and -1 where there is none."""
+        unknown, estimate, found = np.full(self._spec.n_joints, np.nan), self._estimate, self.fault
         which = (0.0, -1.0) if found is None else (1.0 + NAMES.index(found.name), float(found.joint))
         return {
             "predicted": unknown if estimate is None else estimate.predicted,
@@ -189,26 +195,26 @@ class Mirror:
         }
 
     def _begin(self, state: HandState) -> None:
-        if not np.isfinite(self.down(state)).all():
+        if not np.isfinite(self.gravity_in_palm(state)).all():
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
         if not np.isfinite(state.position).all():
-            return  # Nothing can begin at a place that is not known.
+            return  # It cannot start at an unknown position.
         self._begun, self._clear, self._estimate = state.t, 0.0, None
         self._since[:], self._over[:] = 0, 0
         self._observer.reset(state.position)
-        self._lost = Lost(self._observer.period)
-        self._pace = Pace(self._spec.n_joints, self._observer.period)
-        self._diagnosis.interrupted()
+        self._lost = LostPeriods(self._observer.period)
+        self._pace = MovingJoints(self._spec.n_joints, self._observer.period)
+        self._diagnosis.restart()
         if self._noise is not None:
-            self._noise = Noise(self._spec.n_joints)
+            self._noise = NoiseEstimator(self._spec.n_joints)
 
-    def _weights(self, down: Vector, velocity: Vector) -> Weights:
+    def _weights(self, down: Vector, velocity: Vector) -> LinkWeights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
         for finger, over in zip(self._spec.fingers, self._over, strict=True):
             free[list(finger.joints)] = over < PERIODS
         if isinstance(observer, Observer):
-            return Weights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
-        return Weights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
+            return LinkWeights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
+        return LinkWeights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
 
     def _judge(self, state: HandState, torque: Vector, since: NDArray[np.int_]) -> None:
         """`state`: with predicted positions where none were reported; `since`: periods from each joint's last report to
@@ -216,33 +222,33 @@ class Mirror:
         estimate, diagnosis = self._estimate, self._diagnosis
         assert estimate is not None
         off = state.position - estimate.predicted
-        weights = self._weights(self.down(state), estimate.velocity) if diagnosis.due else None
+        weights = self._weights(self.gravity_in_palm(state), estimate.velocity) if diagnosis.row_due else None
         diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
         if not since.any():
-            return  # What nobody saw counts for nothing.
-        over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
+            return  # Without any report there is nothing to judge.
+        over = push_ratio(estimate.disturbance, self.contact_thresholds, self._spec) > 1.0
         if state.t < self._clear:
             over &= self._over >= PERIODS
         self._over = np.where(over, self._over + 1, 0)
         if "contact" in self._stop and self.contacts:
-            joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
+            joint = int(np.argmax(np.abs(estimate.disturbance) / self.contact_thresholds))
             raise HandFault(
                 f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
                 f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"
             )
-        if self.anomaly is not None and self.anomaly.name in self._stop:
-            raise HandFault(f"{words(self.anomaly, self._spec)}, at {state.t:.3f} s")
+        if self.fault is not None and self.fault.name in self._stop:
+            raise HandFault(f"{fault_text(self.fault, self._spec)}, at {state.t:.3f} s")
 
 
-class Lost:
-    """Tells a period of which a host heard nothing at once: its `tick` counts it with the third state that is late, for
-    one that is merely late is followed by one that is not. How far the joints went tells before."""
+class LostPeriods:
+    """Detects a lost period at once. The host's `tick` counts it only with the third late state, since a state that is
+    merely late is followed by one that is not. The joints' displacement tells earlier."""
 
     def __init__(self, period: float) -> None:
         self._period, self._t, self._at = period, np.inf, np.zeros(0)
-        self._ahead, self._left = 0, 0  # Periods that `tick` lacks, and states in which it is to count them.
+        self._ahead, self._left = 0, 0  # Periods that `tick` lacks, and states within which it will count them.
 
-    def gone(self, state: HandState, counted: int, last: Estimate | None) -> int:
+    def count(self, state: HandState, counted: int, last: Estimate | None) -> int:
         """Periods from the last state to this one; `counted`: by the ticks."""
         stamped = round((state.t - self._t) / self._period) if np.isfinite(self._t) else counted
         gone, step = counted, state.position - self._at if last is not None else np.zeros(0)
@@ -260,24 +266,24 @@ class Lost:
         return gone
 
 
-class Noise:
-    """How noisy reports are, from third differences of positions in successive periods, to which a motion below 15 Hz
-    adds nothing: those of white noise have the variance 20 σ²."""
+class NoiseEstimator:
+    """Estimates the noise of reports from third differences of successive positions, to which a motion below 15 Hz adds
+    nothing: those of white noise have the variance 20 σ²."""
 
     def __init__(self, n: int) -> None:
         self._last: deque[Vector] = deque(maxlen=4)
         self._third: list[Vector] = [np.zeros(n)]
 
     def add(self, position: Vector, gone: int) -> None:
-        """What is reported, (n,), rad, some periods after the last."""
+        """Add a reported position, (n,), rad, some periods after the last."""
         if gone > 1:
             self._last.clear()
         self._last.append(position)
         if len(self._last) == 4:
             self._third.append(np.abs(np.diff(np.array(self._last), n=3, axis=0)[0]))
 
-    def found(self) -> Vector:
-        """Standard deviation, (n,), rad. Differences beyond thrice the usual count as that: something struck."""
+    def estimate(self) -> Vector:
+        """Standard deviation, (n,), rad. Differences beyond three times the usual count as that: an impact."""
         third = np.nan_to_num(np.array(self._third))
         most = 3.0 * np.median(third, axis=0) / 0.6745
         return np.asarray(np.sqrt(np.square(np.minimum(third, most)).mean(axis=0) / 20.0))

@@ -1,4 +1,4 @@
-"""A mirror in Rerun: the hand as measured, as expected as a ghost, what pushes it, and what that means."""
+"""Mirror in Rerun: the measured hand, the expected hand as a ghost, external torques, and events."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.faults import words
+from allegro_twin.twin.mirror.faults import fault_text
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.viewing.rerun.layout import MORE
@@ -20,41 +20,41 @@ if TYPE_CHECKING:
     from allegro_twin.drivers.can.driver.health import Health
 
 RATE = 10.0
-"""Pictures a second: drawing more costs more than the mirror does (docs/mirror.md)."""
+"""Pictures per second: drawing more costs more than the mirror does (docs/results/mirror.md)."""
 COUNTS = ("missed", "incomplete", "behind", "throttled")
-"""Of a link's health: what is drawn."""
+"""Counts of a link's health that are drawn."""
 
 
-def stage(spec: HandSpec) -> Scenery:
-    """What a viewer is to draw for a mirror."""
+def mirror_scenery(spec: HandSpec) -> Scenery:
+    """What a viewer draws for a mirror."""
     return replace(scenery(spec, {}), ghost="expected", more=tuple(MORE), link=COUNTS)
 
 
-def drawn(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
-    """A stage after the mirror's."""
-    said, unnamed = "", mirror.unnamed
+def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
+    """Draw samples after the mirror observed them (a stage)."""
+    last, unnamed = "", mirror.unchecked_faults
     for sample in samples:
-        viewer.draw(sample, _beside(sample.state, mirror, health))
+        viewer.draw(sample, _columns(sample.state, mirror, health))
         if unnamed:
             viewer.happens(sample.state.t, f"not looked for: {', '.join(unnamed)}")
             unnamed = ()
-        now = happening(mirror)
-        if now != said:
+        now = event_text(mirror)
+        if now != last:
             viewer.happens(sample.state.t, now)
-            said = now
+            last = now
         yield sample
 
 
-def happening(mirror: Mirror) -> str:
-    """In words; empty where all is as expected."""
+def event_text(mirror: Mirror) -> str:
+    """Contacts and fault as text; empty where all is as expected."""
     parts = [f"{name} is touched" for name in mirror.contacts]
-    if mirror.anomaly is not None:
-        parts.append(words(mirror.anomaly, mirror.spec))
+    if mirror.fault is not None:
+        parts.append(fault_text(mirror.fault, mirror.spec))
     return "; ".join(parts)
 
 
-def _beside(state: HandState, mirror: Mirror, health: Health | None) -> dict[str, Array]:
-    latest = mirror.latest()
+def _columns(state: HandState, mirror: Mirror, health: Health | None) -> dict[str, Array]:
+    latest = mirror.columns()
     found = {"disturbance": latest["disturbance"], "residual": state.position - latest["predicted"]}
     if np.isfinite(latest["predicted"]).all():
         found["target"] = latest["predicted"]

@@ -1,14 +1,14 @@
-"""Whether what a hand holds slips.
+"""Slip detection of a held object.
 
-Fingers that rest and press on something are pushed back by d₀. When what they press on gives way, less pushes back and
-they follow it, by the motors' own torque and against d₀:
+Fingers that rest and press on something are pushed back by d₀. When the object gives way, the push decreases and the
+fingers follow it, by the motors' own torque and against d₀:
 
     let go  1 − d·d₀ / |d₀|²,    inward  −(q − q₀)·d₀ / |d₀|
 
-A hand that was told to move does the same, but its motors say so: a position loop pushes less on a finger that went
-inward, and more on one that was pushed outward. Where the motors' part, −τ·d₀ / |d₀|², rises on a finger that went in
-or did not move, or falls on one that went out, somebody told it. While the palm turns, weight goes from one finger to
-another; there, and of one finger alone, nothing counts but a finger that lets go altogether.
+A hand that is commanded to move does the same, but its motors' torques show it: a position loop pushes less on a finger
+that went inward, and more on one that was pushed outward. Where the motors' part, −τ·d₀ / |d₀|², rises on a finger that
+went in or did not move, or falls on one that went out, there was a command. While the palm turns, weight moves from one
+finger to another; then, and with one finger alone, only a finger that lets go altogether counts.
 """
 
 from __future__ import annotations
@@ -27,33 +27,34 @@ from allegro_twin.types import Vector
 RESTED, SINCE = 0.24, 0.12
 """s: how long a hand must have rested, and how long ago that may have ended."""
 STILL = 0.008
-"""rad that a joint moves at most in a hand that rests."""
+"""rad that a joint moves at most in a hand at rest."""
 PRESSED, GRIP = 0.1, 0.3
-"""Of a motor's limit: a finger that is pushed back by less does not hold, nor a hand none of whose fingers is pushed
-back by more: friction that the file does not know of holds up to 0.08 N·m in a finger at rest."""
+"""Shares of a motor's limit. A finger that is pushed back by less than the first does not hold; a hand without a finger
+pushed back by more than the second does not hold either. Friction beyond the file holds up to 0.08 N·m in a finger at
+rest."""
 BACK = 0.5
-"""Of what pushes a finger back, what its motors push at least: all of it but for its weight."""
+"""Least share of a finger's push that its motors make: all of it but the finger's weight."""
 LET_GO, INWARD = 0.2, 0.004
-"""Of the push of one of several fingers; rad."""
+"""Lost share of the push of one of several fingers; rad."""
 ALTOGETHER, ALONE = 0.7, 0.02
-"""The same while the palm turns, and of one finger alone; rad, of one finger alone."""
+"""The same while the palm turns, and for one finger alone; rad, for one finger alone."""
 TURNS = 0.05
 """rad that the palm turns in the meantime."""
 TOLD, MOVED, HELD = 0.15, 0.003, 0.0005
-"""Share of the push by which motors rise or fall, and rad, in and out, and of a finger that did not move."""
+"""Share of the push by which motors rise or fall; rad, in and out; rad of a finger that did not move."""
 STARTS = 0.15
 """The share for a finger that did not move."""
 AFTER = 0.7
-"""s after a command in which nothing is a slip."""
+"""s after a command in which nothing counts as a slip."""
 
 
 class Slip(NamedTuple):
-    """What the finger that let go most says."""
+    """A slip, as the finger that let go most shows it."""
 
     joint: int
-    """Its joint that was pushed most."""
+    """That finger's joint that was pushed most."""
     amount: float
-    """The share of its push that is gone."""
+    """Lost share of its push."""
 
 
 class _Row(NamedTuple):
@@ -63,8 +64,8 @@ class _Row(NamedTuple):
     down: Vector
 
 
-class Slips:
-    """Keeps rows of a mirror. `row`: s; `above`: what is no touch of a joint at rest, (n,), N·m."""
+class SlipDetector:
+    """Detects slips in the rows of a mirror. `row`: s; `above`: contact thresholds of joints at rest, (n,), N·m."""
 
     def __init__(self, spec: HandSpec, row: float, above: Vector) -> None:
         self._of = np.zeros((len(spec.fingers), spec.n_joints))
@@ -80,41 +81,41 @@ class Slips:
         """Fingers that rest now and press on something, (fingers,)."""
 
     def add(self, d: Vector, torque: Vector, position: Vector, down: Vector, *, jumped: bool = False) -> Slip | None:
-        """A row: disturbances and the motors' torques, N·m, positions, rad, (n,) each; gravity in the palm frame, (3,).
-        `jumped`: an encoder may have. What slips as this row ends, or None."""
+        """Add a row: disturbances and the motors' torques, N·m, positions, rad, (n,) each; gravity in the palm frame,
+        (3,). `jumped`: an encoder may have jumped. Returns the slip that this row ends with, or None."""
         now, self._calm = _Row(d, torque, position, down), self._calm - 1
-        found = self._seen(now) if len(self._rows) == self._rows.maxlen else None
+        found = self._find_slip(now) if len(self._rows) == self._rows.maxlen else None
         self._calm = self._wait if jumped else self._calm
         self._rows.append(now)
-        self.holds = self._holds(list(self._rows)[-self._since :])
+        self.holds = self._holding(list(self._rows)[-self._since :])
         return found if self._calm <= 0 else None
 
-    def _holds(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
+    def _holding(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
         d, torque, position, _ = (np.array(each) for each in zip(*rows, strict=True))
         still = np.ptp(position, axis=0) < STILL
-        return np.asarray(self._held(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0))
+        return np.asarray(self._pressing(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0))
 
-    def _held(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
+    def _pressing(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
         """Fingers that motors press on something."""
         square, of = self._of @ np.square(d), self._of
         held = (square > self._pressed) & (of @ np.square(d / self._above) > 1.0) & (of @ (torque * d) < -BACK * square)
         return np.asarray(held & (held & (square > self._grip)).any())
 
-    def _seen(self, now: _Row) -> Slip | None:
+    def _find_slip(self, now: _Row) -> Slip | None:
         d, torque, position, down = (np.array(each) for each in list(zip(*self._rows, strict=True)))
         first = slice(self._before)
         travel = np.ptp(position[first], axis=0)
         if travel.max() > STILL:
             return None
         d0, torque0 = d[first].mean(axis=0), torque[first].mean(axis=0)
-        of, square, held = self._of, self._of @ np.square(d0), self._held(d0, torque0)
+        of, square, held = self._of, self._of @ np.square(d0), self._pressing(d0, torque0)
         if not held.any():
             return None
         square = np.where(held, square, np.inf)
         gone = 1.0 - of @ (now.d * d0) / square
         inward = -(of @ ((now.position - position[first].mean(axis=0)) * d0)) / np.sqrt(square)
         rise = -(of @ ((now.torque - torque0) * d0)) / square
-        if (held & self._told(inward, rise)).any():
+        if (held & self._commanded(inward, rise)).any():
             self._calm = self._wait
         several = np.count_nonzero(held) > 1
         turned = np.linalg.norm(now.down - down[0]) > TURNS * np.linalg.norm(down[0])
@@ -126,8 +127,10 @@ class Slips:
         finger = int(np.where(slipped, gone, -np.inf).argmax())
         return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
 
-    def _told(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
-        """Of each finger, whether its motors changed by themselves."""
+    def _commanded(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
+        """Whether each finger's motors changed by themselves."""
         out, into, before = inward < -MOVED, inward > MOVED, self._starts
-        self._starts = (np.abs(inward) < HELD) & (rise > STARTS)  # In one row it may be what damps the first motion.
+        self._starts = (np.abs(inward) < HELD) & (
+            rise > STARTS
+        )  # In a single row it may be damping of the first motion.
         return np.asarray((out & (rise < -TOLD)) | (into & (rise > TOLD)) | (self._starts & before))

@@ -28,7 +28,7 @@ _STATE = ("position", "velocity", "torque", "command")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Row:
+class DrawnRow:
     """One moment of one device."""
 
     t: float
@@ -37,7 +37,7 @@ class Row:
     look: Mapping[str, Array]
 
     @staticmethod
-    def of(sample: Sample, look: Mapping[str, Array]) -> Row:
+    def of(sample: Sample, look: Mapping[str, Array]) -> DrawnRow:
         """Raises ConfigError for a pose that is not one."""
         state, command = sample
         goal = command.torque if isinstance(command, TorqueCommand) else command.position
@@ -48,18 +48,18 @@ class Row:
         if "target" in look:
             joints["target"] = look["target"]
         joints |= {name: look[name] for name in MORE if name in look}
-        return Row(state.t, joints, look)
+        return DrawnRow(state.t, joints, look)
 
 
 class _Message(NamedTuple):
     """One entity's components at several moments."""
 
     path: str
-    rows: Sequence[Row]
+    rows: Sequence[DrawnRow]
     columns: Any
 
 
-class Rows:
+class RowBuffer:
     """Collects moments of the hand, and of the arm that carries it, and sends them together."""
 
     def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery, arm: HandSpec | None = None) -> None:
@@ -68,7 +68,7 @@ class Rows:
         self._scene = scene
         self._arm = Skeleton(scene.arm.bodies, arm) if arm is not None and scene.arm is not None else None
         self._wanted: Vector | None = None
-        self._rows: dict[str, list[Row]] = {"hand": [], "arm": []}
+        self._rows: dict[str, list[DrawnRow]] = {"hand": [], "arm": []}
         self._forces: deque[Array] = deque(maxlen=SMOOTHED)
         self._sending: Iterator[_Message] = iter(())
 
@@ -87,7 +87,7 @@ class Rows:
         look = dict(event.extras)
         if self._forces and event.device == "arm":
             look["force"] = np.mean(self._forces, axis=0)
-        self._rows[event.device].append(Row.of(event.sample, look))
+        self._rows[event.device].append(DrawnRow.of(event.sample, look))
 
     def send(self) -> None:
         """Send what has been collected."""
@@ -109,7 +109,7 @@ class Rows:
             times = rr.TimeColumn("time", duration=[row.t for row in rows])
             self._stream.send_columns(path, indexes=[times], columns=columns)
 
-    def _messages(self, hand: list[Row], arm: list[Row]) -> Iterator[_Message]:
+    def _messages(self, hand: list[DrawnRow], arm: list[DrawnRow]) -> Iterator[_Message]:
         if hand:
             yield from self._hand_messages(hand)
         if arm and self._arm is not None:
@@ -121,7 +121,7 @@ class Rows:
             yield _scalars("cell/force", arm, force[:, :3])
             yield _scalars("cell/moment", arm, force[:, 3:])
 
-    def _hand_messages(self, rows: list[Row]) -> Iterator[_Message]:
+    def _hand_messages(self, rows: list[DrawnRow]) -> Iterator[_Message]:
         for name in (*_STATE, "target", *self._scene.more):
             having = [row for row in rows if name in row.joints]
             values = np.array([row.joints[name] for row in having])
@@ -132,13 +132,13 @@ class Rows:
         yield from self._limits(rows)
         yield from self._surroundings(rows)
 
-    def _links(self, root: str, skeleton: Skeleton, rows: list[Row], position: Array) -> Iterator[_Message]:
+    def _links(self, root: str, skeleton: Skeleton, rows: list[DrawnRow], position: Array) -> Iterator[_Message]:
         for body, (place, rotation) in zip(skeleton.bodies, skeleton.places(position), strict=True):
             if body.parent >= 0:
                 moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.
                 yield _Message(f"{root}/{body.name}", rows, moved)
 
-    def _ghost(self, rows: list[Row]) -> Iterator[_Message]:
+    def _ghost(self, rows: list[DrawnRow]) -> Iterator[_Message]:
         """The hand at its target; it is sent again only when the target changes, for what was sent stays."""
         if not rows:
             return
@@ -153,7 +153,7 @@ class Rows:
             changed = [rows[k] for k in np.flatnonzero(new)]
             yield from self._links("world/palm/target", self._skeleton, changed, wanted[new])
 
-    def _limits(self, rows: list[Row]) -> Iterator[_Message]:
+    def _limits(self, rows: list[DrawnRow]) -> Iterator[_Message]:
         """Lines need two points: the first and the last moment."""
         ends = [rows[0], rows[-1]] if len(rows) > 1 else rows
         for finger in self._spec.fingers:
@@ -161,7 +161,7 @@ class Rows:
             lines = np.tile(np.concatenate([values, -values]), (len(ends), 1))
             yield _scalars(f"joints/torque_limit/{finger.name}", ends, lines)
 
-    def _surroundings(self, rows: list[Row]) -> Iterator[_Message]:
+    def _surroundings(self, rows: list[DrawnRow]) -> Iterator[_Message]:
         paths = {"palm": "world/palm"}
         if self._objects:
             first = self._objects[0]
@@ -185,19 +185,19 @@ class Rows:
             yield _arrows(having)
 
 
-def _poses(path: str, rows: Sequence[Row], poses: Array) -> _Message:
+def _poses(path: str, rows: Sequence[DrawnRow], poses: Array) -> _Message:
     """Positions, m, and quaternions w x y z, (k, 7)."""
     moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, [4, 5, 6, 3]])
     return _Message(path, rows, moved)
 
 
-def _scalars(path: str, rows: Sequence[Row], values: Array) -> _Message:
+def _scalars(path: str, rows: Sequence[DrawnRow], values: Array) -> _Message:
     """Series, (k, series)."""
     data = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(rows))
     return _Message(path, rows, data)
 
 
-def _arrows(rows: Sequence[Row]) -> _Message:
+def _arrows(rows: Sequence[DrawnRow]) -> _Message:
     """From where each part of the hand presses on the object, the way it pushes."""
     points = np.array([row.look["contact_point"] for row in rows]).reshape(len(rows), -1, 3)
     vectors = _ARROW * np.array([row.look["contact_vector"] for row in rows]).reshape(points.shape)

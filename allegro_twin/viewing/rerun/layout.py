@@ -11,7 +11,7 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.spec import HandSpec
 from allegro_twin.viewing.scenery import Scenery
 from allegro_twin.viewing.skeleton import Skeleton
-from allegro_twin.viewing.views import seen
+from allegro_twin.viewing.views import aimed_view
 
 _TABS = {
     "Position (rad)": ("position", "target"),
@@ -95,7 +95,7 @@ def _plot(finger: str, kinds: tuple[str, ...]) -> rrb.TimeSeriesView:
 def _eye(spec: HandSpec, scenery: Scenery, start: str) -> rrb.EyeControls3D:
     """The same views as the camera's."""
     palm = matrix_from_quaternion(np.array(scenery.palm[3:]))
-    target, place = seen(start, spec.side, *Skeleton(scenery.bodies, spec).tips(), palm)
+    target, place = aimed_view(start, spec.side, *Skeleton(scenery.bodies, spec).tips(), palm)
     middle = np.array(scenery.palm[:3]) + palm @ target.middle
     # Rerun's field of view is wider than MuJoCo's.
     return rrb.EyeControls3D(

@@ -20,7 +20,7 @@ _HERE = "127.0.0.1"
 _MEMORY = "1GiB"  # Of what a page that is opened late still gets.
 
 
-class Server:
+class RerunServer:
     """A running Rerun. Raises ConfigError when a port is taken or the program is not there."""
 
     def __init__(self, *arguments: str) -> None:
@@ -43,18 +43,18 @@ class Server:
             self._process.wait()
 
 
-def page(port: int) -> tuple[Server, str]:
+def page(port: int) -> tuple[RerunServer, str]:
     """A server with a page for the browser, and the page's address."""
     claim(port)
-    server = Server("--serve-web", "--web-viewer-port", str(port))
+    server = RerunServer("--serve-web", "--web-viewer-port", str(port))
     return server, f"http://{_HERE}:{port}/?url={quote(server.url, safe='')}"
 
 
-def window() -> Server:
+def window() -> RerunServer:
     """Rerun's own window. Raises ConfigError where there is no screen for it."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ConfigError("there is no screen for Rerun's window: look in the browser with --web, or write a .rrd")
-    return Server("--expect-data-soon")
+    return RerunServer("--expect-data-soon")
 
 
 def claim(port: int) -> int:

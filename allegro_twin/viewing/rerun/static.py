@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import rerun as rr
 
-from allegro_twin.hands.description.appearance import LIMIT, Color, lighter, of_series
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import LIMIT, Color, VisualShape, lighten, series_color
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.viewing.scenery import ArmScenery, Scenery
-from allegro_twin.viewing.surfaces import joined, surface
+from allegro_twin.viewing.surfaces import join_surfaces, surface_of
 
 FRAMES = {"goal": 0.12, "tool": 0.08}
 """Axes that are drawn in the world, and how long, m: the goal of the flange, and the palm."""
@@ -33,7 +32,7 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     for finger in spec.fingers:
         _series(stream, spec, finger, scene)
     parts = [finger.name for finger in spec.fingers] + ["palm"]
-    colors = [_rgb(of_series(k)) for k in range(len(parts))]
+    colors = [_rgb(series_color(k)) for k in range(len(parts))]
     stream.log("contact/force", rr.SeriesLines(names=parts, colors=colors), static=True)
     stream.log("world/contact", rr.Arrows3D.from_fields(colors=colors, radii=[0.002]), static=True)
     if scene.link:
@@ -51,8 +50,8 @@ def draw_arm(stream: rr.RecordingStream, spec: HandSpec, arm: ArmScenery) -> Non
     draw_shapes(stream, "world/flange/look", arm.adapter)
     for name, length in FRAMES.items():
         stream.log(f"world/{name}", rr.TransformAxes3D(length), static=True)
-    for path, names in {"arm/torque": spec.readable, "cell/force": _AXES, "cell/moment": _MOMENTS}.items():
-        colors = [_rgb(of_series(k)) for k in range(len(names))]
+    for path, names in {"arm/torque": spec.joint_labels, "cell/force": _AXES, "cell/moment": _MOMENTS}.items():
+        colors = [_rgb(series_color(k)) for k in range(len(names))]
         stream.log(path, rr.SeriesLines(names=list(names), colors=colors, widths=[1.5]), static=True)
 
 
@@ -87,11 +86,11 @@ def _states(stream: rr.RecordingStream, path: str, times: list[float], names: li
     stream.send_columns(path, indexes=[rr.TimeColumn("time", duration=times)], columns=columns)
 
 
-def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, ghost: bool = False) -> None:
+def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[VisualShape], *, ghost: bool = False) -> None:
     """One mesh of all of them, at rest in the frame of its path."""
     if not shapes:
         return
-    whole = joined([surface(shape) for shape in shapes])
+    whole = join_surfaces([surface_of(shape) for shape in shapes])
     vertices = whole.vertices - _THINNER * whole.normals if ghost else whole.vertices
     look = {"albedo_factor": _GHOST} if ghost else {"vertex_colors": whole.colors}
     mesh = rr.Mesh3D(vertex_positions=vertices, vertex_normals=whole.normals, **look)
@@ -99,13 +98,13 @@ def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], 
 
 
 def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, scene: Scenery) -> None:
-    names = [spec.readable[joint] for joint in finger.joints]
-    colors = [of_series(k) for k in range(len(names))]
+    names = [spec.joint_labels[joint] for joint in finger.joints]
+    colors = [series_color(k) for k in range(len(names))]
     for kind in ("position", "velocity", "torque", "command", *scene.more):
         lines = rr.SeriesLines(names=names, colors=[_rgb(color) for color in colors], widths=[1.5])
         stream.log(f"joints/{kind}/{finger.name}", lines, static=True)
     wanted = rr.SeriesLines(
-        names=[f"{n} {scene.ghost}" for n in names], colors=[_rgb(lighter(c)) for c in colors], widths=[1]
+        names=[f"{n} {scene.ghost}" for n in names], colors=[_rgb(lighten(c)) for c in colors], widths=[1]
     )
     stream.log(f"joints/target/{finger.name}", wanted, static=True)
     count = len(np.unique(spec.actuation.torque_limit[list(finger.joints)]))

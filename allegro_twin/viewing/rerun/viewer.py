@@ -12,13 +12,13 @@ from typing import Self
 import rerun as rr
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.events import DeviceSample, SessionEvent
-from allegro_twin.recording.reader import Tracks
+from allegro_twin.recording.reader import CellRecording
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample
 from allegro_twin.viewing.rerun import server
-from allegro_twin.viewing.rerun.columns import Rows
+from allegro_twin.viewing.rerun.columns import RowBuffer
 from allegro_twin.viewing.rerun.journals import draw_entry
 from allegro_twin.viewing.rerun.layout import cell_layout, hand_layout
 from allegro_twin.viewing.rerun.static import draw_arm, draw_still, draw_verdict
@@ -49,10 +49,10 @@ class Viewer:
         view: str = DEFAULT,
     ) -> None:
         self._stream = rr.RecordingStream("allegro_twin")
-        self._server: server.Server | None = None
+        self._server: server.RerunServer | None = None
         self._spec, self._arm, self._interval, self._next = spec, arm, 1.0 / rate, {"hand": 0.0, "arm": 0.0}
         self._scene, self._view = scene or scenery(spec, {}), view
-        self._rows = Rows(self._stream, spec, self._scene, arm)
+        self._rows = RowBuffer(self._stream, spec, self._scene, arm)
         self._together = _TOGETHER if live else float("inf")
 
     def on_event(self, event: SessionEvent) -> None:
@@ -141,7 +141,7 @@ class Viewer:
             draw_arm(self._stream, self._arm, self._scene.arm)
 
 
-def viewer_of(recording: Tracks, *, live: bool = False) -> Viewer:
+def viewer_of(recording: CellRecording, *, live: bool = False) -> Viewer:
     """A viewer for a recording of a cell. Raises RecordingError where it has no arm or no hand."""
     hand = recording.device("hand").spec
     return Viewer(hand, scenery(hand, recording.meta), arm=recording.device("arm").spec, live=live)
@@ -162,7 +162,7 @@ def write_rrd(samples: Iterable[Sample], viewer: Viewer, path: Path, look: Look 
 
 def write_events(events: Iterable[SessionEvent], viewer: Viewer, path: Path) -> None:
     """Consume all events of a session into a `.rrd` file, which is there only when it is whole."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         viewer.to_file(temporary)
         try:
             for event in events:

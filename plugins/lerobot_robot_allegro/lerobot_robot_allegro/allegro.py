@@ -9,12 +9,10 @@ import numpy as np
 from lerobot.robots.robot import Robot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from allegro_twin.app.config import RunConfig, load_config
-from allegro_twin.errors import ConfigError, SelfCollision
-from allegro_twin.hands.description.hands import load_spec, side_of
-from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.external_setpoints import Outside
+from allegro_twin import ConfigError, Hand, HandSpec, SelfCollision, load_config
+from allegro_twin.app import RunConfig
+from allegro_twin.hands import hand_side, load_spec
+from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
 from lerobot_robot_allegro.config_allegro import AllegroConfig
 
 
@@ -29,7 +27,7 @@ class Allegro(Robot):
         self.config = config
         self._settings = _settings(config)
         self._hand: Hand | None = None
-        self._outside: Outside | None = None
+        self._outside: ExternalSetpoints | None = None
         self._goal: np.ndarray | None = None
 
     @cached_property
@@ -57,7 +55,7 @@ class Allegro(Robot):
         if self._hand is not None:
             raise DeviceAlreadyConnectedError(f"{self} is connected already")
         self._hand = Hand.open(self._settings, background=True)
-        self._outside = Outside(self._hand, self.config.speed)
+        self._outside = ExternalSetpoints(self._hand, self.config.speed)
 
     @property
     def is_calibrated(self) -> bool:
@@ -107,5 +105,5 @@ def _settings(config: AllegroConfig) -> RunConfig:
     settings = load_config(config.config)
     if config.hand is None:
         return settings
-    side = side_of(config.hand)
+    side = hand_side(config.hand)
     return settings.changed(hand={"serial": config.hand} | ({} if side is None else {"side": side}))

@@ -85,7 +85,7 @@ def check(backend: str, folder: Path) -> str:
     dataset = LeRobotDataset.create(
         f"me/{backend}", FPS, root=folder / "set", robot_type=robot.name, features=features, use_videos=False
     )
-    from allegro_twin.hands.library.named import load_posture
+    from allegro_twin.hands import load_posture
 
     home = np.array(load_posture("home", robot.spec))
     teleop = Wave(WaveConfig(id="w", calibration_dir=folder / "calibration"), list(robot.action_features), home,

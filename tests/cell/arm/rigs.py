@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.cell.arm.limits import limits_of
-from allegro_twin.cell.arm.target import Target
+from allegro_twin.cell.arm.limits import arm_limits
+from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.controller import Controller
-from allegro_twin.hands.description.arms import load_arm
+from allegro_twin.hands.description.arms import load_arm_spec
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
@@ -30,7 +30,7 @@ class Rig(NamedTuple):
     guard: Guard
     model: ArmModel
     home: Pose
-    target: Target
+    target: CartesianTarget
 
     def after(self, seconds: float, controller: Controller[Any]) -> HandState:
         """The state after so long under a controller."""
@@ -44,14 +44,14 @@ class Rig(NamedTuple):
 
 def rig(name: str = "fer", force: Array | None = None, spec: ArmSpec | None = None) -> Rig:
     """An arm in an empty world; `force` on its flange for every period, (k, 3), N."""
-    spec = spec or load_arm(name)
+    spec = spec or load_arm_spec(name)
     push = None if force is None else Push(spec.flange, force)
     return _rig(spec, compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))), push)
 
 
 def at_a_wall(name: str = "fer", frictionloss: float | None = None) -> Rig:
     """An arm with a stick of 0.1 m on its flange, above a plate on a spring that has no friction."""
-    spec = load_arm(name)
+    spec = load_arm_spec(name)
     if frictionloss is not None:
         spec = replace(spec, actuation=replace(spec.actuation, frictionloss=frozen(np.full(7, frictionloss))))
     scene = hand_spec(spec)
@@ -69,4 +69,4 @@ def _rig(spec: ArmSpec, scene: mujoco.MjModel, push: Push | None = None) -> Rig:
     sim = SimBackend(spec, scene, period=0.001, pushing=push)
     model = ArmModel(spec)
     home = model.pose(spec.ready)
-    return Rig(sim, Guard(sim, limits_of(spec)), model, home, Target(home))
+    return Rig(sim, Guard(sim, arm_limits(spec)), model, home, CartesianTarget(home))

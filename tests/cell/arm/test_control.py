@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog  # type: ignore[import-untyped]  # Its types are a package of their own.
 
-from allegro_twin.cell.arm.compliance import Compliance, Pull, Virtual, cycled
-from allegro_twin.cell.arm.faults import Disturbed
+from allegro_twin.cell.arm.compliance import Compliance, Pull, VirtualArm, advance_virtual_arm
+from allegro_twin.cell.arm.faults import DisturbedBackend
 from allegro_twin.cell.arm.impedance import Impedance, Stiffness, hung
-from allegro_twin.cell.arm.target import Smoothing, Target, approached
-from allegro_twin.cell.arm.tool import Bridge
+from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
+from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.hands.description.arms import load_arm
-from allegro_twin.kinematics.arm import ArmModel, turn, turned
+from allegro_twin.hands.description.arms import load_arm_spec
+from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
@@ -23,8 +23,8 @@ from allegro_twin.spec.arm import Load
 from allegro_twin.types import Array, frozen
 from tests.cell.arm.rigs import GAP, WALL, Rig, at_a_wall, rig
 
-STICK = Bridge(Load(0.001, frozen([0.0, 0.0, 0.06])))
-BARE = Bridge(Load(0.0, frozen([0.0, 0.0, 0.0])))
+STICK = WrenchCompensation(Load(0.001, frozen([0.0, 0.0, 0.06])))
+BARE = WrenchCompensation(Load(0.0, frozen([0.0, 0.0, 0.0])))
 
 
 def below(arm: Rig, depth: float) -> Pose:
@@ -33,10 +33,10 @@ def below(arm: Rig, depth: float) -> Pose:
 
 def followed(arm: Rig, law: Compliance, goal: Pose, cycles: int, wall: float = np.inf) -> list[float]:
     """Heights of a tool that follows at once, m above the start, after each cycle; `wall`: where it begins, below."""
-    virtual, heights = Virtual(arm.model.spec.ready, np.zeros(7), np.zeros(6)), [0.0]
+    virtual, heights = VirtualArm(arm.model.spec.ready, np.zeros(7), np.zeros(6)), [0.0]
     for _ in range(cycles):
         push = np.array([0.0, 0.0, WALL * max(-wall - heights[-1], 0.0), 0.0, 0.0, 0.0])
-        virtual = cycled(law, virtual, goal, push)
+        virtual = advance_virtual_arm(law, virtual, goal, push)
         heights.append(float(arm.model.pose(virtual.position).position[2] - arm.home.position[2]))
     return heights
 
@@ -63,7 +63,7 @@ def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is
     push = np.zeros((2500, 3))
     push[50:, axis] = -10.0
     arm = rig(name, push)
-    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, angular), bridge=BARE))
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, angular), compensation=BARE))
     assert arm.moved(state)[axis] == pytest.approx(-10.0 / stiffness, rel=0.02)
     assert np.abs(state.velocity).max() < 2e-3
 
@@ -72,10 +72,10 @@ def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is
 def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_arm_swing(dry: float) -> None:
     push = np.zeros((2500, 3))
     push[50:, 0] = -10.0
-    told = load_arm("fer")
+    told = load_arm_spec("fer")
     arm = rig(force=push, spec=replace(told, actuation=replace(told.actuation, frictionloss=frozen(np.full(7, dry)))))
-    noisy = Disturbed(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
-    *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), bridge=BARE)))
+    noisy = DisturbedBackend(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
+    *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), compensation=BARE)))
     state = last.state
     assert arm.moved(state)[0] == pytest.approx(-10.0 / 400.0, rel=0.06)
     assert np.abs(state.velocity).max() < 0.02
@@ -84,12 +84,12 @@ def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_ar
 @pytest.mark.parametrize("stiffness", [150.0, 1000.0])
 def test_the_tool_comes_to_rest_near_a_target_that_moved_and_turned(stiffness: float) -> None:
     arm = rig()
-    goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), turned(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
+    goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), rotate(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
     arm.target.move(goal)
     state = arm.after(3.0, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0)))
     pose = arm.model.pose(state.position)
     assert np.linalg.norm(pose.position - goal.position) < 2.0 / stiffness  # Dry friction: up to two newtons.
-    assert np.linalg.norm(turn(goal.rotation, pose.rotation)) < 0.02
+    assert np.linalg.norm(rotation_between(goal.rotation, pose.rotation)) < 0.02
     assert np.abs(state.velocity).max() < 5e-3
 
 
@@ -148,7 +148,7 @@ def test_an_arm_that_feels_its_flange_presses_as_hard_as_its_spring_is_drawn_in_
 ) -> None:
     arm = at_a_wall()
     arm.target.move(below(arm, 0.05))
-    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0), bridge=STICK))
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0), compensation=STICK))
     way, plate = -arm.moved(state)[2], -float(arm.sim.data.qpos[-1])
     assert stiffness * (0.05 - way) == pytest.approx(WALL * plate, rel=0.01)
 
@@ -211,19 +211,19 @@ def test_compliance_presses_with_what_it_is_asked_to() -> None:
 def test_a_set_point_goes_straight_and_turns_by_slerp_no_faster_than_it_may() -> None:
     start, goal = (
         Pose(np.zeros(3), np.eye(3)),
-        Pose(np.array([1.0, 2.0, 2.0]), turned(np.eye(3), np.array([0, 0, 2.0]))),
+        Pose(np.array([1.0, 2.0, 2.0]), rotate(np.eye(3), np.array([0, 0, 2.0]))),
     )
     rule, pose, far = Smoothing(speed=0.3, turning=1.0, share=1.0), start, 0.0
     for step in range(1, 101):
-        before, pose = pose, approached(pose, goal, 0.01, rule)
+        before, pose = pose, approach(pose, goal, 0.01, rule)
         assert np.linalg.norm(pose.position - before.position) <= 0.003 + 1e-12
-        assert np.linalg.norm(turn(before.rotation, pose.rotation)) <= 0.01 + 1e-12
+        assert np.linalg.norm(rotation_between(before.rotation, pose.rotation)) <= 0.01 + 1e-12
         far = 0.003 * step / 3.0
         np.testing.assert_allclose(pose.position, far * goal.position, atol=1e-12)
     halfway: Array = matrix_from_quaternion(slerp([1, 0, 0, 0], quaternion_from_matrix(goal.rotation), 0.5))
     np.testing.assert_allclose(pose.rotation, halfway, atol=1e-9)
     for _ in range(2000):
-        pose = approached(pose, goal, 0.01, rule)
+        pose = approach(pose, goal, 0.01, rule)
     np.testing.assert_allclose(pose.position, goal.position, atol=1e-12)
 
 
@@ -253,14 +253,14 @@ def test_a_spring_that_friction_would_hold_is_refused_with_the_least_that_is_eno
 
 def test_a_spring_that_friction_would_hold_is_soft_enough_for_an_arm_that_feels_its_flange() -> None:
     arm = rig()
-    arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(20.0, 30.0), bridge=BARE))
+    arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(20.0, 30.0), compensation=BARE))
     with pytest.raises(ConfigError, match=r"stiffness.linear 5 N/m: dry friction would keep fer up to"):
-        arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(5.0, 30.0), bridge=BARE))
+        arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(5.0, 30.0), compensation=BARE))
 
 
 def test_a_law_that_feels_says_what_to_do_without_a_sensor() -> None:
     arm = rig()
-    unfelt, target = replace(arm.sim.reset(), wrench=np.empty(0)), Target(arm.home)
-    for law in (Compliance(arm.model, target, STICK), Impedance(arm.model, target, bridge=STICK)):
-        with pytest.raises(ConfigError, match="reports no wrench: leave out the bridge"):
+    unfelt, target = replace(arm.sim.reset(), wrench=np.empty(0)), CartesianTarget(arm.home)
+    for law in (Compliance(arm.model, target, STICK), Impedance(arm.model, target, compensation=STICK)):
+        with pytest.raises(ConfigError, match="reports no wrench: leave out the compensation"):
             law.start(unfelt)

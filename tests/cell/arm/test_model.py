@@ -9,13 +9,13 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.description import arms, inertia
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array
 
-ARMS = arms.names()
+ARMS = arms.arm_names()
 
 
 def denavit_hartenberg(name: str, position: Array) -> Array:
@@ -33,14 +33,14 @@ def denavit_hartenberg(name: str, position: Array) -> Array:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_the_flange_is_where_the_maker_says(name: str) -> None:
-    model = ArmModel(arms.load_arm(name))
+    model = ArmModel(arms.load_arm_spec(name))
     np.testing.assert_allclose(model.pose(np.zeros(7)).position, [0.088, 0.0, 0.926], atol=1e-12)
     np.testing.assert_allclose(model.pose(model.spec.ready).position, [0.3069, 0.0, 0.5903], atol=5e-5)
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_mjcf_urdf_and_the_table_are_the_same_chain(name: str) -> None:
-    spec = arms.load_arm(name)
+    spec = arms.load_arm_spec(name)
     model, chance = ArmModel(spec), np.random.default_rng(0)
     scene = mujoco.MjModel.from_xml_path(str(data_root() / "models" / "mjcf" / f"{name}.xml"))
     data = mujoco.MjData(scene)
@@ -55,7 +55,7 @@ def test_mjcf_urdf_and_the_table_are_the_same_chain(name: str) -> None:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_a_jacobian_is_what_a_small_motion_shows(name: str) -> None:
-    spec = arms.load_arm(name)
+    spec = arms.load_arm_spec(name)
     model, step = ArmModel(spec), 1e-6
     place, _, jacobian = (np.array(each) for each in model.motion(spec.ready))
     for joint in range(7):
@@ -66,7 +66,7 @@ def test_a_jacobian_is_what_a_small_motion_shows(name: str) -> None:
 @pytest.mark.parametrize("name", ARMS)
 def test_every_link_weighs_what_was_published_and_could_be_a_body(name: str) -> None:
     table = read_yaml(data_root() / "models" / "arms" / f"{name}.yaml")
-    for link, row in zip(arms.load(name).links, table["links"], strict=True):
+    for link, row in zip(arms.load_arm_facts(name).links, table["links"], strict=True):
         assert link.body.mass == row["mass"]
         least, middle, largest = np.linalg.eigvalsh(link.body.inertia)
         assert least + middle >= largest
@@ -76,7 +76,7 @@ def test_only_the_fourth_link_of_one_arm_is_not_as_published() -> None:
     changed = {}
     for name in ARMS:
         table = read_yaml(data_root() / "models" / "arms" / f"{name}.yaml")
-        for place, (link, row) in enumerate(zip(arms.load(name).links, table["links"], strict=True)):
+        for place, (link, row) in enumerate(zip(arms.load_arm_facts(name).links, table["links"], strict=True)):
             xx, yy, zz, xy, xz, yz = row["inertia"]
             off = np.abs(link.body.inertia - [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).max()
             if off > 0.0:
@@ -87,11 +87,11 @@ def test_only_the_fourth_link_of_one_arm_is_not_as_published() -> None:
 
 def test_an_inertia_that_a_body_can_have_is_left_alone() -> None:
     tensor = np.diag([1.0, 2.0, 2.5])
-    assert inertia.physical(tensor) is tensor
+    assert inertia.nearest_physical(tensor) is tensor
 
 
 def test_a_pose_is_reached_inside_the_limits_or_the_message_says_how_near() -> None:
-    spec = arms.load_arm("fer")
+    spec = arms.load_arm_spec("fer")
     model = ArmModel(spec)
     home = model.pose(spec.ready)
     wanted = Pose(home.position + np.array([0.1, 0.1, -0.2]), home.rotation)
@@ -103,7 +103,7 @@ def test_a_pose_is_reached_inside_the_limits_or_the_message_says_how_near() -> N
 
 
 def test_a_pose_that_only_a_joint_beyond_its_end_would_reach_is_out_of_reach() -> None:
-    spec = arms.load_arm("fer")
+    spec = arms.load_arm_spec("fer")
     model = ArmModel(spec)
     with pytest.raises(ConfigError, match="fer does not reach"):
         model.reach(
@@ -118,4 +118,4 @@ def test_an_arm_is_a_spec_like_a_hands_and_a_typo_is_answered() -> None:
     with pytest.raises(ConfigError, match="an arm has no side"):
         load_spec("fer", "left")
     with pytest.raises(ConfigError, match="no arm named 'fr2'; did you mean 'fr3'"):
-        arms.load_arm("fr2")
+        arms.load_arm_spec("fr2")

@@ -12,7 +12,7 @@ from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.loop import run, to_the_end
 from allegro_twin.recording.reader import load
 
@@ -21,7 +21,7 @@ IMPEDANCE = {"kind": "impedance", "position": [0.4, 0.0, 0.5]}
 
 def config(**blocks: Any) -> RunConfig:
     whole = {"hand": {"model": "fer"}, "backend": {"kind": "sim"}, "controller": IMPEDANCE, "period": 0.001}
-    return parse(RunConfig, whole | blocks, "test")
+    return parse_settings(RunConfig, whole | blocks, "test")
 
 
 @pytest.mark.parametrize("name", ["arm_fer", "arm_fr3"])
@@ -75,10 +75,10 @@ def test_a_spring_that_friction_would_hold_is_refused_before_the_arm_moves() -> 
 
 def test_a_guard_lets_an_arm_go_no_faster_than_its_maker() -> None:
     from allegro_twin.app.rig import limits_of
-    from allegro_twin.hands.description.arms import load_arm
+    from allegro_twin.hands.description.arms import load_arm_spec
     from allegro_twin.hands.settings import LimitSettings
 
-    spec = load_arm("fer")
+    spec = load_arm_spec("fer")
     assert limits_of(LimitSettings(), spec).velocity.tolist() == [2.175] * 4 + [2.61] * 3
     assert limits_of(LimitSettings(velocity=1.0, torque=5.0), spec).velocity.tolist() == [1.0] * 7
     assert limits_of(LimitSettings(torque=5.0), spec).torque.tolist() == [5.0] * 7

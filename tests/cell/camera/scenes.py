@@ -6,12 +6,12 @@ import allegro_twin.cell.camera  # noqa: F401  # isort: skip  # It chooses how M
 import mujoco
 import pytest
 
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.camera.mount import Mount
-from allegro_twin.cell.camera.settings import CameraSettings, Noise
+from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.camera.mount import CameraMount
+from allegro_twin.cell.camera.settings import DepthCameraSettings, DepthNoise
 from allegro_twin.errors import ConfigError
 
-EXACT = Noise(disparity=0.0, subpixel=0, unit=0.0, shadow=False, edge=0.0, grazing=(89.999, 90.0))
+EXACT = DepthNoise(disparity=0.0, subpixel=0, unit=0.0, shadow=False, edge=0.0, grazing=(89.999, 90.0))
 SMALL = "424x240"
 _HEAD = """<mujoco><statistic extent="1"/>
 <visual><map znear="0.01" zfar="20"/><quality numslices="100" numstacks="100"/>
@@ -29,11 +29,11 @@ def scene(inside: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def camera(model: mujoco.MjModel, mount: Mount, noise: Noise = EXACT, **more: object) -> Camera:
+def camera(model: mujoco.MjModel, mount: CameraMount, noise: DepthNoise = EXACT, **more: object) -> DepthCamera:
     """A small one, or a skipped test where nothing can be rendered."""
     given = {"mount": mount, "noise": noise, "resolution": SMALL} | more
     try:
-        return Camera(model, CameraSettings.model_validate(given))
+        return DepthCamera(model, DepthCameraSettings.model_validate(given))
     except ConfigError as error:
         if "cannot render" in str(error):
             pytest.skip(str(error))

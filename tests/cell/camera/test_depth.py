@@ -6,16 +6,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.camera.intrinsics import D435I_DEPTH, Intrinsics
-from allegro_twin.cell.camera.mount import CameraPose, Mount, looking
-from allegro_twin.cell.camera.settings import CameraSettings, Noise
+from allegro_twin.cell.camera.mount import CameraMount, CameraPose, looking
+from allegro_twin.cell.camera.settings import DepthCameraSettings, DepthNoise
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
 from allegro_twin.types import Array
 from tests.cell.camera.scenes import BALL, PLANE, SMALL, WRIST, camera, scene
 
-ROLLED = Mount(position=(-0.3, -0.1, 0.45), towards=(0.1, 0.1, 0.0), up=(0.2, 0.3, 1.0))
+ROLLED = CameraMount(position=(-0.3, -0.1, 0.45), towards=(0.1, 0.1, 0.0), up=(0.2, 0.3, 1.0))
 
 
 def rays(pose: CameraPose) -> Array:
@@ -82,7 +82,9 @@ def test_the_field_of_view_is_the_datasheets() -> None:
 
 def test_a_camera_on_a_wrist_moves_with_it_and_a_frame_keeps_the_pose_of_its_capture() -> None:
     model, data = scene(PLANE + WRIST)
-    eye = camera(model, Mount(body="wrist", position=(0.1, 0.0, 0.0), towards=(0.1, 0.0, -0.5), up=(0.0, 1.0, 0.0)))
+    eye = camera(
+        model, CameraMount(body="wrist", position=(0.1, 0.0, 0.0), towards=(0.1, 0.0, -0.5), up=(0.0, 1.0, 0.0))
+    )
     before = eye.capture(data)
     np.testing.assert_allclose(before.pose.position, [0.1, 0.0, 0.5], atol=1e-12)
     data.qpos[0] = np.pi / 2
@@ -98,7 +100,7 @@ def test_a_camera_may_stand_on_a_site_and_be_given_as_calibrations_give_it() -> 
     model, data = scene(PLANE + WRIST)
     turn = looking((0.0, 0.0, 0.0), (0.0, 0.3, -1.0)).rotation
     w, x, y, z = (float(value) for value in quaternion_from_matrix(turn))
-    pose = Mount(site="eye", position=(0.0, 0.0, 0.1), quaternion=(w, x, y, z)).pose(model, data)
+    pose = CameraMount(site="eye", position=(0.0, 0.0, 0.1), quaternion=(w, x, y, z)).pose(model, data)
     np.testing.assert_allclose(pose.position, [0.0, 0.0, 0.58], atol=1e-12)
     np.testing.assert_allclose(pose.rotation, turn, atol=1e-12)
 
@@ -116,7 +118,7 @@ def test_a_camera_may_stand_on_a_site_and_be_given_as_calibrations_give_it() -> 
 def test_a_mount_that_cannot_be_is_one_line(mount: dict[str, object], says: str) -> None:
     model, _ = scene(PLANE + WRIST)
     with pytest.raises(ValueError, match=says) as error:
-        Camera(model, CameraSettings(mount=Mount.model_validate(mount)))
+        DepthCamera(model, DepthCameraSettings(mount=CameraMount.model_validate(mount)))
     if isinstance(error.value, ConfigError):
         assert "\n" not in str(error.value)
 
@@ -125,7 +127,7 @@ def test_a_colour_picture_is_taken_beside_and_shows_no_sites() -> None:
     site = '<site name="mark" type="sphere" size=".2" rgba="1 0 0 1"/>'
     red = '<geom type="sphere" size=".02" pos="0 0 .1" rgba="1 0 0 1"/>'
     light = '<light pos="0 0 3"/>'
-    mount = Mount(position=(0.0, -0.4, 0.4), towards=(0.0, 0.0, 0.1))
+    mount = CameraMount(position=(0.0, -0.4, 0.4), towards=(0.0, 0.0, 0.1))
     pictures = []
     for inside in (PLANE + light + site, PLANE + light + red):
         model, data = scene(inside)
@@ -145,8 +147,8 @@ def test_a_colour_picture_is_taken_beside_and_shows_no_sites() -> None:
 
 def test_depth_noise_is_of_the_seed_and_the_number_of_the_picture() -> None:
     model, data = scene(PLANE)
-    given = CameraSettings(mount=ROLLED, resolution="424x240", noise=Noise())
-    first, again, other = Camera(model, given, 5), Camera(model, given, 5), Camera(model, given, 6)
+    given = DepthCameraSettings(mount=ROLLED, resolution="424x240", noise=DepthNoise())
+    first, again, other = DepthCamera(model, given, 5), DepthCamera(model, given, 5), DepthCamera(model, given, 6)
     one, two = first.capture(data).depth, first.capture(data).depth
     np.testing.assert_array_equal(one, again.capture(data).depth)
     np.testing.assert_array_equal(two, again.capture(data).depth)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Image
-from allegro_twin.cell.camera.settings import Noise
+from allegro_twin.cell.camera.settings import DepthNoise
 from allegro_twin.cell.camera.stereo import Stereo, hidden, smeared
 from tests.cell.camera.scenes import EXACT
 
@@ -19,7 +19,7 @@ def wall(depth: float) -> Image:
     return np.full((LENS.height, LENS.width), depth, np.float32)
 
 
-def told(exact: Image, noise: Noise, seed: int = 0) -> Image:
+def told(exact: Image, noise: DepthNoise, seed: int = 0) -> Image:
     return STEREO.measured(exact, noise, np.random.default_rng(seed))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.sample import Sample, sample
+from allegro_twin.cell.perception.fits.model import PointSample, sample_points
 from allegro_twin.types import Array
 
 ELEVATION = np.radians(45.0)
@@ -13,12 +13,12 @@ TOWARDS = np.array([np.cos(ELEVATION), 0.0, -np.sin(ELEVATION)])
 """The ray: away from the camera and down."""
 
 
-def seen(points: Array, normals: Array, draws: np.random.Generator) -> Sample:
+def seen(points: Array, normals: Array, draws: np.random.Generator) -> PointSample:
     """Of points (n, 3) of a surface with normals those that face the camera, above 6 mm, and their scatter."""
     facing = (normals @ TOWARDS < -0.2) & (points[:, 2] > 0.006)
     on = points[facing]
     on = on + SIGMA * draws.standard_normal(len(on))[:, None] * TOWARDS
-    return sample(on, PIXEL, SIGMA, ELEVATION)
+    return sample_points(on, PIXEL, SIGMA, ELEVATION)
 
 
 def ball(radius: float, n: int, draws: np.random.Generator) -> tuple[Array, Array]:

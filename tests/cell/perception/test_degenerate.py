@@ -7,15 +7,15 @@ import pytest
 
 from allegro_twin.cell.camera.intrinsics import D435I_DEPTH
 from allegro_twin.cell.camera.mount import looking
-from allegro_twin.cell.perception.fits.sample import sample
-from allegro_twin.cell.perception.fits.solids import fitted
-from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.fits.model import sample_points
+from allegro_twin.cell.perception.fits.solids import fit_solids
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
+from allegro_twin.files.schema import load_settings
 from allegro_twin.types import Array
 
-SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+SETTINGS = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
 LENS = D435I_DEPTH["424x240"]
 POSE = looking((-0.36, 0.05, 0.38), (0.0, 0.0, 0.03))
 RAYS = LENS.rays().astype(np.float64) @ POSE.rotation.T
@@ -65,8 +65,8 @@ CLOUDS = {
 def test_a_degenerate_cloud_has_an_answer(name: str) -> None:
     with np.errstate(invalid="ignore", over="ignore"):
         cloud = (LENS.rays() * CLOUDS[name][..., None]).astype(np.float32)
-    seen = Pipeline(SETTINGS).look(cloud, POSE.position, POSE.rotation)
-    if isinstance(seen, Found):
+    seen = PerceptionPipeline(SETTINGS).detect(cloud, POSE.position, POSE.rotation)
+    if isinstance(seen, Detection):
         assert np.isfinite([*seen.solid.position, *seen.solid.size, seen.solid.error, seen.sigma]).all()
     else:
         assert seen.sentence
@@ -99,9 +99,9 @@ def points_of(kind: str, count: int) -> Array:
 @pytest.mark.parametrize("kind", ["one place", "a line", "a level plane", "an upright plane", "an upright line",
                                   "two heights", "huge", "tiny"])  # fmt: skip
 def test_degenerate_points_are_fitted_or_not_and_every_number_is_finite(kind: str, count: int, sigma: float) -> None:
-    seen = sample(points_of(kind, count), 0.001, sigma, 0.7)
+    seen = sample_points(points_of(kind, count), 0.001, sigma, 0.7)
     assert np.isfinite(seen.outline).all()
-    for solid in fitted(seen, np.random.default_rng(0)):
+    for solid in fit_solids(seen, np.random.default_rng(0)):
         assert np.isfinite([*solid.position, *solid.size, solid.error, *solid.axes.ravel()]).all()
 
 
@@ -109,5 +109,5 @@ def test_the_top_is_a_height_that_was_seen() -> None:
     """Half of the upper points are spikes: between them and the surface there is nothing, and no outline either."""
     height = np.concatenate([np.full(50, 0.05), [0.3]])
     points = np.stack([np.zeros(51), np.zeros(51), height], axis=1)
-    assert sample(points, 0.001, 0.3, 0.7).top in (0.05, 0.3)
-    assert sample(points_of("two heights", 2), 0.001, 0.5, 0.7).top == 0.01
+    assert sample_points(points, 0.001, 0.3, 0.7).top in (0.05, 0.3)
+    assert sample_points(points_of("two heights", 2), 0.001, 0.5, 0.7).top == 0.01

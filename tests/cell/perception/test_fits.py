@@ -5,19 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.fits.sample import Sample
-from allegro_twin.cell.perception.fits.solids import fitted
-from allegro_twin.cell.perception.principal import principal_frame
+from allegro_twin.cell.perception.fits.model import PointSample, Solid
+from allegro_twin.cell.perception.fits.solids import fit_solids
 from allegro_twin.types import Array
+from benchmarks.principal_frame import principal_frame
 from tests.cell.perception import surfaces
 from tests.cell.perception.surfaces import ball, box, cylinder, egg, lying, seen
 
 N = 12_000
 
 
-def best(sample: Sample) -> Solid:
-    return fitted(sample, np.random.default_rng(0))[0]
+def best(sample: PointSample) -> Solid:
+    return fit_solids(sample, np.random.default_rng(0))[0]
 
 
 def draws() -> np.random.Generator:
@@ -104,7 +103,7 @@ def test_points_of_nothing_simple_fit_nothing_well() -> None:
 
 
 def test_what_is_larger_than_things_on_a_table_are_is_none() -> None:
-    assert fitted(seen(*ball(0.8, N, draws()), draws()), np.random.default_rng(0)) == []
+    assert fit_solids(seen(*ball(0.8, N, draws()), draws()), np.random.default_rng(0)) == []
 
 
 def test_the_reports_frame_is_nearer_to_the_camera_than_the_thing_is() -> None:

@@ -7,11 +7,12 @@ from scipy.sparse import coo_matrix  # type: ignore[import-untyped]  # Its types
 from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
-from allegro_twin.cell.perception.cloud import finite, pass_through, voxel
-from allegro_twin.cell.perception.clusters import clusters
-from allegro_twin.cell.perception.fits.solver import solve
-from allegro_twin.cell.perception.plane import find_plane
+from allegro_twin.cell.perception.cloud import finite, pass_through
+from allegro_twin.cell.perception.clusters import find_clusters
+from allegro_twin.cell.perception.fits.model import solve
+from allegro_twin.cell.perception.segmentation import find_plane
 from allegro_twin.types import Array
+from benchmarks.principal_frame import voxel
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -67,7 +68,7 @@ def test_clusters_on_a_grid_are_those_of_single_linkage_when_things_lie_apart() 
     pairs = cKDTree(places).query_pairs(0.01, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(1200, 1200))
     count, expected = connected_components(links, directed=False)
-    grid, sizes = clusters(places, 0.008)
+    grid, sizes = find_clusters(places, 0.008)
     labels = grid.of(places)
     assert count == len(sizes) == 3
     assert sorted(sizes) == sorted(np.bincount(expected))

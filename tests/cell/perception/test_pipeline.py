@@ -7,33 +7,32 @@ import sys
 import numpy as np
 import pytest
 
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.camera.frame import Frame
-from allegro_twin.cell.camera.mount import Mount
-from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
+from allegro_twin.cell.camera.mount import CameraMount
+from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.cloud import Points
-from allegro_twin.cell.perception.errors import Refused
-from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.target import Target, target
+from allegro_twin.cell.perception.target import GraspTarget, grasp_target
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load, parse
+from allegro_twin.files.schema import load_settings, parse_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.catalogue import Placement, named
-from allegro_twin.sim.objects.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
+from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from benchmarks.perception import apart
 
-SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
+SETTINGS = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
 EYE = (-0.36, 0.05, 0.38)
 
 
 def picture(
-    *things: Placement, eye: tuple[float, float, float] = EYE, towards: tuple[float, float, float] = (0.0, 0.0, 0.03)
-) -> Frame:
-    model, data = tabletop(list(things))
+    *things: PlacedObject, eye: tuple[float, float, float] = EYE, towards: tuple[float, float, float] = (0.0, 0.0, 0.03)
+) -> CameraFrame:
+    model, data = compile_tabletop(list(things))
     try:
-        camera = Camera(model, CameraSettings(mount=Mount(position=eye, towards=towards)), seed=3)
+        camera = DepthCamera(model, DepthCameraSettings(mount=CameraMount(position=eye, towards=towards)), seed=3)
     except ConfigError as error:
         pytest.skip(str(error))
     frame = camera.capture(data)
@@ -41,12 +40,12 @@ def picture(
     return frame
 
 
-def look(frame: Frame, settings: PerceptionSettings = SETTINGS) -> Found | Refused:
-    return Pipeline(settings).look(frame.cloud, frame.pose.position, frame.pose.rotation)
+def look(frame: CameraFrame, settings: PerceptionSettings = SETTINGS) -> Detection | Refusal:
+    return PerceptionPipeline(settings).detect(frame.cloud, frame.pose.position, frame.pose.rotation)
 
 
-def put(name: str, up: str = "z", yaw: float = 0.4, x: float = 0.02, y: float = -0.01) -> Placement:
-    return standing(named(name), up, yaw, x, y)
+def put(name: str, up: str = "z", yaw: float = 0.4, x: float = 0.02, y: float = -0.01) -> PlacedObject:
+    return place_standing(load_object(name), up, yaw, x, y)
 
 
 @pytest.mark.parametrize(
@@ -64,20 +63,20 @@ def test_a_thing_on_the_table_is_named_and_placed_to_3_mm_and_5_degrees(name: st
     placed = put(name, up)
     frame = picture(placed)
     found = look(frame)
-    assert isinstance(found, Found), found
+    assert isinstance(found, Detection), found
     assert found.solid.shape == placed.thing.shape
     assert np.linalg.norm(found.solid.position - placed.position) < 0.003
     if placed.thing.shape != "sphere":
         assert apart(placed.thing, matrix_from_quaternion(placed.quaternion), found.solid) < 5.0
     assert abs(found.table.offset) < 0.001
     assert found.others == 0
-    assert isinstance(target(found, SETTINGS.target), Target)
+    assert isinstance(grasp_target(found, SETTINGS.target), GraspTarget)
 
 
 def test_a_large_box_seen_from_near_is_no_cylinder_of_which_one_end_is_seen() -> None:
     placed = put("cracker_box", "z", -0.782, 0.043, -0.079)
     found = look(picture(placed, eye=(0.213, 0.131, 0.327), towards=(0.0, 0.0, 0.04)))
-    assert isinstance(found, Found), found
+    assert isinstance(found, Detection), found
     assert found.solid.shape == "box"
     assert np.linalg.norm(found.solid.position - placed.position) < 0.004
 
@@ -85,17 +84,19 @@ def test_a_large_box_seen_from_near_is_no_cylinder_of_which_one_end_is_seen() ->
 def test_the_same_picture_has_the_same_answer_and_may_be_told_in_doubles() -> None:
     frame = picture(put("rubiks_cube"))
     first, second = look(frame), look(frame)
-    assert isinstance(first, Found)
-    assert isinstance(second, Found)
+    assert isinstance(first, Detection)
+    assert isinstance(second, Detection)
     np.testing.assert_array_equal(first.solid.position, second.solid.position)
-    double = Pipeline(SETTINGS).look(frame.cloud.astype(np.float64), frame.pose.position, frame.pose.rotation)
-    assert isinstance(double, Found)
+    double = PerceptionPipeline(SETTINGS).detect(
+        frame.cloud.astype(np.float64), frame.pose.position, frame.pose.rotation
+    )
+    assert isinstance(double, Detection)
     np.testing.assert_allclose(double.solid.position, first.solid.position, atol=0.002)
 
 
 def test_of_things_apart_the_largest_is_taken_and_the_others_are_counted() -> None:
     found = look(picture(put("mug", x=0.0, y=0.08), put("golf_ball", x=-0.05, y=-0.08)))
-    assert isinstance(found, Found)
+    assert isinstance(found, Detection)
     assert found.solid.shape == "cylinder"
     assert found.others == 1
 
@@ -103,7 +104,7 @@ def test_of_things_apart_the_largest_is_taken_and_the_others_are_counted() -> No
 def test_a_small_thing_that_is_seen_within_the_rows_and_columns_of_a_large_one_does_not_count() -> None:
     box = put("cracker_box", "x", 0.785, x=0.0, y=0.0)
     found = look(picture(box, put("golf_ball", x=-0.11, y=0.11)))
-    assert isinstance(found, Found), found
+    assert isinstance(found, Detection), found
     assert found.others == 1
     assert np.linalg.norm(found.solid.position - box.position) < 0.003
     assert (np.linalg.norm(found.points[:, :2] - [-0.11, 0.11], axis=1) > 0.025).all()
@@ -113,27 +114,27 @@ def test_a_small_thing_that_is_seen_within_the_rows_and_columns_of_a_large_one_d
 def test_a_level_top_that_is_seen_flatly_does_not_fall_apart(name: str) -> None:
     placed = put(name, "z", 0.0)
     found = look(picture(placed, eye=(-0.5, 0.0, 0.24)))
-    assert isinstance(found, Found), found
+    assert isinstance(found, Detection), found
     assert np.linalg.norm(found.solid.position - placed.position) < 0.004
 
 
 def test_what_is_the_robots_own_is_no_thing() -> None:
-    finger = Placement(named("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
+    finger = PlacedObject(load_object("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
     frame = picture(put("rubiks_cube"), finger)
-    near = Pipeline(SETTINGS)
-    seen = near.look(frame.cloud, frame.pose.position, frame.pose.rotation)
-    assert isinstance(seen, Refused) or seen.others == 1
+    near = PerceptionPipeline(SETTINGS)
+    seen = near.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
+    assert isinstance(seen, Refusal) or seen.others == 1
     own = np.array([[*finger.position, 0.03], [0.0, 0.3, 0.3, 0.02]])
-    found = near.look(frame.cloud, frame.pose.position, frame.pose.rotation, own)
-    assert isinstance(found, Found), found
+    found = near.detect(frame.cloud, frame.pose.position, frame.pose.rotation, own)
+    assert isinstance(found, Detection), found
     assert found.solid.shape == "box"
     assert found.others == 0
     with pytest.raises(ConfigError, match=r"balls \(k, 4\)"):
-        near.look(frame.cloud, frame.pose.position, frame.pose.rotation, np.zeros((2, 3)))
+        near.detect(frame.cloud, frame.pose.position, frame.pose.rotation, np.zeros((2, 3)))
 
 
-def said(answer: Found | Refused, reason: str) -> str:
-    assert isinstance(answer, Refused), answer
+def said(answer: Detection | Refusal, reason: str) -> str:
+    assert isinstance(answer, Refusal), answer
     assert answer.reason == reason
     assert "\n" not in str(answer)
     assert ";" in str(answer), "What, and what to do."
@@ -155,7 +156,7 @@ def test_a_camera_that_sees_no_table_says_so() -> None:
 def test_an_empty_table_and_an_empty_cloud_say_so() -> None:
     assert "put a thing into the region" in said(look(picture()), "no_object")
     nothing = np.full((480, 640, 3), np.nan, np.float32)
-    assert "0 of " in said(Pipeline(SETTINGS).look(nothing, np.zeros(3), np.eye(3)), "empty")
+    assert "0 of " in said(PerceptionPipeline(SETTINGS).detect(nothing, np.zeros(3), np.eye(3)), "empty")
 
 
 def test_two_things_that_touch_are_unclear() -> None:
@@ -187,8 +188,8 @@ def test_points_that_are_not_known_in_part_are_left_out() -> None:
     draws = np.random.default_rng(0)
     torn[draws.random(torn.shape) < 0.05] = np.nan
     torn[::17, ::13] = np.inf
-    answer = Pipeline(SETTINGS).look(torn, frame.pose.position, frame.pose.rotation)
-    assert isinstance(answer, Found), answer
+    answer = PerceptionPipeline(SETTINGS).detect(torn, frame.pose.position, frame.pose.rotation)
+    assert isinstance(answer, Detection), answer
     assert answer.solid.shape == "sphere"
 
 
@@ -201,26 +202,26 @@ def test_points_that_are_not_known_in_part_are_left_out() -> None:
 )
 def test_a_cloud_of_another_shape_is_an_error(cloud: Points, says: str) -> None:
     with pytest.raises(ConfigError, match=says):
-        Pipeline(SETTINGS).look(cloud, np.zeros(3), np.eye(3))
+        PerceptionPipeline(SETTINGS).detect(cloud, np.zeros(3), np.eye(3))
 
 
 def test_a_pose_that_is_not_known_and_a_cloud_without_order_are_errors() -> None:
     frame = picture(put("mug"))
     with pytest.raises(ConfigError, match="not finite"):
-        Pipeline(SETTINGS).look(frame.cloud, np.full(3, np.nan), np.eye(3))
+        PerceptionPipeline(SETTINGS).detect(frame.cloud, np.full(3, np.nan), np.eye(3))
     with pytest.raises(ConfigError, match="as the camera's picture is ordered"):
-        Pipeline(SETTINGS).look(frame.cloud[:, ::-1], frame.pose.position, frame.pose.rotation)
+        PerceptionPipeline(SETTINGS).detect(frame.cloud[:, ::-1], frame.pose.position, frame.pose.rotation)
 
 
 def test_without_scipy_perception_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "scipy", None)
     monkeypatch.setitem(sys.modules, "scipy.ndimage", None)
     with pytest.raises(ConfigError, match=r"pip install 'allegro-twin\[lab\]'"):
-        Pipeline(SETTINGS)
+        PerceptionPipeline(SETTINGS)
 
 
 def test_settings_name_what_is_wrong_in_them() -> None:
     with pytest.raises(ConfigError, match="every upper bound is the greater"):
-        parse(PerceptionSettings, {"region": {"lower": [0, 0, 0], "upper": [1, 0, 1]}}, "here.yaml")
+        parse_settings(PerceptionSettings, {"region": {"lower": [0, 0, 0], "upper": [1, 0, 1]}}, "here.yaml")
     with pytest.raises(ConfigError, match="did you mean 'stride'"):
-        parse(PerceptionSettings, SETTINGS.model_dump() | {"strid": 2}, "here.yaml")
+        parse_settings(PerceptionSettings, SETTINGS.model_dump() | {"strid": 2}, "here.yaml")

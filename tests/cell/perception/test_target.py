@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cell.perception.errors import Refused
+from allegro_twin.cell.perception.errors import Refusal
 from allegro_twin.cell.perception.fits.model import Shape, Solid
-from allegro_twin.cell.perception.pipeline import Found
-from allegro_twin.cell.perception.plane import Plane
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.perception.segmentation import TablePlane
 from allegro_twin.cell.perception.settings import TargetSettings
-from allegro_twin.cell.perception.target import Target, half_width, main_axis, target
+from allegro_twin.cell.perception.target import GraspTarget, grasp_target, half_width, main_axis
 from allegro_twin.types import Array
 
 SETTINGS = TargetSettings(offset=0.05)
@@ -24,14 +24,14 @@ def about_z(turn: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def found(shape: Shape, size: tuple[float, float, float], axes: Array, height: float) -> Found:
+def found(shape: Shape, size: tuple[float, float, float], axes: Array, height: float) -> Detection:
     solid = Solid(shape, np.array([0.1, -0.05, height]), axes, size, 0.0005)
-    return Found(solid, Plane(UP, 0.0, 0.9), np.zeros((1, 3)), 0.001, 0)
+    return Detection(solid, TablePlane(UP, 0.0, 0.9), np.zeros((1, 3)), 0.001, 0)
 
 
-def aimed(seen: Found, before: Target | None = None, **more: Any) -> Target:
-    made = target(seen, SETTINGS.model_copy(update=more), before)
-    assert isinstance(made, Target), made
+def aimed(seen: Detection, before: GraspTarget | None = None, **more: Any) -> GraspTarget:
+    made = grasp_target(seen, SETTINGS.model_copy(update=more), before)
+    assert isinstance(made, GraspTarget), made
     return made
 
 
@@ -102,13 +102,13 @@ def test_a_flat_can_is_taken_from_above_across_its_axis() -> None:
 
 def test_a_target_in_or_near_the_table_is_refused_with_its_height() -> None:
     axes = np.stack([UP, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], axis=1)
-    short = target(found("cylinder", (0.03, 0.02, 0.02), axes, 0.015), SETTINGS)
-    assert isinstance(short, Refused)
+    short = grasp_target(found("cylinder", (0.03, 0.02, 0.02), axes, 0.015), SETTINGS)
+    assert isinstance(short, Refusal)
     assert short.reason == "in_table"
     assert "0.015 m above the table" in str(short)
     assert "\n" not in str(short)
-    sunk = target(found("sphere", (0.06, 0.06, 0.06), np.eye(3), -0.2), SETTINGS)
-    assert isinstance(sunk, Refused)
+    sunk = grasp_target(found("sphere", (0.06, 0.06, 0.06), np.eye(3), -0.2), SETTINGS)
+    assert isinstance(sunk, Refusal)
 
 
 @pytest.mark.parametrize(

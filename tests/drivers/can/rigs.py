@@ -26,7 +26,7 @@ from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
 from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, TorqueCommand
 from tests.conftest import can_config

@@ -13,14 +13,13 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ProtocolError
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import HandCalibration, load_wiring
 
 Messages = st.SearchStrategy[Message]
-UNEVEN = Calibration(torque_constant=tuple(0.3 + 0.1 * joint for joint in range(16)))
+UNEVEN = HandCalibration(torque_constant=tuple(0.3 + 0.1 * joint for joint in range(16)))
 HANDS: dict[str, Codec] = {
     "v1": make_codec("v1", load_wiring(serial="SAH01010002").calibration),
-    "v1 reversed": make_codec("v1", Calibration(torque_order="reversed", torque_constant=UNEVEN.torque_constant)),
+    "v1 reversed": make_codec("v1", HandCalibration(torque_order="reversed", torque_constant=UNEVEN.torque_constant)),
     "v2": make_codec("v2", load_wiring(serial="SAH020BL016").calibration),
     "v3": make_codec("v3", load_wiring(serial="SAH030C034R_telexistence").calibration),
     "v4": make_codec("v4", UNEVEN),

@@ -20,12 +20,12 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
-from allegro_twin.grasping.verdict import Report
+from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.calibration import FULL_SCALE as FULL
-from allegro_twin.hands.description.calibration import Version, geared
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.calibration import Version, double_geared_joints
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
@@ -69,7 +69,7 @@ class Quantised:
         self._sim.close()
 
     def _counts_per_torque(self) -> list[float]:
-        doubled = geared(self._codec.version)
+        doubled = double_geared_joints(self._codec.version)
         return [FULL[self._codec.version] / (2.0 if joint in doubled else 1.0) for joint in range(16)]
 
     def _counts(self, position: Vector) -> Vector:
@@ -158,7 +158,7 @@ def performed(rig: Rig) -> Iterator[HandState]:
         yield sample.state
 
 
-def verdict(rig: Rig) -> Report:
+def verdict(rig: Rig) -> TrialReport:
     for _ in performed(rig):
         pass
     assert rig.trial is not None

@@ -25,7 +25,7 @@ from allegro_twin.drivers.qb.host import QbWire
 from allegro_twin.drivers.schunk import codec as schunk
 from allegro_twin.drivers.schunk.device import SchunkDevice
 from allegro_twin.drivers.schunk.host import SchunkWire
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, PositionCommand, Vector
 from tests.drivers.serial.rigs import MADE, PERIOD, Joints, small_spec
@@ -113,7 +113,7 @@ class Polled:
 def polled_config(hand: str, kind: str, **backend: Any) -> RunConfig:
     """A virtual hand with physics behind it."""
     content = {"hand": {"model": hand}, "backend": {"kind": kind, "port": "virtual"} | backend, "period": 0.02}
-    return parse(RunConfig, content | {"controller": {"kind": "position"}, "seconds": 0.5}, "test")
+    return parse_settings(RunConfig, content | {"controller": {"kind": "position"}, "seconds": 0.5}, "test")
 
 
 def on_a_polled_line(hand: str, kind: str, **backend: Any) -> PolledBackend:

@@ -25,7 +25,7 @@ from allegro_twin.drivers.dynamixel.driver.driver import ServoDriver
 from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 from tests.patience import comes_true
@@ -53,7 +53,7 @@ def config_of(hand: str = "leap", **backend: Any) -> RunConfig:
     """A virtual hand of servos with physics behind it."""
     block = {"kind": "dynamixel", "port": "virtual", "baud": 4_000_000} | backend
     content = {"hand": {"model": hand}, "backend": block, "controller": {"kind": "position"}, "period": 0.02}
-    return parse(RunConfig, content | {"seconds": 0.5}, "test")
+    return parse_settings(RunConfig, content | {"seconds": 0.5}, "test")
 
 
 def on_a_line(hand: str, **backend: Any) -> DynamixelBackend:

@@ -19,12 +19,12 @@ from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.prepare import check_place
 from allegro_twin.drivers.dynamixel.opening import calibration_of
 from allegro_twin.errors import ConfigError, HandFault, LinkError
-from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.branch import branch
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.branch.what_if import branch_recording
 from tests.drivers.serial.rigs import MODEL_O, config_of
 
 
@@ -44,7 +44,7 @@ def test_a_virtual_leap_hand_goes_home_through_its_servos() -> None:
 def test_through_the_servos_it_goes_where_it_goes_without_them() -> None:
     wired = assemble(config_of())
     alone = assemble(
-        parse(RunConfig, config_of().model_dump(exclude={"backend"}) | {"backend": {"kind": "sim"}}, "test")
+        parse_settings(RunConfig, config_of().model_dump(exclude={"backend"}) | {"backend": {"kind": "sim"}}, "test")
     )
     pairs = zip(until(0.5, run(wired.backend, wired.controller)), run(alone.backend, alone.controller), strict=False)
     for there, here in pairs:
@@ -55,7 +55,7 @@ def test_through_the_servos_it_goes_where_it_goes_without_them() -> None:
 @pytest.mark.slow
 def test_a_leap_hand_picks_a_cube_up_through_its_servos_turns_it_and_shakes_it() -> None:
     content = config_of().model_dump(exclude_unset=True, exclude={"seconds"})
-    rig = assemble(parse(RunConfig, content | {"task": {"scenario": "leap_rubiks_cube"}}, "test"))
+    rig = assemble(parse_settings(RunConfig, content | {"task": {"scenario": "leap_rubiks_cube"}}, "test"))
     assert rig.trial is not None
     assert rig.seconds is not None
     for sample in until(rig.seconds, run(rig.backend, rig.controller)):
@@ -76,7 +76,7 @@ def test_a_recording_says_what_its_ticks_were_worth(tmp_path: Path) -> None:
     config = config_of()
     rig = assemble(config)
     meta = recording_meta(rig, config)
-    for _ in recorded(until(0.2, run(rig.backend, rig.controller)), tmp_path / "r.arrow", rig.spec, 0.02, meta=meta):
+    for _ in record(until(0.2, run(rig.backend, rig.controller)), tmp_path / "r.arrow", rig.spec, 0.02, meta=meta):
         pass
     rig.backend.close()
     table = load(tmp_path / "r.arrow").meta["calibration"]
@@ -90,10 +90,10 @@ def test_a_recording_of_a_virtual_hand_goes_on_as_it_did(tmp_path: Path) -> None
     config = config_of(servos=servos, faults={"lose": 0.0, "script": script})
     rig = assemble(config)
     samples = until(0.3, run(rig.backend, rig.controller))
-    for _ in recorded(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
+    for _ in record(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
         pass
     rig.backend.close()
-    both = branch(tmp_path / "r.arrow", 0.1, {})
+    both = branch_recording(tmp_path / "r.arrow", 0.1, {})
     np.testing.assert_array_equal(both.branched, both.recorded)
 
 
@@ -149,7 +149,7 @@ def test_a_hand_that_takes_torques_has_no_servos() -> None:
     with pytest.raises(
         ConfigError, match="servos need a hand that takes a limited_position; allegro_right takes torque"
     ):
-        assemble(parse(RunConfig, content, "test"))
+        assemble(parse_settings(RunConfig, content, "test"))
 
 
 def test_a_port_that_is_not_there_is_one_line() -> None:

@@ -14,11 +14,11 @@ from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import recording_meta
 from allegro_twin.drivers.polled.backend import PolledBackend
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout
-from allegro_twin.files.schema import parse
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.branch import branch
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.branch.what_if import branch_recording
 from tests.drivers.serial.polled_rigs import polled_config
 
 HANDS = {"qb_softhand": "qb", "sih": "schunk"}
@@ -40,7 +40,7 @@ def test_a_virtual_hand_goes_where_its_config_says_and_its_time_is_its_own(name:
 def test_through_its_wire_a_hand_goes_where_it_goes_without_it(hand: str) -> None:
     config = polled_config(hand, HANDS[hand])
     content = config.model_dump(exclude={"backend"}) | {"backend": {"kind": "sim"}}
-    wired, alone = assemble(config), assemble(parse(RunConfig, content, "test"))
+    wired, alone = assemble(config), assemble(parse_settings(RunConfig, content, "test"))
     pairs = zip(until(0.5, run(wired.backend, wired.controller)), run(alone.backend, alone.controller), strict=False)
     for there, here in pairs:
         np.testing.assert_allclose(there.state.position, here.state.position, atol=0.01)
@@ -51,7 +51,7 @@ def test_through_its_wire_a_hand_goes_where_it_goes_without_it(hand: str) -> Non
 @pytest.mark.parametrize(("hand", "scenario"), [("qb_softhand", "qb_softhand_apple"), ("sih", "sih_lemon")])
 def test_a_hand_picks_its_object_up_through_its_wire_turns_it_and_shakes_it(hand: str, scenario: str) -> None:
     content = polled_config(hand, HANDS[hand]).model_dump(exclude_unset=True, exclude={"seconds"})
-    rig = assemble(parse(RunConfig, content | {"period": 0.01, "task": {"scenario": scenario}}, "test"))
+    rig = assemble(parse_settings(RunConfig, content | {"period": 0.01, "task": {"scenario": scenario}}, "test"))
     assert rig.trial is not None
     assert rig.seconds is not None
     for sample in until(rig.seconds, run(rig.backend, rig.controller)):
@@ -65,13 +65,13 @@ def test_a_recording_says_what_its_ticks_were_worth_and_goes_on_as_it_did(hand: 
     config = polled_config(hand, HANDS[hand], faults={"script": [{"at": 9.0, "what": "torn_tendon"}]})
     rig = assemble(config)
     samples = until(0.3, run(rig.backend, rig.controller))
-    for _ in recorded(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
+    for _ in record(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
         pass
     rig.backend.close()
     table = load(tmp_path / "r.arrow").meta["calibration"]
     assert table["most"] in (19_000, 65_535)
     assert len(table["per_milliampere"]) == rig.spec.n_actuators
-    both = branch(tmp_path / "r.arrow", 0.1, {})
+    both = branch_recording(tmp_path / "r.arrow", 0.1, {})
     np.testing.assert_array_equal(both.branched, both.recorded)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

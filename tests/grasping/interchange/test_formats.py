@@ -13,11 +13,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
 from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps
-from allegro_twin.grasping.interchange.orders import ordered, orders, rearranged
+from allegro_twin.grasping.interchange.orders import joint_orders, permute_joints, reorder_joints
 from allegro_twin.grasping.interchange.ours import write_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
 from allegro_twin.grasping.interchange.read import read_grasps
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
 from allegro_twin.spec import HandSpec, Side
@@ -172,7 +172,7 @@ def test_menageries_left_hand_counts_its_fingers_from_the_ring(tmp_path: Path) -
 @pytest.mark.parametrize("order", ["tree", "breadth", "thumb_first"])
 def test_another_order_of_joints_is_found_out_and_named(tmp_path: Path, spec: HandSpec, order: str) -> None:
     record = bench(spec)
-    theirs = list(orders(spec)[order])
+    theirs = list(joint_orders(spec)[order])
     other = record | {key: np.concatenate([record[key][:7], record[key][7:][theirs]]) for key in STAGES}
     path = saved(tmp_path / "a.npy", other)
     with pytest.raises(ConfigError, match=rf"rad outside its limits .*fit the order .*'{order}'"):
@@ -183,13 +183,13 @@ def test_another_order_of_joints_is_found_out_and_named(tmp_path: Path, spec: Ha
 
 
 def test_an_order_says_where_each_column_of_the_file_goes(spec: HandSpec) -> None:
-    assert orders(spec)["tree"] == (0, 1, 2, 3, 12, 13, 14, 15, 4, 5, 6, 7, 8, 9, 10, 11)
-    assert orders(spec)["breadth"][:5] == (0, 4, 8, 12, 1)
-    assert orders(spec)["thumb_first"][:5] == (12, 13, 14, 15, 0)
+    assert joint_orders(spec)["tree"] == (0, 1, 2, 3, 12, 13, 14, 15, 4, 5, 6, 7, 8, 9, 10, 11)
+    assert joint_orders(spec)["breadth"][:5] == (0, 4, 8, 12, 1)
+    assert joint_orders(spec)["thumb_first"][:5] == (12, 13, 14, 15, 0)
     with pytest.raises(ConfigError, match=r"an order has each number from 0 to 15 once, not \[0, 0, 1"):
-        ordered(np.zeros((1, 3, 16)), spec, "a.npy", (0, 0, *range(1, 15)))
-    for order in orders(spec).values():
-        np.testing.assert_array_equal(rearranged(np.array(order, dtype=float), order), np.arange(16))
+        reorder_joints(np.zeros((1, 3, 16)), spec, "a.npy", (0, 0, *range(1, 15)))
+    for order in joint_orders(spec).values():
+        np.testing.assert_array_equal(permute_joints(np.array(order, dtype=float), order), np.arange(16))
 
 
 @pytest.mark.parametrize("style", ["{}", "ffj", "index_joint_0"])

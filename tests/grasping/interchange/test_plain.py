@@ -127,7 +127,7 @@ SLY = {
     "cut short": (array(b"f8", b"(I1\nt", b"S'12345678'\n")[:60], "not a readable .npy file"),
     "a name of two lines": (b"\x8c\x03os\n\x8c\x06system\x93.", "holds os, which is no plain data and was not run"),
     "a buffer cut short": (b"\x80\x05\x96\xff\x00\x00\x00\x00\x00\x00\x00abc", "not a readable .npy file"),
-    "a stand-in by itself": (b"cnumpy\ndtype\n(S'f8'\ntR.", "holds a Kind by itself"),
+    "a stand-in by itself": (b"cnumpy\ndtype\n(S'f8'\ntR.", "holds a DType by itself"),
     "a function by itself": (b"cnumpy\ndtype\n.", "holds a Call by itself"),
 }
 

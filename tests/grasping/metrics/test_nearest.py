@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.metrics.nearest import nearest
+from allegro_twin.grasping.metrics.nearest_point import nearest_point
 from allegro_twin.types import Array, Vector
 
 
 def of_corners(corners: Array) -> Vector:
-    return nearest(lambda direction: corners[(corners @ direction).argmin()], corners.shape[1])
+    return nearest_point(lambda direction: corners[(corners @ direction).argmin()], corners.shape[1])
 
 
 def test_it_is_a_corner_an_edge_a_face_or_the_middle_itself() -> None:

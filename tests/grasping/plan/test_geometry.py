@@ -12,41 +12,39 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import Candidate, apart, different
-from allegro_twin.grasping.plan.close_in_geometry import closed
-from allegro_twin.grasping.plan.force_closure import gripped, imbalance
-from allegro_twin.grasping.plan.poses import guesses
-from allegro_twin.grasping.plan.propose import loads
-from allegro_twin.grasping.plan.surface import placed_surface, surface
-from allegro_twin.grasping.plan.symmetry import symmetry
-from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.metrics.quality import imbalance
+from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry, pose_distance
+from allegro_twin.grasping.plan.close_in_geometry import close_fingers, metric_contacts
+from allegro_twin.grasping.plan.poses import guess_poses, sample_placed_surface, sample_surface
+from allegro_twin.grasping.plan.propose import weight_loads
+from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import load_protocol
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench, coordinates
-from allegro_twin.sim.objects.catalogue import Placement, Thing, named
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from allegro_twin.types import Array
 
 SPEC = load_spec()
-TEMPLATES = templates(SPEC)
+TEMPLATES = grasp_templates(SPEC)
 MADE = {
-    "sphere": Thing("a", "sphere", (0.06,), 0.1),
-    "cylinder": Thing("a", "cylinder", (0.06, 0.1), 0.1),
-    "box": Thing("a", "box", (0.03, 0.06, 0.1), 0.1),
-    "ellipsoid": Thing("a", "ellipsoid", (0.05, 0.08), 0.1),
+    "sphere": GraspObject("a", "sphere", (0.06,), 0.1),
+    "cylinder": GraspObject("a", "cylinder", (0.06, 0.1), 0.1),
+    "box": GraspObject("a", "box", (0.03, 0.06, 0.1), 0.1),
+    "ellipsoid": GraspObject("a", "ellipsoid", (0.05, 0.08), 0.1),
 }
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
-def bench() -> Workbench:
+def bench() -> GraspScene:
     return bench_of("tennis_ball")
 
 
-def bench_of(name: str) -> Workbench:
+def bench_of(name: str) -> GraspScene:
     scenario = scenario_of(name, "z", 1.0, None, 0.8)
-    return Workbench(SPEC, stage(scenario, load_protocol("table_pick"), "right", Path()))
+    return GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 
 def candidate(position: tuple[float, float, float] = (0.0, 0.0, 0.1), turn: float = 0.0) -> Candidate:
@@ -60,14 +58,14 @@ def candidate(position: tuple[float, float, float] = (0.0, 0.0, 0.1), turn: floa
 @pytest.mark.parametrize("shape", sorted(MADE))
 def test_points_lie_on_the_surface_and_normals_point_out_of_it(shape: str) -> None:
     thing, random = MADE[shape], np.random.default_rng(0)
-    points, normals = surface(thing, 500, random)
+    points, normals = sample_surface(thing, 500, random)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     inside, outside = (inside_of(thing, points + step * normals) for step in (-1e-4, 1e-4))
     assert inside.all()
     assert not outside.any()
 
 
-def inside_of(thing: Thing, points: Array) -> NDArray[np.bool_]:
+def inside_of(thing: GraspObject, points: Array) -> NDArray[np.bool_]:
     half = thing.half_extents()
     match thing.shape:
         case "box":
@@ -78,14 +76,14 @@ def inside_of(thing: Thing, points: Array) -> NDArray[np.bool_]:
 
 
 def test_points_are_spread_evenly_over_faces_of_different_size() -> None:
-    _, normals = surface(MADE["box"], 20_000, np.random.default_rng(1))
+    _, normals = sample_surface(MADE["box"], 20_000, np.random.default_rng(1))
     share = np.abs(normals).sum(axis=0) / 20_000
     areas = np.array([0.06 * 0.1, 0.03 * 0.1, 0.03 * 0.06])
     np.testing.assert_allclose(share, areas / areas.sum(), atol=0.01)
 
 
 def test_an_ellipsoid_has_no_more_points_at_its_ends_than_their_area() -> None:
-    points, _ = surface(MADE["ellipsoid"], 20_000, np.random.default_rng(1))
+    points, _ = sample_surface(MADE["ellipsoid"], 20_000, np.random.default_rng(1))
     e = np.sqrt(1.0 - (0.025 / 0.04) ** 2)
     x = np.linspace(-0.04, 0.04, 20_001)
     ring = np.sqrt(1.0 - (e * x / 0.04) ** 2)  # Area of a ring of width dx, but for a constant.
@@ -95,7 +93,7 @@ def test_an_ellipsoid_has_no_more_points_at_its_ends_than_their_area() -> None:
 
 def test_an_mjcf_has_no_surface_to_look_at() -> None:
     with pytest.raises(ConfigError, match="give it as a mesh"):
-        surface(Thing("a", "mjcf", (), 0.1, Path("a.xml")), 5, np.random.default_rng(0))
+        sample_surface(GraspObject("a", "mjcf", (), 0.1, Path("a.xml")), 5, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -110,24 +108,24 @@ def test_an_mjcf_has_no_surface_to_look_at() -> None:
     ],
 )
 def test_an_object_has_the_turns_that_leave_it_as_it_is(name: str, count: int) -> None:
-    assert len(symmetry(Placement(named(name), (0.0, 0.0, 0.0), UPRIGHT))) == count
+    assert len(object_symmetry(PlacedObject(load_object(name), (0.0, 0.0, 0.0), UPRIGHT))) == count
 
 
 def test_the_same_grasp_from_another_side_of_a_can_is_no_other_grasp() -> None:
-    can = symmetry(Placement(named("tomato_soup_can"), (0.0, 0.0, 0.0), UPRIGHT))
+    can = object_symmetry(PlacedObject(load_object("tomato_soup_can"), (0.0, 0.0, 0.0), UPRIGHT))
     here, there = candidate((0.1, 0.0, 0.1)), candidate((0.0, 0.1, 0.1), np.pi / 2)
-    assert different(there, [here])
-    assert not different(there, [here], can)
-    far, turned = apart(here, there, can)
+    assert is_different(there, [here])
+    assert not is_different(there, [here], can)
+    far, turned = pose_distance(here, there, can)
     assert far < 1e-9
     assert turned < 1e-6
 
 
 @given(st.integers(0, 10_000))
 def test_palms_are_in_front_of_the_points_that_they_look_at(seed: int) -> None:
-    random, thing = np.random.default_rng(seed), Placement(MADE["box"], (0.1, 0.0, 0.05), UPRIGHT)
-    on = placed_surface(thing, 8, random)
-    found = guesses(on, np.eye(3), TEMPLATES, SPEC, random)
+    random, thing = np.random.default_rng(seed), PlacedObject(MADE["box"], (0.1, 0.0, 0.05), UPRIGHT)
+    on = sample_placed_surface(thing, 8, random)
+    found = guess_poses(on, np.eye(3), TEMPLATES, SPEC, random)
     for row in range(8):
         rotation = found.rotation[row]
         np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-9)
@@ -143,7 +141,7 @@ def test_the_wrists_coordinates_put_the_palm_where_it_was_asked_to_be(seed: int)
     random = np.random.default_rng(seed)
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
-    a, b, c = coordinates(np.zeros(3), rotation)[3:]
+    a, b, c = wrist_coordinates(np.zeros(3), rotation)[3:]
     turn = np.eye(3)
     for axis, angle in enumerate((a, b, c)):
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -154,7 +152,7 @@ def test_the_wrists_coordinates_put_the_palm_where_it_was_asked_to_be(seed: int)
     np.testing.assert_allclose(turn, rotation, atol=1e-7)
 
 
-def test_the_workbench_has_the_palm_where_it_is_put(bench: Workbench) -> None:
+def test_the_workbench_has_the_palm_where_it_is_put(bench: GraspScene) -> None:
     guess = candidate((0.03, -0.02, 0.2), 0.7)
     bench.place(guess.position, guess.rotation, guess.preshape)
     np.testing.assert_allclose(bench.data.body("palm_link").xpos, guess.position, atol=1e-12)
@@ -164,12 +162,12 @@ def test_the_workbench_has_the_palm_where_it_is_put(bench: Workbench) -> None:
     assert bench.meets_anything()
 
 
-def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: Workbench) -> None:
+def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: GraspScene) -> None:
     grasp = next(t for t in TEMPLATES if t.name == "sphere_4_finger")
     guess = replace(
         candidate((-0.02, 0.0, 0.12)), preshape=grasp.preshape, closing=np.sign(grasp.squeeze - grasp.preshape)
     )
-    done, touch = closed(bench, guess)
+    done, touch = close_fingers(bench, guess)
     assert len(set(touch.part.tolist())) >= 2
     middle = np.array(bench.placed.position)
     np.testing.assert_allclose(np.linalg.norm(touch.points - middle, axis=1), 0.0324, atol=0.01)
@@ -178,25 +176,25 @@ def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: Wor
 
 
 def pinched(friction: float, off: float = 0.0) -> float:
-    touch = Meetings(
+    touch = TouchPoints(
         np.array([[0.03, 0.0, 0.0], [-0.03, off, 0.0], [0.0, 0.0, 0.03]]),
         np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.array([0, 1, 2]), np.zeros(3),
     )  # fmt: skip
-    return imbalance(gripped(touch, np.zeros(3), friction))
+    return imbalance(metric_contacts(touch, np.zeros(3), friction))
 
 
 def test_fingers_that_face_each_other_balance_and_fingers_on_one_side_do_not() -> None:
     assert pinched(0.8) < 1e-6
     assert pinched(0.1, off=0.03) > 0.1
-    same = Meetings(
+    same = TouchPoints(
         np.array([[0.03, 0.0, 0.0], [0.03, 0.01, 0.0]]), np.array([[-1.0, 0, 0]] * 2), np.zeros(2, int), np.zeros(2)
     )
-    assert imbalance(gripped(same, np.zeros(3), 0.8)) > 0.9
+    assert imbalance(metric_contacts(same, np.zeros(3), 0.8)) > 0.9
 
 
 def test_the_weight_turns_with_the_palm() -> None:
     rotation = candidate().rotation
-    found = loads(rotation, 0.5, (0.0, np.pi))
+    found = weight_loads(rotation, 0.5, (0.0, np.pi))
     np.testing.assert_allclose(found[0, :3], [0.0, 0.0, -4.905])
     np.testing.assert_allclose(found[1, :3], [0.0, 0.0, 4.905], atol=1e-9)  # The palm looks down: its z is level.
     assert not found[:, 3:].any()
@@ -204,11 +202,11 @@ def test_the_weight_turns_with_the_palm() -> None:
 
 def test_templates_close_several_joints_and_can_be_of_one_type() -> None:
     assert len(TEMPLATES) > 30
-    assert {grasp.kind.name for grasp in templates(SPEC, "Tripod")} == {"Tripod"}
+    assert {grasp.kind.name for grasp in grasp_templates(SPEC, "Tripod")} == {"Tripod"}
 
 
 def test_for_a_type_that_the_library_does_not_show_any_template_is_a_beginning() -> None:
-    assert [grasp.name for grasp in templates(SPEC, "Writing Tripod")] == ["tripod"]
-    assert len(templates(SPEC, "Stick")) == len(TEMPLATES)
+    assert [grasp.name for grasp in grasp_templates(SPEC, "Writing Tripod")] == ["tripod"]
+    assert len(grasp_templates(SPEC, "Stick")) == len(TEMPLATES)
     with pytest.raises(ConfigError, match="did you mean 'Medium Wrap'"):
-        templates(SPEC, "Medium Warp")
+        grasp_templates(SPEC, "Medium Warp")

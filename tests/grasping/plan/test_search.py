@@ -11,48 +11,47 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench, Case, case_of
-from allegro_twin.grasping.evaluation.outcomes import rate
-from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.improve import Improvement, varied
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case
+from allegro_twin.grasping.evaluation.outcomes import make_rate
+from allegro_twin.grasping.plan.candidate import Candidate, limit_squeeze
+from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
 from allegro_twin.grasping.plan.initial_guess import first_guess
-from allegro_twin.grasping.plan.reduce_squeeze import eased
-from allegro_twin.grasping.plan.save import in_words, stored, written
-from allegro_twin.grasping.plan.search import Budget, Effort, Search
-from allegro_twin.grasping.plan.templates import templates
-from allegro_twin.grasping.plan.validate import FIRST, JUDGED, MORE, SEARCHED, Planned, best_of, judge
-from allegro_twin.grasping.plan.variants import Version
+from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
+from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
+from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.plan.validate import FIRST, JUDGED, MORE, SEARCHED, PlannedGrasp, best_grasps, judge_planned
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.statistics import wilson
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import draws
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.entry_files import read_file
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.library.sources import read_file
-from allegro_twin.kinematics.orientation import facing
-from allegro_twin.sim.contact.grasp_scene import Workbench
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.hands.library.library import Library, load_grasp
+from allegro_twin.kinematics.orientation import matrix_facing
+from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 
 SPEC = load_spec()
-LEMON = Version(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))
-LITTLE = Effort(guessed=24, closed=8, drawn=3)
-TINY = Effort(guessed=8, closed=4, drawn=1)
+LEMON = GraspVariant(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))
+LITTLE = RoundSize(guessed=24, closed=8, drawn=3)
+TINY = RoundSize(guessed=8, closed=4, drawn=1)
 SEED = 3
 """Of those below ten one whose first round finds a grasp that is good."""
 
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Search, list[Planned], int]:
+def found() -> tuple[GraspSearch, list[PlannedGrasp], int]:
     """And in how many rounds."""
-    search = Search(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, templates(SPEC), seed=SEED, effort=LITTLE)
+    search = GraspSearch(
+        scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=LITTLE
+    )
     rounds: list[int] = []
-    return search, search.run(1, Budget(48), lambda best, at: rounds.append(len(best))), len(rounds)
+    return search, search.run(1, SearchBudget(48), lambda best, at: rounds.append(len(best))), len(rounds)
 
 
-def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[Search, list[Planned], int]) -> None:
+def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[GraspSearch, list[PlannedGrasp], int]) -> None:
     search, (planned,), rounds = found
     assert planned.margin > 0.0
     assert planned.tried >= FIRST + MORE
@@ -63,12 +62,14 @@ def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[Search, list[P
 
 
 @pytest.mark.slow
-def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned], int], tmp_path: Path) -> None:
+def test_what_was_written_is_what_was_proven(
+    found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
+) -> None:
     """The same trial from its files gives the same margin, to the last digit."""
     _, (planned,), _ = found
-    (path,) = written([planned], "ball", tmp_path, SPEC)
+    (path,) = save_grasps([planned], "ball", tmp_path, SPEC)
     assert path == tmp_path / "ball_1.yaml"
-    (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
+    (verdict,) = TrialRunner(SPEC).verdicts([load_case({"scenario": path}, SPEC)])
     assert verdict.report is not None
     assert verdict.report.margin == planned.margin
     text = path.read_text()
@@ -77,13 +78,13 @@ def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned],
 
 
 def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
-    found: tuple[Search, list[Planned], int], tmp_path: Path
+    found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:
     _, (planned,), _ = found
-    stored(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, in_words(planned), evidence="ball_1")
+    store_grasp(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, describe(planned), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
-    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
+    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirror_posture(planned.grasp.squeeze))
 
 
 def grasp_beside(scenario: Path) -> GraspFile:
@@ -93,21 +94,21 @@ def grasp_beside(scenario: Path) -> GraspFile:
     return listed.entry
 
 
-def files(planned: list[Planned], folder: Path) -> dict[str, bytes]:
+def files(planned: list[PlannedGrasp], folder: Path) -> dict[str, bytes]:
     """What is written of them, judged on few draws."""
-    judge(planned, SPEC, SEARCHED, SEED, Path(), count=2)
-    written(planned, "ball", folder, SPEC)
+    judge_planned(planned, SPEC, SEARCHED, SEED, Path(), count=2)
+    save_grasps(planned, "ball", folder, SPEC)
     return {path.name: path.read_bytes() for path in sorted(folder.rglob("*.yaml"))}
 
 
 @pytest.mark.slow
 def test_the_same_seed_and_as_many_candidates_write_the_same_files_bit_for_bit(
-    found: tuple[Search, list[Planned], int], tmp_path: Path
+    found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:
     """Here the first search ended because it had enough."""
     search, first, _ = found
-    again = Search(search.scenario, SPEC, search.templates, seed=SEED, effort=LITTLE)
-    second = again.run(1, Budget(search.closed))
+    again = GraspSearch(search.scenario, SPEC, search.templates, seed=SEED, effort=LITTLE)
+    second = again.run(1, SearchBudget(search.closed))
     assert again.closed == search.closed == first[0].candidates
     assert files(first, tmp_path / "first") == files(second, tmp_path / "second")
 
@@ -116,13 +117,13 @@ def test_the_same_seed_and_as_many_candidates_write_the_same_files_bit_for_bit(
 def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) -> None:
     """The budget is looked at between rounds only, and the last round counts as it was."""
     timed, counted = (
-        Search(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, templates(SPEC), seed=0, effort=TINY)
+        GraspSearch(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY)
         for _ in range(2)
     )
-    found = timed.run(2, Budget(cpu=1e-9))
+    found = timed.run(2, SearchBudget(cpu=1e-9))
     assert timed.closed == TINY.closed
     assert timed.cpu > 0.0
-    again = counted.run(2, Budget(timed.closed))
+    again = counted.run(2, SearchBudget(timed.closed))
     assert counted.closed == timed.closed
     assert counted.ends == timed.ends
     assert files(found, tmp_path / "timed") == files(again, tmp_path / "counted")
@@ -130,59 +131,64 @@ def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_a_budget_of_candidates_is_kept_to_the_last_one() -> None:
-    search = Search(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, templates(SPEC), seed=0, effort=TINY)
-    search.run(5, Budget(3))
+    search = GraspSearch(
+        scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY
+    )
+    search.run(5, SearchBudget(3))
     assert search.closed == 3
 
 
 @pytest.mark.slow
 def test_what_is_written_was_judged_after_it_was_chosen_on_draws_of_its_own(
-    found: tuple[Search, list[Planned], int], tmp_path: Path
+    found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:
     """In the whole trial, with the interval; they are none of those that it was chosen on, nor of those that
     `evaluate --uncertainty` makes of any seed."""
     search, (planned,), _ = found
     few = 3
-    judge([planned], SPEC, search.uncertainty, SEED, Path(), count=few)
+    judge_planned([planned], SPEC, search.uncertainty, SEED, Path(), count=few)
     assert JUDGED >= 20
-    drawn = draws(search.uncertainty, few, SEED, stream="judge")
-    cases = [Case(planned.scenario, planned.grasp, draw) for draw in drawn]
-    held = sum(verdict.held for verdict in Bench(SPEC).verdicts(cases))
+    drawn = sample_perturbations(search.uncertainty, few, SEED, stream="judge")
+    cases = [TrialCase(planned.scenario, planned.grasp, draw) for draw in drawn]
+    held = sum(verdict.held for verdict in TrialRunner(SPEC).verdicts(cases))
     assert (planned.judged, planned.judged_held) == (few, held)
-    (path,) = written([planned], "ball", tmp_path, SPEC, search.uncertainty)
+    (path,) = save_grasps([planned], "ball", tmp_path, SPEC, search.uncertainty)
     proof = grasp_beside(path).planned
     assert proof is not None
     low, high = wilson(held, few)
     assert (proof.held, proof.draws, proof.protocol) == (held, few, "table_pick 2")
     assert (proof.low, proof.high) == (round(low, 4), round(high, 4))
     assert (proof.seed, proof.candidates) == (SEED, search.closed)
-    assert f"held in {rate('', held, few)} draws that it was not chosen on" in path.read_text()
-    assert not set(drawn) & {draw for seed in range(6) for draw in draws(search.uncertainty, 50, seed)}
+    assert f"held in {make_rate('', held, few)} draws that it was not chosen on" in path.read_text()
+    assert not set(drawn) & {draw for seed in range(6) for draw in sample_perturbations(search.uncertainty, 50, seed)}
 
 
 @pytest.mark.slow
 def test_what_is_written_claims_the_type_that_its_contacts_show(
-    found: tuple[Search, list[Planned], int], tmp_path: Path
+    found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:
     """And not that of the grasp that it began as."""
     _, (planned,), _ = found
-    (path,) = written([planned], "ball", tmp_path, SPEC)
-    (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
+    (path,) = save_grasps([planned], "ball", tmp_path, SPEC)
+    (verdict,) = TrialRunner(SPEC).verdicts([load_case({"scenario": path}, SPEC)])
     assert verdict.report is not None
-    stored = grasp_beside(path)
-    assert stored.observed == verdict.report.observed
-    assert stored.observed is not None
-    assert (stored.taxonomy.number, stored.taxonomy.name) == (stored.observed.number, stored.observed.name)
+    store_grasp = grasp_beside(path)
+    assert store_grasp.observed == verdict.report.observed
+    assert store_grasp.observed is not None
+    assert (store_grasp.taxonomy.number, store_grasp.taxonomy.name) == (
+        store_grasp.observed.number,
+        store_grasp.observed.name,
+    )
 
 
 @pytest.mark.long
-def test_a_search_for_a_type_keeps_nothing_of_another(found: tuple[Search, list[Planned], int]) -> None:
+def test_a_search_for_a_type_keeps_nothing_of_another(found: tuple[GraspSearch, list[PlannedGrasp], int]) -> None:
     search, (planned,), _ = found
     shown = planned.grasp.observed
     assert shown is not None
     other = 23 if shown.number != 23 else 9
-    wanted = Search(search.scenario, SPEC, search.templates, seed=SEED, effort=LITTLE, kind=other)
-    assert wanted.run(1, Budget(search.closed)) == []
+    wanted = GraspSearch(search.scenario, SPEC, search.templates, seed=SEED, effort=LITTLE, kind=other)
+    assert wanted.run(1, SearchBudget(search.closed)) == []
     assert wanted.ends["other type"] >= 1
 
 
@@ -191,13 +197,15 @@ def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
     """A ball of lead: 12 kg."""
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
     heavy = scenario.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 12.0})
-    search = Search(scenario.model_copy(update={"objects": (heavy,)}), SPEC, templates(SPEC), effort=LITTLE)
-    assert search.run(1, Budget(8)) == []
+    search = GraspSearch(scenario.model_copy(update={"objects": (heavy,)}), SPEC, grasp_templates(SPEC), effort=LITTLE)
+    assert search.run(1, SearchBudget(8)) == []
     assert set(search.ends) <= {"empty", "unbalanced", "lift", "turn", "diverged"}
 
 
 @pytest.mark.slow
-def test_in_the_air_a_ball_is_held_against_pushes_along_every_axis(in_the_air: tuple[Search, Planned]) -> None:
+def test_in_the_air_a_ball_is_held_against_pushes_along_every_axis(
+    in_the_air: tuple[GraspSearch, PlannedGrasp],
+) -> None:
     search, planned = in_the_air
     assert planned.margin > 0.0
     assert search.ends["held"] >= 1
@@ -208,7 +216,7 @@ def test_joints_that_are_eased_hold_with_a_share_of_their_limit_where_they_rest(
     gains, rest = load_gains("default", SPEC), LEMON.grasp.close
     reach = SPEC.actuation.torque_limit / gains.kp
     told = rest + reach * np.linspace(-2.0, 2.0, SPEC.n_joints)
-    share = (eased(replace(LEMON.grasp, squeeze=told), rest, gains, SPEC, 0.5).squeeze - rest) / reach
+    share = (limit_squeeze(replace(LEMON.grasp, squeeze=told), rest, gains, SPEC, 0.5).squeeze - rest) / reach
     wide = (SPEC.lower < told) & (told < SPEC.upper)
     assert wide.sum() > 10
     np.testing.assert_allclose(share[wide], np.clip(np.linspace(-2.0, 2.0, SPEC.n_joints), -0.5, 0.5)[wide], atol=2e-3)
@@ -220,10 +228,10 @@ def test_of_two_options_for_one_place_the_one_that_is_expected_to_hold_more_is_k
     candidate = Candidate(none, np.eye(3), none, rest, rest, rest, rest, rest, "tripod_lemon")
     elsewhere = replace(candidate, position=np.array([0.1, 0.0, 0.0]))
     sure, lucky, other = (
-        Planned(each, LEMON.scenario, LEMON.grasp, tried, tried)
+        PlannedGrasp(each, LEMON.scenario, LEMON.grasp, tried, tried)
         for each, tried in ((candidate, 8), (candidate, 2), (elsewhere, 1))
     )
-    assert best_of([lucky, other, sure], 5, None) == [sure, other]
+    assert best_grasps([lucky, other, sure], 5, None) == [sure, other]
     assert sure.good
     assert not lucky.good
 
@@ -233,18 +241,18 @@ def test_what_improves_is_no_worse_on_the_draws_that_it_was_chosen_on_and_is_com
     scenario, path = load_scenario("lemon")
     grasp = load_grasp(scenario.grasp, SPEC)
     told: list[float] = []
-    search = Improvement(scenario, grasp, SPEC, path.parent, rounds=2, population=2, draws=2, unseen=2)
+    search = GraspImprovement(scenario, grasp, SPEC, path.parent, rounds=2, population=2, draws=2, unseen=2)
     better = search.run(lambda number, share: told.append(share))
     assert told == sorted(told)
     assert better.comparison.draws == 2
-    again = Improvement(scenario, grasp, SPEC, path.parent, rounds=2, population=2, draws=2, unseen=2).run()
+    again = GraspImprovement(scenario, grasp, SPEC, path.parent, rounds=2, population=2, draws=2, unseen=2).run()
     np.testing.assert_array_equal(again.after.grasp.squeeze, better.after.grasp.squeeze)
 
 
 @given(st.integers(0, 1000))
 def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
     first, scenario = LEMON, LEMON.scenario
-    other = varied(first, SPEC, 1.0, np.random.default_rng(seed))
+    other = perturb_grasp(first, SPEC, 1.0, np.random.default_rng(seed))
     for name in ("preshape", "close", "squeeze"):
         posture = getattr(other.grasp, name)
         assert (posture >= SPEC.lower).all()
@@ -256,9 +264,9 @@ def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
 
 def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
     scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
-    around = stage(scenario, load_protocol("table_pick"), "right", Path())
-    bench = Workbench(SPEC, around)
-    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    around = make_stage(scenario, load_protocol("table_pick"), "right", Path())
+    bench = GraspScene(SPEC, around)
+    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
     position = around.position - np.array(scenario.wrist.retreat)
     bench.place(position, rotation, grasp.preshape)
     assert not bench.meets_anything()
@@ -268,4 +276,4 @@ def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
 
 def test_templates_of_a_type_without_closing_fingers_are_an_error() -> None:
     with pytest.raises(ConfigError):
-        templates(SPEC, "no such type")
+        grasp_templates(SPEC, "no such type")

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.parallel import plain, planned_of, searched, side_by_side
-from allegro_twin.grasping.plan.search import Budget, Effort, Search
-from allegro_twin.grasping.plan.templates import templates
-from allegro_twin.grasping.plan.validate import Planned
+from allegro_twin.grasping.plan.parallel import planned_from_json, planned_to_json, run_searches, search_in_parallel
+from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
+from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.plan.validate import PlannedGrasp
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from allegro_twin.sweep.local import Local
 
 SPEC = load_spec()
-LITTLE = Effort(guessed=24, closed=8, drawn=2)
+LITTLE = RoundSize(guessed=24, closed=8, drawn=2)
 
 
 def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
@@ -29,9 +29,9 @@ def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
     numbers = np.random.default_rng(0).normal(size=(5, SPEC.n_joints))
     a, b, c, d, e = numbers
     candidate = Candidate(a[:3], np.eye(3), b[:3], a, b, c, d, e, grasp.name, 0.5)
-    made = Planned(candidate, scenario, grasp, 8, 7, 20, 14, 3, 48, True, False, 0.25, 0.5)
-    again = planned_of(json.loads(json.dumps(plain(made))), [grasp])
-    assert plain(again) == plain(made)
+    made = PlannedGrasp(candidate, scenario, grasp, 8, 7, 20, 14, 3, 48, True, False, 0.25, 0.5)
+    again = planned_from_json(json.loads(json.dumps(planned_to_json(made))), [grasp])
+    assert planned_to_json(again) == planned_to_json(made)
     for name in Candidate.__slots__:
         np.testing.assert_array_equal(getattr(again.candidate, name), getattr(candidate, name))
     assert again.scenario == scenario
@@ -46,12 +46,12 @@ def test_of_two_searches_side_by_side_the_better_grasp_counts() -> None:
         "scenario": scenario.model_dump(mode="json"), "folder": ".", "side": "right", "kind": None, "n": 1,
         "budget": {"candidates": 24}, "region": None, "effort": asdict(LITTLE),
     }  # fmt: skip
-    known = templates(SPEC)
-    rows = searched(shared, [{"seed": 0}, {"seed": 1}])
-    each = [planned_of(json.loads(row["found"])[0], known) for row in rows]
-    assert plain(each[0]) == json.loads(rows[0]["found"])[0]
-    search = Search(scenario, SPEC, known, seed=0, effort=LITTLE)
-    (best,) = side_by_side(search, 1, Budget(24), 2, Local(0))
+    known = grasp_templates(SPEC)
+    rows = run_searches(shared, [{"seed": 0}, {"seed": 1}])
+    each = [planned_from_json(json.loads(row["found"])[0], known) for row in rows]
+    assert planned_to_json(each[0]) == json.loads(rows[0]["found"])[0]
+    search = GraspSearch(scenario, SPEC, known, seed=0, effort=LITTLE)
+    (best,) = search_in_parallel(search, 1, SearchBudget(24), 2, Local(0))
     better = max(each, key=lambda planned: (planned.expected, planned.candidate.score))
     np.testing.assert_array_equal(best.grasp.squeeze, better.grasp.squeeze)
     assert sum(search.ends.values()) == sum(sum(json.loads(row["ends"]).values()) for row in rows)

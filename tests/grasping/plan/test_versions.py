@@ -10,20 +10,28 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import HandError
-from allegro_twin.grasping.plan.variants import Try, Version, Where, plain, score, tries, version_of
+from allegro_twin.grasping.plan.improve import (
+    GraspVariant,
+    VariantResult,
+    VariantWorkers,
+    score,
+    try_variants,
+    variant_from_json,
+    variant_to_json,
+)
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.spec import Side
 from allegro_twin.sweep.local import Local
 
 SPEC = load_spec()
 
 
-def lemon() -> tuple[Version, Path]:
+def lemon() -> tuple[GraspVariant, Path]:
     scenario, path = load_scenario("lemon")
-    return Version(scenario, load_grasp(scenario.grasp, SPEC)), path.parent
+    return GraspVariant(scenario, load_grasp(scenario.grasp, SPEC)), path.parent
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -31,7 +39,7 @@ def test_a_version_crosses_to_another_process_and_back_as_it_is(side: Side) -> N
     spec = load_spec(side=side)
     scenario, _ = load_scenario("lemon")
     grasp = replace(load_grasp(scenario.grasp, spec), speed=0.7, profile="linear")
-    again = version_of(json.loads(json.dumps(plain(Version(scenario, grasp), spec))), spec)
+    again = variant_from_json(json.loads(json.dumps(variant_to_json(GraspVariant(scenario, grasp), spec))), spec)
     assert again.scenario == scenario
     assert (again.grasp.name, again.grasp.speed, again.grasp.profile) == (grasp.name, 0.7, "linear")
     for stage in ("preshape", "close", "squeeze"):
@@ -39,19 +47,19 @@ def test_a_version_crosses_to_another_process_and_back_as_it_is(side: Side) -> N
 
 
 def test_more_held_draws_count_more_than_anything_else_and_ease_decides_among_equals() -> None:
-    hard, easy, lost = Try(True, 0.2, 1.0), Try(True, 0.2, 0.1), Try(False, 0.9, 0.0)
+    hard, easy, lost = VariantResult(True, 0.2, 1.0), VariantResult(True, 0.2, 0.1), VariantResult(False, 0.9, 0.0)
     assert score([hard, hard]) > score([easy, lost]) > score([hard, lost]) > score([lost, lost])
     assert score([easy]) > score([hard])
-    assert score([Try(True, 0.3, 1.0)]) > score([hard])
+    assert score([VariantResult(True, 0.3, 1.0)]) > score([hard])
 
 
 @pytest.mark.long
 def test_tries_are_the_same_in_this_process_and_in_two_others() -> None:
     version, folder = lemon()
-    loose = Version(version.scenario, replace(version.grasp, squeeze=version.grasp.preshape))
-    drawn = draws(Uncertainty(), 2, 5, 0)
-    here = tries([version, loose], SPEC, "quick", drawn, Where(Local(0), 1, folder))
-    assert here == tries([version, loose], SPEC, "quick", drawn, Where(Local(2), 2, folder))
+    loose = GraspVariant(version.scenario, replace(version.grasp, squeeze=version.grasp.preshape))
+    drawn = sample_perturbations(Uncertainty(), 2, 5, 0)
+    here = try_variants([version, loose], SPEC, "quick", drawn, VariantWorkers(Local(0), 1, folder))
+    assert here == try_variants([version, loose], SPEC, "quick", drawn, VariantWorkers(Local(2), 2, folder))
     assert [each.held for row in here for each in row] == [True, True, False, False]
 
 
@@ -61,4 +69,10 @@ def test_a_trial_that_cannot_be_made_is_one_error_and_not_a_grasp_that_fails() -
     gone = version.scenario.model_copy(update={"objects": (
         version.scenario.objects[0].model_validate({"name": "gone"}),)})  # fmt: skip
     with pytest.raises(HandError, match="no object named 'gone'"):
-        tries([Version(gone, version.grasp)], SPEC, "quick", draws(Uncertainty(), 1, 0, 0), Where(Local(0), 1, folder))
+        try_variants(
+            [GraspVariant(gone, version.grasp)],
+            SPEC,
+            "quick",
+            sample_perturbations(Uncertainty(), 1, 0, 0),
+            VariantWorkers(Local(0), 1, folder),
+        )

@@ -16,11 +16,11 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description import facts, inertia
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.generate.__main__ import stale
 from allegro_twin.hands.generate.mesh import rounded_box
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
@@ -116,7 +116,7 @@ def test_the_left_hand_is_the_exact_mirror_image(seed: int) -> None:
     position = random_posture(seed, SPECS["right"])
     mirror = np.diag([1.0, -1.0, 1.0])
     right = HANDS["right"].fingertips(position)
-    left = HANDS["left"].fingertips(SPECS["right"].mirrored(position))
+    left = HANDS["left"].fingertips(SPECS["right"].mirror_posture(position))
     for name, pose in right.items():
         np.testing.assert_allclose(left[name].position, mirror @ pose.position, atol=1e-15)
         np.testing.assert_allclose(left[name].rotation, mirror @ pose.rotation @ mirror, atol=1e-14)
@@ -128,8 +128,8 @@ def test_the_left_hand_weighs_on_its_joints_as_the_mirrored_right(seed: int) -> 
     position = random_posture(seed, SPECS["right"])
     gravity = np.random.default_rng(seed).normal(size=3)
     right = HANDS["right"].gravity_torque(position, gravity)
-    left = HANDS["left"].gravity_torque(SPECS["right"].mirrored(position), gravity * (1, -1, 1))
-    np.testing.assert_allclose(left, SPECS["right"].mirrored(right), atol=1e-15)
+    left = HANDS["left"].gravity_torque(SPECS["right"].mirror_posture(position), gravity * (1, -1, 1))
+    np.testing.assert_allclose(left, SPECS["right"].mirror_posture(right), atol=1e-15)
 
 
 def test_masses_are_the_manufacturers_drawing(side: Side) -> None:
@@ -141,14 +141,14 @@ def test_masses_are_the_manufacturers_drawing(side: Side) -> None:
 
 
 def test_every_inertia_is_that_of_a_body_which_can_exist(side: Side) -> None:
-    for link in facts.load("allegro", side).links:
-        principal = np.linalg.eigvalsh(inertia.of_link(link).inertia)
+    for link in facts.load_facts("allegro", side).links:
+        principal = np.linalg.eigvalsh(inertia.link_inertia(link).inertia)
         assert principal[0] > 0
         assert principal[0] + principal[1] > principal[2]
 
 
 def test_inertia_equals_what_mujoco_computes_from_the_same_primitives() -> None:
-    for link in facts.load("allegro", "right").links:
+    for link in facts.load_facts("allegro", "right").links:
         spec = mujoco.MjSpec()
         body = spec.worldbody.add_body(name="link")
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=link.box.half, pos=link.box.at, mass=link.mass)
@@ -158,7 +158,7 @@ def test_inertia_equals_what_mujoco_computes_from_the_same_primitives() -> None:
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=[link.tip.radius, 0, 0], mass=link.tip.mass
             )
         model = spec.compile()
-        ours = inertia.of_link(link)
+        ours = inertia.link_inertia(link)
         np.testing.assert_allclose(model.body("link").ipos, ours.center, atol=1e-12)
         np.testing.assert_allclose(np.sort(model.body("link").inertia), np.linalg.eigvalsh(ours.inertia), atol=1e-12)
 

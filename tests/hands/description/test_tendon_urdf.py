@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.generate.tendon_mjcf import tables
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 

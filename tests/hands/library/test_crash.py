@@ -25,7 +25,7 @@ WRITER = """
 import itertools, sys
 import numpy as np
 import pytest
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import posture_entry
 from allegro_twin.files.yaml_edit import write_text
 from allegro_twin.hands.library.library import Library

@@ -11,23 +11,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import (
     GraspFile,
     PostureFile,
+    convert_side,
     joint_values,
-    on_side,
     parse_entry,
     posture_entry,
     trajectory_entry,
 )
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_grasp, load_posture
-from allegro_twin.hands.library.taxonomy import Taxonomy, as_claimed
+from allegro_twin.hands.library.library import Library, load_grasp, load_posture
+from allegro_twin.hands.library.taxonomy import ClaimedType, claim_observed
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
@@ -144,7 +143,7 @@ def test_no_grasp_that_ships_claims_what_its_contacts_do_not_show() -> None:
         entry = listed.entry
         assert isinstance(entry, GraspFile)
         if entry.observed is not None:
-            assert entry.taxonomy == as_claimed(entry.observed) or entry.taxonomy.number == entry.observed.number
+            assert entry.taxonomy == claim_observed(entry.observed) or entry.taxonomy.number == entry.observed.number
         else:
             assert not entry.evidence or entry.evidence.startswith("posture: "), listed.name
 
@@ -154,7 +153,7 @@ def test_a_claim_is_one_of_the_paper() -> None:
                   {"number": 26, "name": "Sphere 4 Finger", "type": "precision", "opposition": "pad"},
                   {"number": None, "name": "Ring"}):  # fmt: skip
         with pytest.raises(ValidationError, match="type 26 has the|a grasp without a number"):
-            Taxonomy.model_validate(wrong)
+            ClaimedType.model_validate(wrong)
 
 
 def test_a_filter_that_nothing_can_have_says_so() -> None:
@@ -183,8 +182,8 @@ def test_the_mirror_of_a_posture_is_exact_and_its_own_inverse(
     one, other = hands
     entry = posture_entry(position, one)
     mirrored = joint_values(entry, other, "it")["angles"]
-    assert same_bits(mirrored, one.mirrored(position))
-    rewritten = on_side(entry, one, other.side, "it")
+    assert same_bits(mirrored, one.mirror_posture(position))
+    rewritten = convert_side(entry, one, other.side, "it")
     assert rewritten.side == other.side
     for hand in hands:
         assert same_bits(joint_values(entry, hand, "")["angles"], joint_values(rewritten, hand, "")["angles"])
@@ -193,8 +192,8 @@ def test_the_mirror_of_a_posture_is_exact_and_its_own_inverse(
 @given(st.lists(WITHIN, min_size=2, max_size=5))
 def test_the_mirror_of_a_trajectory_is_exact_row_by_row(positions: list[Array]) -> None:
     entry = trajectory_entry(np.arange(len(positions)), np.array(positions), LEFT)
-    np.testing.assert_array_equal(joint_values(entry, RIGHT, "")["positions"], LEFT.mirrored(np.array(positions)))
-    assert on_side(on_side(entry, LEFT, "right", ""), RIGHT, "left", "") == entry
+    np.testing.assert_array_equal(joint_values(entry, RIGHT, "")["positions"], LEFT.mirror_posture(np.array(positions)))
+    assert convert_side(convert_side(entry, LEFT, "right", ""), RIGHT, "left", "") == entry
 
 
 def test_storing_for_the_left_changes_the_entry_whose_file_is_for_the_right(mine: Path) -> None:
@@ -207,7 +206,7 @@ def test_storing_for_the_left_changes_the_entry_whose_file_is_for_the_right(mine
     assert "side: right" in mine.read_text()
     fresh = Library(mine)
     assert same_bits(fresh.posture("wave", LEFT), position)
-    assert same_bits(fresh.posture("wave", RIGHT), LEFT.mirrored(position))
+    assert same_bits(fresh.posture("wave", RIGHT), LEFT.mirror_posture(position))
     assert [listed.name for listed in fresh.list()].count("wave") == 1
 
 
@@ -341,8 +340,8 @@ def test_a_taught_trajectory_is_stored_and_played_on_either_hand(tmp_path: Path,
     library.store("game", tmp_path / "shown.yaml")
     hand = load_spec(side=side)
     motion = Library(tmp_path).trajectory("game", hand)
-    assert isinstance(Library(tmp_path).get("game", hand), Motion)
-    expected = rows if side == "right" else RIGHT.mirrored(rows)
+    assert isinstance(Library(tmp_path).get("game", hand), TaughtMotion)
+    expected = rows if side == "right" else RIGHT.mirror_posture(rows)
     np.testing.assert_array_equal(motion.positions, expected)
     assert motion.seconds == pytest.approx(1.3)
     start = load_posture("home", hand)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture, posture_names
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture, posture_names
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import TorqueCommand
 from tests.conftest import MakeSim

@@ -11,10 +11,10 @@ import pyarrow.parquet
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.collect import collected
+from allegro_twin.learning.environments.collect import collect_episodes
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.recording.exchange.environment_episodes import Episode, to_lerobot, to_minari
+from allegro_twin.recording.exchange.environment_episodes import EnvironmentEpisode, to_lerobot, to_minari
 
 KEYWORDS: dict[str, Any] = {"timestep": 0.003, "decimation": 100}
 
@@ -31,13 +31,13 @@ class Wandering:
 
 
 @pytest.fixture(scope="module")
-def episodes() -> list[Episode]:
+def episodes() -> list[EnvironmentEpisode]:
     """Some of which succeed."""
-    return collected(wavering, "Pinch", KEYWORDS | {"level": "easy"}, 4, seed=3)
+    return collect_episodes(wavering, "Pinch", KEYWORDS | {"level": "easy"}, 4, seed=3)
 
 
 def test_an_episode_is_the_single_environments_step_for_step() -> None:
-    (episode,) = collected(Wandering(), "Reach", KEYWORDS, 1, seed=5)
+    (episode,) = collect_episodes(Wandering(), "Reach", KEYWORDS, 1, seed=5)
     env, wandering = HandEnv("Reach", **KEYWORDS), Wandering()
     observation, _ = env.reset(seed=5)
     for k, action in enumerate(episode.action):
@@ -59,7 +59,7 @@ def wavering(observation: Observation) -> Floats:
 
 
 def test_each_of_many_is_the_single_environments_of_its_seed() -> None:
-    found = collected(wavering, "Pinch", KEYWORDS | {"level": "easy"}, 4, seed=3)
+    found = collect_episodes(wavering, "Pinch", KEYWORDS | {"level": "easy"}, 4, seed=3)
     assert any(episode.success.any() for episode in found)
     for number, episode in enumerate(found):
         env = HandEnv("Pinch", level="easy", **KEYWORDS)
@@ -71,7 +71,7 @@ def test_each_of_many_is_the_single_environments_of_its_seed() -> None:
         assert terminated == episode.failed
 
 
-def test_episodes_end_where_they_ended(episodes: list[Episode]) -> None:
+def test_episodes_end_where_they_ended(episodes: list[EnvironmentEpisode]) -> None:
     longest = max(len(episode.action) for episode in episodes)
     for episode in episodes:
         assert len(episode.observation["observation"]) == len(episode.action) + 1
@@ -79,7 +79,7 @@ def test_episodes_end_where_they_ended(episodes: list[Episode]) -> None:
         assert "(" in episode.task
 
 
-def test_minari_s_set_has_rewards_ends_and_success(episodes: list[Episode], tmp_path: Path) -> None:
+def test_minari_s_set_has_rewards_ends_and_success(episodes: list[EnvironmentEpisode], tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
     to_minari(episodes, tmp_path / "hand" / "grasp-v0", 0.3)
     folder = tmp_path / "hand" / "grasp-v0" / "data"
@@ -96,7 +96,7 @@ def test_minari_s_set_has_rewards_ends_and_success(episodes: list[Episode], tmp_
 @pytest.mark.parametrize("task", ["Grasp", "Reach"])
 def test_minari_itself_finds_a_set_by_its_id(task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     minari = pytest.importorskip("minari", reason="only Minari itself can say whether it reads a data set")
-    found = collected(Wandering(), task, KEYWORDS, 2, seed=0)
+    found = collect_episodes(Wandering(), task, KEYWORDS, 2, seed=0)
     to_minari(found, tmp_path / "hand" / "some-v0", 0.3)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     loaded = minari.load_dataset("hand/some-v0")
@@ -105,7 +105,7 @@ def test_minari_itself_finds_a_set_by_its_id(task: str, tmp_path: Path, monkeypa
         np.testing.assert_array_equal(read.actions, episode.action)
 
 
-def test_lerobot_s_set_has_rewards_and_success(episodes: list[Episode], tmp_path: Path) -> None:
+def test_lerobot_s_set_has_rewards_and_success(episodes: list[EnvironmentEpisode], tmp_path: Path) -> None:
     to_lerobot(episodes, tmp_path / "set", 0.3, "allegro_right")
     table = pyarrow.parquet.read_table(tmp_path / "set" / "data" / "chunk-000" / "file-000.parquet")
     np.testing.assert_array_equal(table["next.success"], np.concatenate([each.success for each in episodes]))
@@ -116,7 +116,9 @@ def test_lerobot_s_set_has_rewards_and_success(episodes: list[Episode], tmp_path
     assert info["features"]["observation.state"]["shape"] == [65]
 
 
-def test_a_set_is_written_into_a_new_folder_that_minari_finds(episodes: list[Episode], tmp_path: Path) -> None:
+def test_a_set_is_written_into_a_new_folder_that_minari_finds(
+    episodes: list[EnvironmentEpisode], tmp_path: Path
+) -> None:
     pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
     with pytest.raises(ConfigError, match="whose name ends in a version: grasp-v0"):
         to_minari(episodes, tmp_path / "grasp", 0.3)

@@ -11,20 +11,20 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings, read_settings
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.controller import PolicyController
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.policy.script import closing
-from allegro_twin.learning.tasks.scripted_closing import Closing
+from allegro_twin.learning.policy.script import closing_moves
+from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from tests.learning.environments.test_batch import rows_of, same
@@ -101,11 +101,11 @@ def test_doing_nothing_is_the_scripted_player(hand: str) -> None:
     env = HandEnv("Lift", **given("Lift", hand))
     env.reset(seed=0)
     task = env.engine.task
-    assert isinstance(task, Closing)
+    assert isinstance(task, ScriptedClosingTask)
     scene = task.scenes[0]
-    path = Follow(closing(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
+    path = PositionControl(closing_moves(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
     told: list[Any] = []
-    task.worlds.tell = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
+    task.worlds.command = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
     for _ in range(60):
         env.step(np.zeros(MOTORS[hand], np.float32))
     wanted = [path(k * env.engine.settings.period).position for k in range(len(told))]
@@ -144,7 +144,7 @@ def test_a_policy_on_a_backend_sees_what_it_saw_in_training(hand: str) -> None:
 @pytest.mark.parametrize("hand", ["leap", "model_o"])
 def test_an_episode_as_a_backend_is_the_one_of_the_environment(hand: str) -> None:
     more = given("Grasp", hand)
-    env, episode = HandEnv("Grasp", **more), Episode("Grasp", EnvSettings(**more), seed=5)
+    env, episode = HandEnv("Grasp", **more), EpisodeBackend("Grasp", EnvSettings(**more), seed=5)
     seen = [env.reset(seed=5)[0]]
     rows: list[Any] = []
 
@@ -285,8 +285,8 @@ def test_a_motor_feels_along_the_free_way_what_touches_its_fingers(hand: str) ->
 def test_the_speed_of_what_follows_is_the_slope_of_where_it_is(hand: str) -> None:
     spec, step = load_spec(hand), 1e-6
     q = np.random.default_rng(0).uniform(spec.lower + 1e-3, spec.upper - 1e-3, (50, spec.n_joints))
-    slope = (spec.followed(q + step) - spec.followed(q - step)) / (2 * step)
-    np.testing.assert_allclose(spec.following(q), slope, rtol=1e-5, atol=1e-5)
+    slope = (spec.coupled_positions(q + step) - spec.coupled_positions(q - step)) / (2 * step)
+    np.testing.assert_allclose(spec.coupled_rates(q), slope, rtol=1e-5, atol=1e-5)
 
 
 def test_a_radian_of_a_tendon_is_a_part_of_its_motors_range() -> None:
@@ -336,5 +336,5 @@ def test_a_policy_for_another_hand_is_refused_in_one_line() -> None:
 
 def test_a_card_without_a_hand_is_of_the_hand_that_cards_were_of_before_they_said_it() -> None:
     card = HandEnv("Reach").engine.task.card()
-    old = Card.model_validate(card.model_dump(exclude={"hand"}))
+    old = PolicyCard.model_validate(card.model_dump(exclude={"hand"}))
     assert old == card

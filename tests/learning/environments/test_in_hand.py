@@ -9,15 +9,15 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, turned_by
+from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, rotate_quaternion
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.base import Goals
+from allegro_twin.learning.tasks.base import GoalTask
 from allegro_twin.learning.tasks.reorient import NEAREST, REACHED
-from allegro_twin.learning.tasks.start_states import Held, file_name, held
+from allegro_twin.learning.tasks.start_states import StartStates, file_name, load_start_states
 from allegro_twin.learning.tasks.vectors import tilt, twist
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.objects.catalogue import GraspObject, load_object
 
 N = 8
 ALOFT = (0.0, 0.0, 0.4)  # m: nothing touches an object there while an action lasts.
@@ -78,7 +78,7 @@ def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() ->
     for step in range(1, 33):
         lean = np.radians(28.0) if 10 < step <= 20 else 0.0
         thing.pose[0, :3] = ALOFT
-        thing.pose[0, 3:] = turned_by(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, step * 0.21))
+        thing.pose[0, 3:] = rotate_quaternion(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, step * 0.21))
         thing.velocity[0] = thing.spin[0] = 0.0
         _, _, failed, _, info = env.step(np.zeros(16, np.float32))
         assert not failed
@@ -106,7 +106,7 @@ def test_rocking_to_and_fro_earns_nothing() -> None:
         yaw = 0.1 * part if forth else 0.1 * (1.0 - part)
         thing.pose[0, :3] = ALOFT
         lean = quaternion_from_vector((0.0, 0.0 if forth else np.radians(28.0), 0.0))
-        thing.pose[0, 3:] = turned_by(lean, (0.0, 0.0, yaw))
+        thing.pose[0, 3:] = rotate_quaternion(lean, (0.0, 0.0, yaw))
         thing.velocity[0] = thing.spin[0] = 0.0
         _, _, _, _, info = env.step(np.zeros(16, np.float32))
         paid += info["speed"]
@@ -192,7 +192,7 @@ def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
     env.reset(seed=0)
     task = env.engine.task
     assert task.thing is not None
-    task.thing.pose[:, 3:] = turned_by(task.thing.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
+    task.thing.pose[:, 3:] = rotate_quaternion(task.thing.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
     assert tilt(task.thing.pose[:, 3:]).min() > 0.2
     task._renew(np.arange(env.num_envs))  # type: ignore[attr-defined]  # Of Reorient.
     goals = np.array(task.goal(), float)
@@ -205,9 +205,9 @@ def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
 def test_to_wait_beside_a_goal_for_ten_seconds_is_worth_less_than_to_reach_it() -> None:
     for decimation in (5, 20):
         task = batch("Reorient", decimation=decimation).engine.task
-        assert isinstance(task, Goals)
+        assert isinstance(task, GoalTask)
         goal = np.array([[1.0, 0.0, 0.0, 0.0]])
-        beside = turned_by(goal, np.array([[0.0, 0.0, REACHED + 0.001]]))
+        beside = rotate_quaternion(goal, np.array([[0.0, 0.0, REACHED + 0.001]]))
         waiting, there = (float(task.reward(where, goal, np.zeros(1))[0]) for where in (beside, goal))
         assert 10.0 / (0.003 * decimation) * waiting < there
 
@@ -246,10 +246,10 @@ def test_a_wanted_size_is_begun_with_and_one_that_nobody_has_tried_is_refused() 
 
 
 def test_the_package_brings_the_states_that_its_search_would_find() -> None:
-    cube = catalogue.named("rubiks_cube")
+    cube = load_object("rubiks_cube")
     assert (data_root() / "conf" / "starts" / file_name(cube)).is_file()
-    right, left = (held(cube, side) for side in ("right", "left"))
-    assert isinstance(right, Held)
+    right, left = (load_start_states(cube, side) for side in ("right", "left"))
+    assert isinstance(right, StartStates)
     assert len(right.size) >= 1000
     assert tilt(right.pose[:, 3:]).max() < np.radians(8.0)
     np.testing.assert_array_equal(right.pose[:, 1], -left.pose[:, 1])
@@ -260,6 +260,6 @@ def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pyt
     from allegro_twin.learning.tasks import start_states as module
 
     monkeypatch.setattr(module, "MOST", 1)
-    thing = catalogue.Thing("anvil", "box", (0.057, 0.057, 0.057), 25.0)
+    thing = GraspObject("anvil", "box", (0.057, 0.057, 0.057), 25.0)
     with pytest.raises(ConfigError, match="no grasp of the fingertips was found that holds anvil above the palm"):
-        module.searched(thing, module.SEARCH, 1)
+        module.search_start_states(thing, module.SEARCH, 1)

@@ -10,23 +10,23 @@ import pytest
 
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.policy.controller import Still
-from allegro_twin.learning.tasks.in_hand import ON_PALM, Shapes, clearance, palm_normal
+from allegro_twin.learning.policy.controller import ZeroPolicy
+from allegro_twin.learning.tasks.in_hand import ON_PALM, ObjectShapes, palm_clearance, palm_normal
 from allegro_twin.learning.tasks.scenes import PALM
 from allegro_twin.learning.training.evaluation import evaluate
-from allegro_twin.learning.training.report import Compared, write
+from allegro_twin.learning.training.report import Comparison, write_report
 from allegro_twin.learning.training.settings import load_recipe
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.surfaces.cli import console
 
 N = 4
 
 
-def surface(thing: Thing, rng: np.random.Generator) -> np.ndarray[Any, Any]:
+def surface(thing: GraspObject, rng: np.random.Generator) -> np.ndarray[Any, Any]:
     """Points of a thing's surface, (k, 3), m: its corners or rims, or many."""
     half = thing.half_extents()
     directions = rng.normal(size=(200_000, 3))
@@ -45,29 +45,29 @@ def surface(thing: Thing, rng: np.random.Generator) -> np.ndarray[Any, Any]:
             return directions * half
 
 
-def pyramid(folder: Path) -> Thing:
+def pyramid(folder: Path) -> GraspObject:
     file = folder / "pyramid.obj"
     file.write_text(
         "v 0 0 0.03\nv 0.02 0.02 0\nv -0.02 0.02 0\nv -0.02 -0.02 0\nv 0.02 -0.02 0\n"
         "f 1 2 3\nf 1 3 4\nf 1 4 5\nf 1 5 2\nf 2 5 4\nf 2 4 3\n"
     )
-    return Thing("pyramid", "mesh", (), 0.05, file)
+    return GraspObject("pyramid", "mesh", (), 0.05, file)
 
 
 def test_the_lowest_point_is_that_of_the_surface(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     things = [
-        Thing("box", "box", (0.05, 0.06, 0.08), 0.1),
-        Thing("ball", "sphere", (0.05,), 0.1),
-        Thing("egg", "ellipsoid", (0.04, 0.07), 0.1),
-        Thing("can", "cylinder", (0.05, 0.08), 0.1),
+        GraspObject("box", "box", (0.05, 0.06, 0.08), 0.1),
+        GraspObject("ball", "sphere", (0.05,), 0.1),
+        GraspObject("egg", "ellipsoid", (0.04, 0.07), 0.1),
+        GraspObject("can", "cylinder", (0.05, 0.08), 0.1),
         pyramid(tmp_path),
     ]
     pose = np.concatenate([rng.normal(0, 0.05, (5, 3)), rng.normal(size=(5, 4))], axis=-1)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=-1, keepdims=True)
     tilt, factor = rng.uniform(-0.05, 0.05, (5, 3)), np.array([0.9, 1.0, 1.1, 1.05, 1.0])
     which: Any = np.arange(5)
-    found = clearance(pose, Shapes(things, np), which, factor, palm_normal(tilt))
+    found = palm_clearance(pose, ObjectShapes(things, np), which, factor, palm_normal(tilt))
     # The palm's x looks up; without a tilt the world's z is its normal.
     np.testing.assert_allclose(palm_normal(np.zeros((1, 3))), [[0, 0, 1]], atol=1e-12)
     for row, thing in enumerate(things):
@@ -136,14 +136,14 @@ def test_an_episode_begins_above_the_palm_and_a_dropped_cube_ends_on_it() -> Non
 @pytest.mark.slow
 def test_evaluations_report_it_in_tables_files_and_over_can(tmp_path: Path) -> None:
     settings = EnvSettings(timestep=0.003, decimation=100)
-    found = evaluate(Still(16), "Rotate", settings, 2, seed=3)
+    found = evaluate(ZeroPolicy(16), "Rotate", settings, 2, seed=3)
     assert found.shares["on_palm"].shape == (2,)
     assert ((found.shares["on_palm"] >= 0.0) & (found.shares["on_palm"] <= 1.0)).all()
-    both = [Compared("trained on", found, found)]
-    table = console.compared(both, load_recipe("rotate"), 3)
+    both = [Comparison("trained on", found, found)]
+    table = console.policy_table(both, load_recipe("rotate"), 3)
     assert "on palm, share of time: policy, no action" in [column.header for column in table.columns]
-    write(both, tmp_path / "evaluation.json")
+    write_report(both, tmp_path / "evaluation.json")
     assert '"on_palm"' in (tmp_path / "evaluation.json").read_text()
-    episode = Episode("Rotate", settings, 3)
+    episode = EpisodeBackend("Rotate", settings, 3)
     episode.reset()
     assert episode.shares == {"on_palm": 0.0}

@@ -120,7 +120,7 @@ def first_torque(env: HandVectorEnv) -> Array:
     position, velocity = (np.array(x) for x in (env.engine.worlds.position, env.engine.worlds.velocity))
     told: list[Array] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(env.engine.worlds, "step", lambda rows, count: told.append(np.array(env.engine.worlds.torque)))
+        patch.setattr(env.engine.worlds, "step", lambda rows, count: told.append(np.array(env.engine.worlds.control)))
         env.step(STILL + 0.5)
     assert np.array_equal(position, env.engine.worlds.position)
     assert np.array_equal(velocity, env.engine.worlds.velocity)
@@ -165,7 +165,7 @@ def test_a_measurement_arrives_as_many_periods_late_as_was_drawn() -> None:
     marks = np.arange(1.0, 8.0)
     for tick, mark in enumerate(marks):
         engine.worlds.position[:] = mark
-        seen, _ = engine._sensing.measured(np.full(N, tick))
+        seen, _ = engine._sensing.measure(np.full(N, tick))
         for row, delay in enumerate(drawn["sensor_delay"].astype(int)):
             if tick >= delay:
                 np.testing.assert_array_equal(seen[row], marks[tick - delay])
@@ -176,8 +176,8 @@ def test_noise_is_as_wide_as_was_drawn_and_other_at_every_period(name: str, whic
     env, drawn = made("Reach", **{name: (0.01, 0.1)})
     engine = env.engine
     true = (engine.worlds.position, engine.worlds.velocity)
-    errors = np.array([engine._sensing.measured(np.full(N, tick))[which] - true[which] for tick in range(200)])
-    np.testing.assert_array_equal(engine._sensing.measured(np.zeros(N, np.int64))[1 - which], true[1 - which])
+    errors = np.array([engine._sensing.measure(np.full(N, tick))[which] - true[which] for tick in range(200)])
+    np.testing.assert_array_equal(engine._sensing.measure(np.zeros(N, np.int64))[1 - which], true[1 - which])
     widest = np.abs(errors).max(axis=(0, 2))
     assert (widest <= drawn[name] * (1 + 1e-9)).all()
     np.testing.assert_allclose(widest, drawn[name], rtol=0.01)  # Of 3200 uniform numbers.
@@ -187,7 +187,7 @@ def test_noise_is_as_wide_as_was_drawn_and_other_at_every_period(name: str, whic
 
 def test_positions_are_told_in_whole_steps() -> None:
     env, drawn = made(quantisation=(0.01, 0.05))
-    seen, _ = env.engine._sensing.measured(np.zeros(N, np.int64))
+    seen, _ = env.engine._sensing.measure(np.zeros(N, np.int64))
     steps = seen / drawn["quantisation"][:, None]
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
     error = np.abs(seen - env.engine.worlds.position)

@@ -1,4 +1,4 @@
-"""docs/your_task.md does what it says, from an empty folder."""
+"""docs/how-to/add_a_task.md does what it says, from an empty folder."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.learning import tasks
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.tasks import GROUP, task_names
+from allegro_twin.learning.tasks.reach import ReachTask
 from allegro_twin.learning.training.settings import load_recipe
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -22,7 +26,7 @@ BOX = {"name": "soap", "shape": "box", "size": [0.055, 0.055, 0.08], "mass": 0.1
 
 @pytest.mark.slow
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
-    blocks = BLOCK.findall((ROOT / "docs" / "your_task.md").read_text())
+    blocks = BLOCK.findall((ROOT / "docs" / "how-to" / "add_a_task.md").read_text())
     assert [name for name, _ in blocks] == ["objects.py", "my_tasks.py", "use.py"]
     for name, text in blocks:
         (tmp_path / name).write_text(text)
@@ -43,13 +47,28 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
         ("no_such_module:Stack", "task 'no_such_module:Stack': no module 'no_such_module' can be imported"),
         (
             "allegro_twin.errors:Stack",
-            "'Stack' in allegro_twin.errors is no class of allegro_twin.learning.tasks.base.Task",
+            "'Stack' in allegro_twin.errors is no subclass of allegro_twin.gym.Task",
         ),
     ],
 )
 def test_a_task_that_is_none_is_named(task: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         HandEnv(task)
+
+
+class Hover(ReachTask):
+    name = "Hover"
+
+
+def test_a_task_of_an_installed_package_has_a_name_like_those_of_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = {"Hover": EntryPoint("Hover", f"{__name__}:Hover", GROUP), "Reach": EntryPoint("Reach", "no:Where", GROUP)}
+    monkeypatch.setattr(tasks, "entry_points_of", lambda group: points if group == GROUP else {})
+    assert task_names()[-1] == "Hover"
+    assert HandEnv("Hover").engine.task.id == f"{__name__}:Hover"
+    assert load_recipe("Hover").task == "Hover"
+    assert HandEnv("Reach").engine.task.id == "AllegroTwin/Reach-v0"
+    with pytest.raises(ConfigError, match="no task named 'Hovr'; did you mean 'Hover'"):
+        HandEnv("Hovr")
 
 
 def test_an_object_that_nobody_knows_how_to_grasp_is_refused_with_the_ways_out() -> None:

@@ -10,11 +10,11 @@ import pytest
 from allegro_twin.control.controllers import PD
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.policy.card import Card
-from allegro_twin.learning.policy.controller import PolicyController, Still
+from allegro_twin.learning.policy.card import PolicyCard
+from allegro_twin.learning.policy.controller import PolicyController, ZeroPolicy
 from allegro_twin.learning.policy.interface import Floats, Interface, Observation
-from allegro_twin.learning.policy.script import closing
-from allegro_twin.learning.tasks.scripted_closing import Closing
+from allegro_twin.learning.policy.script import closing_moves
+from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import HandState
@@ -70,19 +70,19 @@ def test_an_environment_without_action_is_the_scripted_player(task: str) -> None
     env = HandEnv(task, objects=("tennis_ball",), position_noise=0.0)
     env.reset(seed=0)
     inner = env.engine.task
-    assert isinstance(inner, Closing)
+    assert isinstance(inner, ScriptedClosingTask)
     scene = inner.scenes[0]
     sim = hand_of(env)
-    played = PD(closing(scene.grasp, inner.wait, inner.squeeze), env.engine.task.gains)
+    played = PD(closing_moves(scene.grasp, inner.wait, inner.squeeze), env.engine.task.gains)
     twin = HandEnv(task, objects=("tennis_ball",), position_noise=0.0)
     twin.reset(seed=0)
     state, decimation = sim.reset(), inner.interface.decimation
     sim.data.qpos[:] = env.engine.worlds.snapshot(0).data.qpos
     memory = played.start(state)
     for step in range(60):
-        inner.plan(np.array([step * decimation]))
+        inner.plan_surroundings(np.array([step * decimation]))
         for k in range(decimation):
-            inner.drive(k)  # Writes into the batch what surrounds the hand; the backend gets a copy.
+            inner.move_surroundings(k)  # Writes into the batch what surrounds the hand; the backend gets a copy.
             _copy_surroundings(env, sim)
             command, memory = played(state, memory)
             sim.write(command)
@@ -101,7 +101,7 @@ def _copy_surroundings(env: HandEnv, sim: SimBackend) -> None:
         assert thing is not None
         sim.data.xfrc_applied[thing.id, :3] = thing.force[0]
     else:
-        sim.data.ctrl[sim.model.actuator("wrist_z").id] = worlds.joint("wrist_z")[1][0]
+        sim.data.ctrl[sim.model.actuator("wrist_z").id] = worlds.set_point("wrist_z")[0]
 
 
 def test_decisions_are_not_late_where_the_hand_has_missed_periods() -> None:
@@ -138,10 +138,10 @@ def test_a_policy_that_answers_with_a_nan_is_stopped() -> None:
 def test_a_goal_is_given_where_the_policy_takes_one_and_nowhere_else() -> None:
     reach = HandEnv("Reach").engine.task.interface
     with pytest.raises(ConfigError, match="this policy takes a goal of 12 numbers, not 0"):
-        PolicyController(Still(16), reach)
+        PolicyController(ZeroPolicy(16), reach)
 
 
-def card_and_interface(task: str) -> tuple[Card, Interface]:
+def card_and_interface(task: str) -> tuple[PolicyCard, Interface]:
     kwargs: dict[str, Any] = {} if task == "Reach" else {"objects": ("lemon", "apple")}
     inner = HandEnv(task, **kwargs).engine.task
     return inner.card(), inner.interface
@@ -150,7 +150,7 @@ def card_and_interface(task: str) -> tuple[Card, Interface]:
 @pytest.mark.parametrize("task", ["Reach", "Grasp", "Lift"])
 def test_a_card_rebuilds_the_interface_of_its_task(task: str) -> None:
     card, interface = card_and_interface(task)
-    rebuilt = Card.model_validate_json(card.model_dump_json()).interface(interface.spec)
+    rebuilt = PolicyCard.model_validate_json(card.model_dump_json()).interface(interface.spec)
     for name in ("mode", "period", "decimation", "step", "reach", "goal", "n_observation", "n_goal"):
         assert getattr(rebuilt, name) == getattr(interface, name)
     if interface.scripts is not None:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.policy.card import Card, read_card, write_card
+from allegro_twin.learning.policy.card import PolicyCard, read_card, write_card
 from allegro_twin.learning.policy.loading import load_policy, policy_controller
 
 
 @pytest.fixture(scope="module")
-def card() -> Card:
+def card() -> PolicyCard:
     return HandEnv("Lift", objects=("lemon",)).engine.task.card()
 
 
@@ -41,7 +41,7 @@ def onnx_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_an_onnx_policy_answers_for_one_hand_and_for_many(onnx_file: Path, card: Card) -> None:
+def test_an_onnx_policy_answers_for_one_hand_and_for_many(onnx_file: Path, card: PolicyCard) -> None:
     write_card(onnx_file, card)
     loaded = load_policy(onnx_file)
     assert loaded.card == card
@@ -66,7 +66,7 @@ WRONG_SIZES = pytest.mark.parametrize(
 
 @WRONG_SIZES
 def test_a_network_that_is_not_its_cards_is_refused_with_both_sizes(
-    onnx_file: Path, card: Card, name: str, size: int, message: str
+    onnx_file: Path, card: PolicyCard, name: str, size: int, message: str
 ) -> None:
     write_card(onnx_file, card.model_copy(update={name: size}))
     with pytest.raises(ConfigError, match=message):
@@ -75,7 +75,7 @@ def test_a_network_that_is_not_its_cards_is_refused_with_both_sizes(
 
 @WRONG_SIZES
 def test_a_model_of_stable_baselines3_that_is_not_its_cards_is_refused_likewise(
-    tmp_path: Path, card: Card, name: str, size: int, message: str
+    tmp_path: Path, card: PolicyCard, name: str, size: int, message: str
 ) -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     path = tmp_path / "policy.zip"
@@ -85,7 +85,7 @@ def test_a_model_of_stable_baselines3_that_is_not_its_cards_is_refused_likewise(
         load_policy(path, trust=True)
 
 
-def test_a_network_that_takes_any_number_is_not_held_to_its_cards(onnx_file: Path, card: Card) -> None:
+def test_a_network_that_takes_any_number_is_not_held_to_its_cards(onnx_file: Path, card: PolicyCard) -> None:
     """Its axis has a name instead of a number: there is nothing that could differ."""
     onnx = pytest.importorskip("onnx")
     model = onnx.load(str(onnx_file))
@@ -101,13 +101,13 @@ def test_an_onnx_file_without_a_card_is_no_policy_of_ours(onnx_file: Path) -> No
         load_policy(onnx_file)
 
 
-def test_a_policy_for_the_other_hand_is_refused(onnx_file: Path, card: Card) -> None:
+def test_a_policy_for_the_other_hand_is_refused(onnx_file: Path, card: PolicyCard) -> None:
     write_card(onnx_file, card)
     with pytest.raises(ConfigError, match="this policy is for the right hand; this one is the left hand"):
         policy_controller(onnx_file, load_spec(side="left"))
 
 
-def test_a_model_of_stable_baselines3_is_a_policy_once_it_has_a_card(tmp_path: Path, card: Card) -> None:
+def test_a_model_of_stable_baselines3_is_a_policy_once_it_has_a_card(tmp_path: Path, card: PolicyCard) -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     path = tmp_path / "policy.zip"
     model: Any = sb3.PPO("MlpPolicy", HandEnv("Lift", objects=("lemon",)), n_steps=16, batch_size=16, device="cpu")
@@ -140,7 +140,7 @@ def test_a_file_that_is_no_policy_is_named(tmp_path: Path, name: str, content: b
 
 
 def test_a_missing_library_is_an_error_that_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, card: Card
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, card: PolicyCard
 ) -> None:
     import zipfile
 

@@ -11,11 +11,12 @@ import pytest
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.learning.policy.interface import Interface
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
 from allegro_twin.types import Sample, TorqueCommand
 
 pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")

@@ -30,7 +30,7 @@ def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("onnx")
     from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.onnx_policy import Layered, to_onnx
+    from allegro_twin.learning.training.onnx_policy import PolicyNetwork, to_onnx
 
     torch.manual_seed(1)
     card = make_task("Rotate", EnvSettings(timestep=0.003, decimation=20), 1, 1).card()
@@ -38,7 +38,7 @@ def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     layer.weight.data *= 3.0
     zeros, ones = np.zeros(card.observation, np.float32), np.ones(card.observation, np.float32)
     path = tmp_path_factory.mktemp("teacher") / "teacher.onnx"
-    to_onnx(Layered({"observation": card.observation}, zeros, ones, None, [layer]), path, card)
+    to_onnx(PolicyNetwork({"observation": card.observation}, zeros, ones, None, [layer]), path, card)
     return path
 
 
@@ -59,20 +59,20 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
     from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.onnx_policy import Acting, layers_of
-    from allegro_twin.learning.training.rsl.dagger import Pupil
+    from allegro_twin.learning.training.onnx_policy import NetworkActor, read_onnx_network
+    from allegro_twin.learning.training.rsl.dagger import DaggerLearner
 
     chosen = recipe(
         teacher=str(teacher), envs=32, rollout=8, steps=7680, batch=64, epochs=8, hidden=[64], learning_rate=3e-3
     )
     env = TensorVectorEnv("Rotate", 32, **HAND | {"observation": "full"})
     card = make_task("Rotate", EnvSettings(**HAND), 1, 1).card()
-    pupil = Pupil(chosen, env, card, Acting(layers_of(teacher)))
+    pupil = DaggerLearner(chosen, env, card, NetworkActor(read_onnx_network(teacher)))
 
     def apart() -> float:
         with torch.inference_mode():
-            mine = pupil._net(pupil._scaled(pupil._mine(pupil._seen))).clamp(-1, 1)
-        return float((mine - pupil._wish(pupil._seen)).pow(2).mean())
+            mine = pupil._net(pupil._scaled(pupil._inputs(pupil._seen))).clamp(-1, 1)
+        return float((mine - pupil._teacher_action(pupil._seen)).pow(2).mean())
 
     pupil.update()
     before = apart()
@@ -87,15 +87,15 @@ def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
     from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.onnx_policy import Acting, layers_of
-    from allegro_twin.learning.training.rsl.dagger import Pupil
+    from allegro_twin.learning.training.onnx_policy import NetworkActor, read_onnx_network
+    from allegro_twin.learning.training.rsl.dagger import DaggerLearner
 
     env = TensorVectorEnv("Rotate", 4, **HAND | {"observation": "full"})
     card = make_task("Rotate", EnvSettings(**HAND), 1, 1).card()
-    pupil = Pupil(recipe(teacher=str(teacher)), env, card, Acting(layers_of(teacher)))
+    pupil = DaggerLearner(recipe(teacher=str(teacher)), env, card, NetworkActor(read_onnx_network(teacher)))
     acted: list[Any] = []
     step = env.step
-    env.step = lambda actions: acted.append((actions.clone(), pupil._wish(pupil._seen))) or step(actions)  # type: ignore[method-assign,func-returns-value]
+    env.step = lambda actions: acted.append((actions.clone(), pupil._teacher_action(pupil._seen))) or step(actions)  # type: ignore[method-assign,func-returns-value]
     for _ in range(4):
         pupil.update()
     (first, wish), (last, other) = acted[0], acted[-1]

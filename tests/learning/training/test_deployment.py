@@ -9,12 +9,12 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.policy.controller import PolicyController, Still
-from allegro_twin.learning.training.evaluation import evaluate, fitting
+from allegro_twin.learning.policy.controller import PolicyController, ZeroPolicy
+from allegro_twin.learning.training.evaluation import check_card, evaluate
 from allegro_twin.learning.training.settings import load_recipe
 from allegro_twin.loop import run
 
@@ -37,7 +37,7 @@ def test_an_episode_driven_as_a_hand_is_the_environments_own(task: str, randomis
         seen.append(joints)
         return (0.3 * np.tanh((joints[:64, None] * weights).sum(axis=0))).astype(np.float32)
 
-    episode = Episode(task, env.engine.settings, seed=11)
+    episode = EpisodeBackend(task, env.engine.settings, seed=11)
     episode.reset()
     interface = episode.engine.task.interface
     # Gains differ from hand to hand where they are randomised; a controller on a real hand does not know.
@@ -54,7 +54,7 @@ def test_an_episode_driven_as_a_hand_is_the_environments_own(task: str, randomis
     np.testing.assert_array_equal(joints_of(observation), seen[0])
     for step in range(steps):
         observation, _, _, _, info = env.step(policy(observation))
-        own.append(env.engine.measured(np.array([(step + 1) * interface.decimation]))[0][0].copy())
+        own.append(env.engine.measure(np.array([(step + 1) * interface.decimation]))[0][0].copy())
         assert info["is_success"] == successes[step + 1] or not exact
     if exact:
         np.testing.assert_array_equal(own, positions[1:])
@@ -72,10 +72,10 @@ def test_what_no_hand_reports_is_told_beside_it_and_is_the_environments_own(task
         seen.append(observation)
         return (0.3 * np.tanh(joints_of(observation) @ weights)).astype(np.float32)
 
-    episode = Episode(task, env.engine.settings, seed=4)
+    episode = EpisodeBackend(task, env.engine.settings, seed=4)
     episode.reset()
     interface = episode.engine.task.interface
-    controller = PolicyController(policy, interface, episode.goal, 0, episode.target, episode.completed)
+    controller = PolicyController(policy, interface, episode.goal, 0, episode.target, episode.complete_observation)
     for sample in run(episode, controller):
         if sample.state.tick == interface.decimation * steps:
             break
@@ -84,7 +84,7 @@ def test_what_no_hand_reports_is_told_beside_it_and_is_the_environments_own(task
         for name, part in observation.items() if isinstance(observation, dict) else {"all": observation}.items():
             np.testing.assert_array_equal(part, driven[step][name] if name != "all" else driven[step])
         observation, _, _, _, info = env.step(policy(observation))
-    assert episode.counted == info[episode.engine.task.counted]
+    assert episode.count == info[episode.engine.task.count_term]
 
 
 def joints_of(observation: Any) -> Any:
@@ -92,11 +92,11 @@ def joints_of(observation: Any) -> Any:
 
 
 def test_an_episode_begins_anew_at_every_reset_and_another_with_another_seed() -> None:
-    episode = Episode("Grasp", EnvSettings(objects=("tennis_ball", "lemon"), position_noise=0.015), seed=1)
+    episode = EpisodeBackend("Grasp", EnvSettings(objects=("tennis_ball", "lemon"), position_noise=0.015), seed=1)
     runs = []
     for seed in (1, 1, 2):
         episode.seed = seed
-        still = PolicyController(Still(16), episode.engine.task.interface)
+        still = PolicyController(ZeroPolicy(16), episode.engine.task.interface)
         samples = run(episode, still)
         runs.append([next(samples).state.position for _ in range(400)])
     np.testing.assert_array_equal(runs[0], runs[1])
@@ -107,8 +107,10 @@ def test_a_policy_of_another_task_is_refused_with_both_sides() -> None:
     settings = load_recipe("Grasp").environment
     ours = HandEnv("Grasp", objects=("lemon",)).engine.task.card()
     with pytest.raises(ConfigError, match="the policy has decimation 13, these environments have 26"):
-        fitting(ours, Episode("Grasp", settings.model_copy(update={"objects": ("lemon",)})).engine.task.card())
-    fitting(ours, HandEnv("Grasp", objects=("apple",)).engine.task.card())
+        check_card(
+            ours, EpisodeBackend("Grasp", settings.model_copy(update={"objects": ("lemon",)})).engine.task.card()
+        )
+    check_card(ours, HandEnv("Grasp", objects=("apple",)).engine.task.card())
 
 
 @pytest.mark.parametrize("name", ["reach", "grasp"])
@@ -122,7 +124,7 @@ def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
     assert card.interface(load_spec()).spec.side == "right"
     assert "PPO, seed 0" in card.note
     recipe = load_recipe(name)
-    fitting(card, Episode(recipe.task, recipe.environment).engine.task.card())
+    check_card(card, EpisodeBackend(recipe.task, recipe.environment).engine.task.card())
 
 
 @pytest.mark.parametrize("name", ["rotate", "reorient"])
@@ -134,7 +136,7 @@ def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -
     path, recipe = POLICIES / f"{name}_right.onnx", load_recipe(name)
     assert path.stat().st_size < 1_000_000
     card = load_policy(path).card
-    fitting(card, Episode(recipe.task, as_shipped(recipe.environment)).engine.task.card())
+    check_card(card, EpisodeBackend(recipe.task, as_shipped(recipe.environment)).engine.task.card())
     with pytest.raises(ConfigError, match="privileged: 13 of the numbers it sees are not measured by any hand"):
         card.interface(load_spec())
 
@@ -144,14 +146,14 @@ def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -
 def test_a_policy_on_the_virtual_hand_over_can_is_as_good_as_in_the_batch(name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     from allegro_twin.learning.policy.loading import load_policy
-    from allegro_twin.learning.training.deployment import over_can
+    from allegro_twin.learning.training.deployment import evaluate_on_can
     from allegro_twin.learning.training.report import as_shipped
 
     recipe, path, episodes = load_recipe(name), POLICIES / f"{name}_right.onnx", 60
     settings = as_shipped(recipe.environment)
     batch = evaluate(load_policy(path).policy, recipe.task, settings, episodes, seed=77)
-    wire = over_can(path, recipe.task, settings, episodes, seed=77)
-    assert wire.things == batch.things
+    wire = evaluate_on_can(path, recipe.task, settings, episodes, seed=77)
+    assert wire.objects == batch.objects
     assert batch.rate > 0.5
     assert abs(wire.rate - batch.rate) <= CLOSE
-    assert not np.array_equal(wire.returned, batch.returned), "nothing was encoded"
+    assert not np.array_equal(wire.returns, batch.returns), "nothing was encoded"

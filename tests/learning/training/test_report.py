@@ -13,20 +13,20 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.policy.controller import Still
+from allegro_twin.learning.policy.controller import ZeroPolicy
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, ROUND_SEEDS
 from allegro_twin.learning.training.report import (
     LOOKED_AT,
     SEED,
     SELECTION,
-    Compared,
+    Comparison,
     as_shipped,
-    compare,
-    filmed,
-    overlap,
-    sets,
-    write,
+    compare_policy,
+    evaluation_sets,
+    film_policy,
+    seeds_overlap,
+    write_report,
 )
 from allegro_twin.learning.training.settings import Recipe, load_recipe
 from allegro_twin.surfaces.cli import console
@@ -41,7 +41,7 @@ def recipe(**changes: Any) -> Recipe:
 
 def test_an_evaluation_is_the_single_environments_episodes_to_their_end() -> None:
     few = EnvSettings(objects=("tennis_ball", "golf_ball"), position_noise=0.03)
-    found = evaluate(Still(16), "Grasp", few, 6, seed=40)
+    found = evaluate(ZeroPolicy(16), "Grasp", few, 6, seed=40)
     env = HandEnv("Grasp", objects=few.objects, position_noise=0.03)
     for row in range(6):
         _, report = env.reset(seed=40 + row)
@@ -50,21 +50,21 @@ def test_an_evaluation_is_the_single_environments_episodes_to_their_end() -> Non
         while not over:
             _, reward, failed, cut, info = env.step(np.zeros(16, np.float32))
             total, over = total + reward, failed or cut
-        assert found.returned[row] == pytest.approx(total, rel=1e-12)
+        assert found.returns[row] == pytest.approx(total, rel=1e-12)
         assert found.success[row] == info["is_success"]
-        assert found.things[row] == report["object"]
+        assert found.objects[row] == report["object"]
     assert 0 < found.success.sum() < 6, "all alike: nothing was told apart"
-    by_thing = found.by_thing()
-    assert sum(count for _, count in by_thing.values()) == 6
-    assert sum(held for held, _ in by_thing.values()) == found.success.sum()
+    by_object = found.by_object()
+    assert sum(count for _, count in by_object.values()) == 6
+    assert sum(held for held, _ in by_object.values()) == found.success.sum()
     with pytest.raises(ConfigError, match="at least 1 episode, not 0"):
-        evaluate(Still(16), "Grasp", few, 0)
+        evaluate(ZeroPolicy(16), "Grasp", few, 0)
 
 
 def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> None:
     grasp = load_recipe("Grasp")
-    assert list(sets(grasp)) == ["trained on", LOOKED_AT, "held out"]
-    seen, looked_at, unseen = sets(grasp).values()
+    assert list(evaluation_sets(grasp)) == ["trained on", LOOKED_AT, "held out"]
+    seen, looked_at, unseen = evaluation_sets(grasp).values()
     assert looked_at.objects == grasp.looked_at
     assert seen.timestep == EnvSettings().timestep < grasp.environment.timestep
     assert seen.randomise == EnvSettings().randomise != grasp.environment.randomise
@@ -74,26 +74,26 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
     rotate = load_recipe("rotate").environment
     assert rotate.device == "warp"
     assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation, state=True)
-    assert list(sets(recipe())) == ["trained on"]
+    assert list(evaluation_sets(recipe())) == ["trained on"]
 
 
 @pytest.mark.slow
 def test_the_shipped_policy_for_reach_beats_a_hand_that_stays(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    (found,) = compare(REACH, recipe(), 20)
-    assert found.policy.rate > 0.8 > found.still.rate
-    write([found], tmp_path / "evaluation.json")
+    (found,) = compare_policy(REACH, recipe(), 20)
+    assert found.policy.rate > 0.8 > found.no_action.rate
+    write_report([found], tmp_path / "evaluation.json")
     content = json.loads((tmp_path / "evaluation.json").read_text())
     assert content["trained on"]["policy"]["rate"] == found.policy.rate
     with pytest.raises(ConfigError, match="the policy has task AllegroTwin/Reach-v0, these environments have"):
-        compare(REACH, load_recipe("Lift"), 1)
+        compare_policy(REACH, load_recipe("Lift"), 1)
 
 
 @pytest.mark.slow
 def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
     av = pytest.importorskip("av", reason="films are made by PyAV: extra view")
     slow = EnvSettings(decimation=40)  # A third of the pictures of a shipped policy, which take the time.
-    filmed(Still(16), recipe(environment=slow), tmp_path / "policy.mp4", episodes=2)
+    film_policy(ZeroPolicy(16), recipe(environment=slow), tmp_path / "policy.mp4", episodes=2)
     with av.open(str(tmp_path / "policy.mp4")) as film:
         assert sum(1 for _ in film.decode(video=0)) == 2 * HandEnv("Reach", decimation=40).engine.limit
         assert film.streams.video[0].average_rate == 8
@@ -142,7 +142,7 @@ def test_another_seed_is_another_set_of_episodes(
         return play
 
     monkeypatch.setattr(report, "evaluate", noted("batch", evaluation.evaluate))
-    monkeypatch.setattr(deployment, "over_can", noted("can", deployment.over_can))
+    monkeypatch.setattr(deployment, "evaluate_on_can", noted("can", deployment.evaluate_on_can))
     for words, first in (((), SEED), (("--seed", 5_000_000_000), 5_000_000_000)):
         used.clear()
         code, out, errors = ask(monkeypatch, capfd, "reach_right", "Reach", "--episodes", 2, "--can", 1, *words)
@@ -150,7 +150,9 @@ def test_another_seed_is_another_set_of_episodes(
         assert used == [("batch", first), ("batch", first), ("can", first)]
         assert f"seeds from {first}" in out
         assert not errors, errors
-    one, other = (evaluation.evaluate(Still(16), "Reach", EnvSettings(), 3, seed=seed).returned for seed in (77, SEED))
+    one, other = (
+        evaluation.evaluate(ZeroPolicy(16), "Reach", EnvSettings(), 3, seed=seed).returns for seed in (77, SEED)
+    )
     assert not np.array_equal(one, other)
 
 
@@ -158,13 +160,13 @@ def test_episodes_that_a_training_has_used_are_named(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     reach = load_recipe("reach")
-    assert overlap(reach, SEED, 1_000_000) == ""
-    assert "round 1 of" in overlap(reach, 0, 1)
-    assert "round 2 of" in overlap(reach, ROUND_SEEDS + reach.envs - 1, 1)
-    assert overlap(reach, ROUND_SEEDS + reach.envs, 1) == ""
-    assert "after every round" in overlap(reach, EVALUATION + reach.trials - 1, 5)
-    assert "end of a training" in overlap(reach, SELECTION - 4, 5)
-    assert overlap(load_recipe("grasp"), 0, 1) == "", "rsl-rl's episodes are drawn otherwise"
+    assert seeds_overlap(reach, SEED, 1_000_000) == ""
+    assert "round 1 of" in seeds_overlap(reach, 0, 1)
+    assert "round 2 of" in seeds_overlap(reach, ROUND_SEEDS + reach.envs - 1, 1)
+    assert seeds_overlap(reach, ROUND_SEEDS + reach.envs, 1) == ""
+    assert "after every round" in seeds_overlap(reach, EVALUATION + reach.trials - 1, 5)
+    assert "end of a training" in seeds_overlap(reach, SELECTION - 4, 5)
+    assert seeds_overlap(load_recipe("grasp"), 0, 1) == "", "rsl-rl's episodes are drawn otherwise"
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     code, _, errors = ask(monkeypatch, capfd, "reach_right", "reach", "--episodes", 1, "--seed", EVALUATION)
     assert code == 0
@@ -176,17 +178,17 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
 ) -> None:
     """Or else every choice about the next training would have seen them."""
     from allegro_twin.learning.training import report
-    from allegro_twin.surfaces.cli.policies import training
+    from allegro_twin.surfaces.cli.learning import train
 
     used: list[int] = []
 
-    def compared(policy: Path, of: Recipe, episodes: int, seed: int) -> list[Compared]:
+    def compared(policy: Path, of: Recipe, episodes: int, seed: int) -> list[Comparison]:
         used.append(seed)
         return []
 
-    monkeypatch.setattr(report, "compare", compared)
-    monkeypatch.setattr(report, "write", lambda *args: None)
-    training._judged(tmp_path, recipe(), tmp_path, 3, False)
+    monkeypatch.setattr(report, "compare_policy", compared)
+    monkeypatch.setattr(report, "write_report", lambda *args: None)
+    train._evaluate_and_film(tmp_path, recipe(), tmp_path, 3, False)
     assert used == [SELECTION]
     assert SELECTION != SEED
     assert SEED > 2**31 + 100_000, "trainings have seeds below 2^31, and a simulation's number on top"
@@ -230,8 +232,8 @@ def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None
     def found(*success: bool) -> Evaluation:
         return Evaluation(np.array(success), np.zeros(len(success)), ())
 
-    rows = console.compared(
-        [Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe(), 7
+    rows = console.policy_table(
+        [Comparison("seen", found(True, True, True, True), found(False, False, True, True))], recipe(), 7
     )
     assert [next(iter(column.cells)) for column in rows.columns] == [
         "seen",

@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.training import Recipe, progress, train
-from allegro_twin.learning.training.progress import same_training
+from allegro_twin.learning.training.progress import check_same_recipe
 from allegro_twin.learning.training.settings import load_recipe
 
 EXTRA = "rsl_rl is not installed: pip install 'allegro-twin[rsl]'"
@@ -57,15 +57,15 @@ def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) ->
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
     from allegro_twin.learning.training.onnx_policy import to_onnx
-    from allegro_twin.learning.training.rsl.ppo import Learner
+    from allegro_twin.learning.training.rsl.ppo import PpoLearner
 
     env = TensorVectorEnv("Rotate", 4, timestep=0.003, state=True)
-    learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003, "state": True}), env)
+    learner = PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003, "state": True}), env)
     learner.update()
     to_onnx(learner.layers(), tmp_path / "policy.onnx", env.engine.task.card())
     seen = env.reset()
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
     ours = load_policy(tmp_path / "policy.onnx").policy(seen["observation"].numpy())
     np.testing.assert_allclose(ours, theirs, atol=1e-5)
 
@@ -83,9 +83,9 @@ def test_what_only_one_learner_has_is_refused_for_the_other() -> None:
 
 def test_a_training_may_go_on_where_nothing_but_the_device_differs() -> None:
     there = recipe(environment={"timestep": 0.003, "device": "warp"})
-    same_training(Path("runs/x/00001.pt"), there.model_dump(mode="json"), recipe())
+    check_same_recipe(Path("runs/x/00001.pt"), there.model_dump(mode="json"), recipe())
     with pytest.raises(ConfigError, match="is a training with seed 0, not 1"):
-        same_training(Path("runs/x/00001.pt"), there.model_dump(mode="json"), recipe(seed=1))
+        check_same_recipe(Path("runs/x/00001.pt"), there.model_dump(mode="json"), recipe(seed=1))
 
 
 def test_what_is_lost_at_the_last_moment_is_a_failure_and_not_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,10 +93,10 @@ def test_what_is_lost_at_the_last_moment_is_a_failure_and_not_a_time_limit(monke
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
-    from allegro_twin.learning.training.rsl.ppo import Learner
+    from allegro_twin.learning.training.rsl.ppo import PpoLearner
 
     env = TensorVectorEnv("Reach", 4, timestep=0.003)
-    learner = Learner(recipe(rollout=1, batch=4), env)
+    learner = PpoLearner(recipe(rollout=1, batch=4), env)
     step, told = env.step, []
 
     def ended(actions: Any) -> Any:
@@ -149,12 +149,12 @@ def test_a_training_begins_with_next_to_no_action() -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
-    from allegro_twin.learning.training.rsl.ppo import Learner
+    from allegro_twin.learning.training.rsl.ppo import PpoLearner
 
     env = TensorVectorEnv("Rotate", 4, timestep=0.003)
-    learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003}), env)
+    learner = PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003}), env)
     with torch.inference_mode():
-        action = learner.ppo.get_policy()(learner._grouped(env.reset()))
+        action = learner.ppo.get_policy()(learner._observation_groups(env.reset()))
     assert 0.0 < action.abs().max() < 0.02
 
 
@@ -162,47 +162,47 @@ def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
-    from allegro_twin.learning.training.rsl.ppo import Learner
+    from allegro_twin.learning.training.rsl.ppo import PpoLearner
 
     hand: dict[str, Any] = {"timestep": 0.003, "observation": "hand"}
     given = train(recipe(task="Rotate", environment=hand), tmp_path).policy
     env = TensorVectorEnv("Rotate", 4, timestep=0.003)
     seen = env.reset()
-    learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given)), env)
+    learner = PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given)), env)
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
     np.testing.assert_allclose(theirs, load_policy(given).policy(seen[:, :64].numpy()), atol=1e-5)
     with pytest.raises(ConfigError, match="its layers are 64-8-16, and this recipe's 77-9-16"):
-        Learner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given), hidden=[9]), env)
+        PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given), hidden=[9]), env)
     fingers = TensorVectorEnv("Rotate", 4, **hand)
     full = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path / "full").policy
     with pytest.raises(ConfigError, match="it sees 77 numbers of observation, here are 64"):
-        Learner(recipe(task="Rotate", environment=hand, start=str(full)), fingers)
+        PpoLearner(recipe(task="Rotate", environment=hand, start=str(full)), fingers)
 
 
 def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.tensors import TensorVectorEnv
-    from allegro_twin.learning.training.onnx_policy import Acting, layers_of, to_onnx
-    from allegro_twin.learning.training.rsl.ppo import Learner
+    from allegro_twin.learning.training.onnx_policy import NetworkActor, read_onnx_network, to_onnx
+    from allegro_twin.learning.training.rsl.ppo import PpoLearner
 
     given = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path).policy
     env = TensorVectorEnv("Reorient", 4, timestep=0.003, state=True)
-    learner = Learner(recipe(task="Reorient", environment={"timestep": 0.003, "state": True}, start=str(given)), env)
+    learner = PpoLearner(recipe(task="Reorient", environment={"timestep": 0.003, "state": True}, start=str(given)), env)
     seen = env.reset()
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
     np.testing.assert_allclose(theirs, load_policy(given).policy(seen["observation"].numpy()), atol=1e-5)
     learner.update()
     to_onnx(learner.layers(), tmp_path / "turned.onnx", env.engine.task.card())
-    again = layers_of(tmp_path / "turned.onnx")
+    again = read_onnx_network(tmp_path / "turned.onnx")
     assert again.turns
     assert again.widths == {"observation": 77, "achieved_goal": 4, "desired_goal": 4}
-    flat = learner._grouped(seen)["policy"]
+    flat = learner._observation_groups(seen)["policy"]
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
-        read = Acting(again)(flat).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
+        read = NetworkActor(again)(flat).numpy()
     ours = load_policy(tmp_path / "turned.onnx").policy({name: part.numpy() for name, part in seen.items()})
     np.testing.assert_allclose(ours, theirs, atol=1e-5)
     np.testing.assert_allclose(read, theirs, atol=1e-5)
@@ -211,7 +211,7 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
 def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
     onnx = pytest.importorskip("onnx", reason=EXTRA)
     pytest.importorskip("torch", reason=EXTRA)
-    from allegro_twin.learning.training.onnx_policy import layers_of
+    from allegro_twin.learning.training.onnx_policy import read_onnx_network
 
     seen, given = (onnx.helper.make_tensor_value_info(name, 1, ["batch", 16]) for name in ("observation", "action"))
     nodes = [
@@ -219,19 +219,19 @@ def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
     ]
     onnx.save(onnx.helper.make_model(onnx.helper.make_graph(nodes, "other", [seen], [given])), tmp_path / "other.onnx")
     with pytest.raises(ConfigError, match=r"other\.onnx: not a policy that `allegro-twin train` wrote"):
-        layers_of(tmp_path / "other.onnx")
+        read_onnx_network(tmp_path / "other.onnx")
 
 
 def test_a_training_goes_on_only_with_what_it_began_with(monkeypatch: pytest.MonkeyPatch) -> None:
     path, mine = Path("runs/x/checkpoints/00001.pt"), recipe()
-    was = progress.made_of(mine)
+    was = progress.input_fingerprints(mine)
     assert set(was) == {"engine", "code", "hand allegro_right", "gains of allegro", "objects"}
-    progress.same_inputs(path, was, mine)
+    progress.check_same_inputs(path, was, mine)
     for name, said in (("code", "another code: "), ("hand allegro_right", "another hand allegro_right: ")):
         with pytest.raises(ConfigError, match=f"runs/x is a training with {said}choose another folder"):
-            progress.same_inputs(path, was | {name: "0"}, mine)
+            progress.check_same_inputs(path, was | {name: "0"}, mine)
     with pytest.raises(ConfigError, match="is a training with another engine, code, hand allegro_right"):
-        progress.same_inputs(path, {}, mine)  # Of before that was kept.
+        progress.check_same_inputs(path, {}, mine)  # Of before that was kept.
     monkeypatch.setattr(progress, "load_gains", lambda name, spec: 1.0)
     with pytest.raises(ConfigError, match="is a training with another gains of allegro"):
-        progress.same_inputs(path, was, mine)
+        progress.check_same_inputs(path, was, mine)

@@ -26,14 +26,14 @@ import allegro_twin.control.controllers
 import allegro_twin.drivers.can.opening
 import allegro_twin.recording.recorder
 import allegro_twin.surfaces.cli.console
-import allegro_twin.surfaces.cli.hand.monitor
-import allegro_twin.surfaces.cli.run.runs  # noqa: F401
+import allegro_twin.surfaces.cli.hardware.bus_tables
+import allegro_twin.surfaces.cli.start.jobs  # noqa: F401
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.cli.main import main
 from allegro_twin.types import Command, HandState, Vector, frozen

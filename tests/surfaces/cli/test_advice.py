@@ -24,12 +24,7 @@ OTHERS = {
     "--version",
 }
 """Of other programs, such as pip, and of every one."""
-NO_ADVICE = (
-    "twin/identify/report.py",
-    "grasping/evaluation/page",
-    "viewing/rerun/server.py",
-    "drivers/base/suspend.py",
-)
+NO_ADVICE = ("viewing/report/html.py", "viewing/rerun/server.py", "drivers/base/suspend.py")
 """Style sheets, and what Rerun and systemd-inhibit are started with."""
 
 

@@ -16,9 +16,9 @@ pytest.importorskip("rosbags", reason="needs the extra ros2")
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.recording.exchange.rosbag import from_bag, is_bag, to_mcap, to_rosbag2
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.bag_topics import NAMESPACE, STATES, bag_topics
 from allegro_twin.recording.messages.build import joint_states
-from allegro_twin.recording.messages.recorded import NAMESPACE, STATES, topics_of
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, frozen
@@ -38,7 +38,7 @@ def bag_of(path: Path, messages: list[tuple[str, int, Any]], *, ros1: bool = Fal
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    words = v.vocabulary()
+    words = v.ros_types()
     if ros1:
         store: Any = get_typestore(Stores.ROS1_NOETIC)
         with Writer1(path) as first:
@@ -64,7 +64,7 @@ def bag_of(path: Path, messages: list[tuple[str, int, Any]], *, ros1: bool = Fal
 
 def states(spec: HandSpec, count: int = 200, step: float = 0.003) -> list[tuple[str, int, Any]]:
     """What the manufacturer's driver says: joints by name, speeds, and effort in its own unit."""
-    words, found = v.vocabulary(), []
+    words, found = v.ros_types(), []
     rng = np.random.default_rng(0)
     for k in range(count):
         at = 10**18 + round((k * step + float(rng.uniform(0, 0.0005))) * 1e9)
@@ -195,7 +195,7 @@ def test_layouts_name_only_what_a_bag_of_that_hand_has(
 ) -> None:
     assert command("layout", tmp_path / target)[0] == 0
     text = (tmp_path / target).read_text()
-    topics = {topic.name for topic in topics_of(recording.columns)}
+    topics = {topic.name for topic in bag_topics(recording.columns)}
     if target.endswith(".json"):
         panels = json.loads(text)["configById"]
         paths = [each["value"] for panel in panels.values() for each in panel.get("paths", [])]

@@ -19,14 +19,13 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Version, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand, store_limits
-from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, centred
+from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand, store_limits
+from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, encoder_offsets
 from allegro_twin.types import frozen
 from tests.surfaces.cli.conftest import Run
 
@@ -125,13 +124,13 @@ def test_what_is_written_reads_the_middle_of_what_was_found_as_the_models(versio
     shift = generator.uniform(-0.2, 0.2, 16)
     found = FoundLimits(frozen(model.lower + shift - 0.01), frozen(model.upper + shift + 0.01))
     old = make_codec(version)
-    right = centred(found, model, old)
+    right = encoder_offsets(found, model, old)
     new = make_codec(version, type(old.calibration)(encoder_offset=right.offset))
     report = bytes(generator.integers(0, 64, 32, dtype=np.uint8))
     moved = new.positions.values(report) - old.positions.values(report)
     np.testing.assert_allclose(moved, -shift, atol=8e-4)  # Half a count of the coarsest encoder, v5.
     np.testing.assert_allclose(right.limits.lower, found.lower + moved, atol=1e-12)
-    assert centred(right.limits, model, new).offset == right.offset
+    assert encoder_offsets(right.limits, model, new).offset == right.offset
     np.testing.assert_allclose(right.limits.upper + right.limits.lower, model.upper + model.lower, atol=1.6e-3)
 
 
@@ -141,11 +140,11 @@ def test_a_joint_that_was_not_at_both_its_ends_gets_no_offset(spec: HandSpec) ->
     with pytest.raises(
         ConfigError, match=r"index_1 was seen from -0\.196 to \+0\.104 rad, which are not both its ends"
     ):
-        centred(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
+        encoder_offsets(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
     upper = spec.upper.copy()
     upper[6] += BEYOND  # No stop: it went as far as it was sent.
     with pytest.raises(ConfigError, match="middle_2 was seen"):
-        centred(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
+        encoder_offsets(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
 
 
 @pytest.mark.parametrize("arguments", [["--offsets"], ["--offsets", "--into", "mine.yaml"]])

@@ -11,13 +11,16 @@ import pytest
 from allegro_twin.app import session
 from allegro_twin.app.session import Outcome, Outputs
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
-from allegro_twin.grasping.verdict import PhaseReport, Report
+from allegro_twin.grasping.verdict import PhaseReport, TrialReport
 from allegro_twin.recording.settings import ReplaySettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import main
-from allegro_twin.surfaces.cli.run import looking
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of, convert, show
-from allegro_twin.surfaces.cli.shown import catalogue
+from allegro_twin.surfaces.cli.data.convert import convert
+from allegro_twin.surfaces.cli.start import catalogue
+from allegro_twin.surfaces.cli.start import view as looking
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
+from allegro_twin.surfaces.cli.start.view import show
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state
 
@@ -94,8 +97,9 @@ def test_a_folder_without_scenarios_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_what_a_run_shall_leave_behind_reaches_it(
-    flags: list[str], expected: Outputs, command: Run, monkeypatch: pytest.MonkeyPatch
+    flags: list[str], expected: Outputs, command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     given = []
 
     def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> Outcome:
@@ -130,7 +134,7 @@ def test_many_trials_end_with_one_table_their_notes_once_and_code_5_if_one_fails
     def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> Outcome:
         rig.backend.close()
         held = rig.spec.side == "right"
-        report = Report(held, "" if held else "it fell", (phase(held=held),), 0.5, 0.08, 0.0003, {"thumb_2": 0.9})
+        report = TrialReport(held, "" if held else "it fell", (phase(held=held),), 0.5, 0.08, 0.0003, {"thumb_2": 0.9})
         return Outcome(state(3), report, ("no pictures: none",))
 
     monkeypatch.setattr(session, "perform", perform)

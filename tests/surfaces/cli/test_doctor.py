@@ -9,14 +9,14 @@ import subprocess
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
-from allegro_twin.surfaces.cli.checks import bus, machine, packages
-from allegro_twin.surfaces.cli.checks.finding import Finding
+from allegro_twin.surfaces.cli.machine import bus, computer, packages
+from allegro_twin.surfaces.cli.machine.finding import Diagnosis
 from tests.surfaces.cli.conftest import Run
 
 
 def test_it_looks_at_this_computer_and_every_line_that_is_not_well_says_what_mends_it(command: Run) -> None:
     code, out, _ = command("doctor", "--json")
-    found = [Finding(**row) for row in json.loads(out)]
+    found = [Diagnosis(**row) for row in json.loads(out)]
     assert {"Python", "packages", "extra view", "EGL", "GPU", "real time"} <= {each.what for each in found}
     assert code == (2 if any(each.status == "broken" for each in found) else 0)
     for each in found:
@@ -73,7 +73,7 @@ def test_a_library_of_the_system_that_a_wheel_takes_for_granted_is_named_with_it
     def fail(name: str) -> None:
         raise OSError(f"{name}: cannot open shared object file: No such file or directory")
 
-    (broken,), (fine,) = machine.libraries(fail), machine.libraries(lambda name: None)
+    (broken,), (fine,) = computer.libraries(fail), computer.libraries(lambda name: None)
     assert (broken.status, broken.mend) == ("broken", "apt-get install libgomp1")
     assert fine.status == "works"
 
@@ -81,18 +81,18 @@ def test_a_library_of_the_system_that_a_wheel_takes_for_granted_is_named_with_it
 def test_a_webcam_without_permission_names_the_group(tmp_path: Path) -> None:
     (tmp_path / "video0").touch()
     (tmp_path / "video").touch()
-    (found,) = machine.cameras(tmp_path, lambda path: False)
+    (found,) = computer.cameras(tmp_path, lambda path: False)
     assert (found.what, found.status, "video" in found.mend) == ("camera video0", "broken", True)
-    (found,) = machine.cameras(tmp_path, lambda path: True)
+    (found,) = computer.cameras(tmp_path, lambda path: True)
     assert found.status == "works"
 
 
 def test_it_looks_at_the_ports_of_every_page(command: Run) -> None:
-    from allegro_twin.surfaces.cli.run.looking import view
-    from allegro_twin.surfaces.cli.surfaces.panel import panel
+    from allegro_twin.surfaces.cli.start.panel import panel
+    from allegro_twin.surfaces.cli.start.view import view
 
     pages = {inspect.signature(page).parameters["port"].default for page in (view, panel)}
-    assert pages < set(machine.PORTS.values())
+    assert pages < set(computer.PORTS.values())
 
 
 def interface(net: Path, name: str, flags: str, kind: str = "280") -> None:
@@ -127,29 +127,29 @@ def test_a_picture_that_cannot_be_made_names_the_packages() -> None:
     def fail(backend: str) -> str:
         raise OSError("no EGL display")
 
-    (broken,) = machine.pictures(fail)
+    (broken,) = computer.pictures(fail)
     assert (broken.status, "libegl1" in broken.mend) == ("broken", True)
-    (slow,) = machine.pictures(lambda backend: "llvmpipe (LLVM 15)")
+    (slow,) = computer.pictures(lambda backend: "llvmpipe (LLVM 15)")
     assert (slow.status, "software" in slow.says) == ("works", True)
 
     def hang(backend: str) -> str:
         raise subprocess.TimeoutExpired("python", 60.0)
 
-    assert next(iter(machine.pictures(hang))).status == "broken"
+    assert next(iter(computer.pictures(hang))).status == "broken"
 
 
 def test_real_time_that_is_not_allowed_says_where_it_is_allowed() -> None:
     def refuse() -> None:
         raise PermissionError(1, "Operation not permitted")
 
-    assert "rtprio" in list(machine.scheduling(refuse))[-1].mend
-    assert list(machine.scheduling(lambda: None))[-1].status == "works"
+    assert "rtprio" in list(computer.scheduling(refuse))[-1].mend
+    assert list(computer.scheduling(lambda: None))[-1].status == "works"
 
 
 def test_a_port_in_use_says_who_to_look_for() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        (found,) = machine.ports({"a page": port})
+        (found,) = computer.ports({"a page": port})
         assert (found.status, f"grep {port}" in found.mend) == ("broken", True)
-    (free,) = machine.ports({"a page": port})
+    (free,) = computer.ports({"a page": port})
     assert free.status == "works"

@@ -17,8 +17,8 @@ import pytest
 
 from allegro_twin.grasping.batch import trials
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.surfaces.cli.grasps.variation import varied
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.surfaces.cli.grasps.trials import parse_variation
 from tests.app.files import grasps, scenario, short
 from tests.grasping.interchange.samples import bench, saved
 from tests.surfaces.cli.conftest import Run
@@ -72,7 +72,7 @@ def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all
 def test_what_is_in_the_folder_is_not_tried_again_and_more_draws_go_on(
     command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tried, judged = list[Any](), trials.judged
+    tried, judged = list[Any](), trials.run_cases
 
     def counted(shared: Any, items: Any) -> Any:
         tried.extend(items)
@@ -164,10 +164,10 @@ def test_two_grasps_are_compared_in_the_same_draws(command: Run, tmp_path: Path)
 
 
 def test_what_varies_is_said_in_millimetres_degrees_and_per_cent() -> None:
-    found = varied("position=5, yaw=3,size=2,mass=10,torque=15,friction=0.5-0.9")
+    found = parse_variation("position=5, yaw=3,size=2,mass=10,torque=15,friction=0.5-0.9")
     assert found == Uncertainty(position=0.005, yaw=3.0, size=0.02, mass=0.1, torque=0.15, friction=(0.5, 0.9))
-    assert varied("friction=0").friction is None
-    assert varied("") == Uncertainty()
+    assert parse_variation("friction=0").friction is None
+    assert parse_variation("") == Uncertainty()
 
 
 @pytest.mark.parametrize(

@@ -7,35 +7,36 @@ from typing import Any, get_args
 import pytest
 
 from allegro_twin.cell import run
-from allegro_twin.cell.run import Report
-from allegro_twin.cell.states import End, Word
+from allegro_twin.cell.run import LabReport
+from allegro_twin.cell.states import Outcome, OutcomeKind
 from allegro_twin.errors import HandFault, LinkError
-from allegro_twin.surfaces.cli.surfaces import lab
+from allegro_twin.surfaces.cli.cell import lab
 from tests.surfaces.cli.conftest import Run
 
 CONFIG = ("lab", "conf/lab_allegro.yaml")
 
 
-def ends(monkeypatch: pytest.MonkeyPatch, end: End | BaseException) -> None:
+def ends(monkeypatch: pytest.MonkeyPatch, end: Outcome | BaseException) -> None:
     """The cell comes to this end, whatever it does."""
 
-    def perform(*room: Any, **stages: Any) -> Report:
+    def perform(*cell: Any, **stages: Any) -> LabReport:
         if isinstance(end, BaseException):
             raise end
-        return Report(end, (), 1, None, None, None, float("nan"), 0.15, "mug")
+        return LabReport(end, (), 1, None, None, None, float("nan"), 0.15, "mug")
 
     monkeypatch.setattr(run, "perform", perform)
 
 
 @pytest.mark.parametrize(("end", "code"), [
-    (End("held"), 0), (End("held", "", "the force sensor is suspect"), 0), (End("missed", "", "it is not there"), 5),
-    (End("refused", "no_object", "nothing"), 5), (End("refused", "no_grasp", "too large"), 5),
-    (End("fault", "hand without torque", "thumb_1"), 4), (End("fault", "not confirmed", "light"), 4),
-    (End("fault", "dropped", "gone"), 4), (End("fault", "timeout in Approach", "late"), 4),
+    (Outcome("held"), 0), (Outcome("held", "", "the force sensor is suspect"), 0),
+    (Outcome("missed", "", "it is not there"), 5),
+    (Outcome("refused", "no_object", "nothing"), 5), (Outcome("refused", "no_grasp", "too large"), 5),
+    (Outcome("fault", "hand without torque", "thumb_1"), 4), (Outcome("fault", "not confirmed", "light"), 4),
+    (Outcome("fault", "dropped", "gone"), 4), (Outcome("fault", "timeout in Approach", "late"), 4),
     (LinkError("no answer"), 3), (HandFault("it stopped"), 4), (KeyboardInterrupt(), 130),
 ])  # fmt: skip
 def test_only_what_is_held_ends_with_0(
-    end: End | BaseException, code: int, command: Run, monkeypatch: pytest.MonkeyPatch
+    end: Outcome | BaseException, code: int, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends(monkeypatch, end)
     ended, out, error = command(*CONFIG)
@@ -44,7 +45,7 @@ def test_only_what_is_held_ends_with_0(
 
 
 def test_every_word_that_a_run_can_end_with_has_a_code_and_held_alone_has_0() -> None:
-    assert set(lab._CODES) == set(get_args(Word))
+    assert set(lab._CODES) == set(get_args(OutcomeKind))
     assert [word for word, code in lab._CODES.items() if code == 0] == ["held"]
 
 

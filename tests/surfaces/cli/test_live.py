@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 from allegro_twin.app.config import load_config
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library
-from allegro_twin.surfaces.cli.hand.keys import KEYS, pressed
+from allegro_twin.surfaces.cli.start.keys import KEYS, press
 from allegro_twin.surfaces.hand import Hand
 from tests.patience import wait_for
 from tests.surfaces.cli.conftest import Run
@@ -89,11 +89,11 @@ def test_every_key_of_the_manufacturer_does_what_it_did() -> None:
     assert set("hrgkpmeao123") == set(KEYS)
     with Hand.open(load_config("sim_right")) as hand:
         for key in "hrgkpmeao123":
-            assert pressed(hand, key) == KEYS[key].does
+            assert press(hand, key) == KEYS[key].does
             hand.wait(0.3)
-        assert pressed(hand, "q") is None
-        assert "r ready" in str(pressed(hand, "?"))
-        assert pressed(hand, "x") == "'x' has no meaning; ? lists the keys"
+        assert press(hand, "q") is None
+        assert "r ready" in str(press(hand, "?"))
+        assert press(hand, "x") == "'x' has no meaning; ? lists the keys"
 
 
 @pytest.mark.slow

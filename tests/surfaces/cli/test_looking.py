@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from allegro_twin.app import session
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.surfaces.cli.run.looking import show_live
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.surfaces.cli.start.view import show_live
 
 
 class Viewer:

@@ -16,18 +16,18 @@ import allegro_twin.surfaces.hand
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import load
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.files.schema import load_settings
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import GraspFile, TrajectoryFile
 from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.taxonomy import KINDS, Observed
+from allegro_twin.hands.library.taxonomy import GRASP_TYPES, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.grasps import gallery
-from allegro_twin.surfaces.cli.hand import calibration
-from allegro_twin.surfaces.cli.hand.calibration import find_limits
-from allegro_twin.surfaces.cli.hand.keys import pressed
-from allegro_twin.surfaces.hand.grasps import Grasped
+from allegro_twin.surfaces.cli.hardware import calibration
+from allegro_twin.surfaces.cli.hardware.calibration import find_limits
+from allegro_twin.surfaces.cli.start.keys import press
+from allegro_twin.surfaces.hand.grasps import GraspOutcome
 from allegro_twin.twin.identify.motions.limits import TORQUE, FoundLimits
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state
@@ -57,9 +57,9 @@ class Spy:
     def move_to(self, *how: object, **more: object) -> None:
         self._keep("move_to", *how, more)
 
-    def grasp(self, *how: object, **more: object) -> Grasped:
+    def grasp(self, *how: object, **more: object) -> GraspOutcome:
         self._keep("grasp", *how, more)
-        return Grasped("quadpod", ("index", "thumb"), {"index": 1.25, "thumb": 2.5}, 0.042)
+        return GraspOutcome("quadpod", ("index", "thumb"), {"index": 1.25, "thumb": 2.5}, 0.042)
 
     def set_controller(self, kind: str) -> None:
         self._keep("set_controller", kind)
@@ -104,15 +104,15 @@ def test_posture_and_grasp_hand_their_options_on_and_let_go(command: Run, monkey
 )  # fmt: skip
 def test_a_key_asks_the_hand_for_what_it_stands_for(key: str, asked: tuple[object, ...]) -> None:
     spy = Spy()
-    pressed(spy, key)  # type: ignore[arg-type]  # In its place.
+    press(spy, key)  # type: ignore[arg-type]  # In its place.
     assert spy.asked == [asked]
 
 
-def test_what_a_key_cannot_have_is_shown_and_a_fault_ends_the_session() -> None:
-    assert pressed(Spy(ConfigError("too near")), "h") == "too near"  # type: ignore[arg-type]  # In its place.
+def test_what_a_key_cannot_have_is_entries_and_a_fault_ends_the_session() -> None:
+    assert press(Spy(ConfigError("too near")), "h") == "too near"  # type: ignore[arg-type]  # In its place.
     for fault in (HandFault("too fast"), ProtocolError("noise")):
         with pytest.raises(type(fault)):
-            pressed(Spy(fault), "h")  # type: ignore[arg-type]  # In its place.
+            press(Spy(fault), "h")  # type: ignore[arg-type]  # In its place.
 
 
 def test_a_motion_is_stored_as_the_way_that_the_fingers_went(command: Run, tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_a_motion_is_stored_as_the_way_that_the_fingers_went(command: Run, tmp_p
     assert listed.entry.times[-1] <= 0.3
 
 
-def test_a_negative_margin_is_refused_where_a_hand_is_shown(command: Run, tmp_path: Path) -> None:
+def test_a_negative_margin_is_refused_where_a_hand_is_entries(command: Run, tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text("backend: {kind: sim}\ncontroller: {kind: pd}\nlimits: {margin: -0.1}\n")
     code, _, errors = command("hand", "show", "-c", tmp_path / "c.yaml")
     assert code == 2
@@ -171,21 +171,23 @@ def test_the_page_of_grasps_is_in_the_order_of_the_taxonomy_with_a_picture_each(
 ) -> None:
     seen = {"prismatic_3_finger": 7, "ring": 31}
     stored = {
-        name: load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml").model_copy(
-            update={"observed": Observed(number=number, name=KINDS[number].name)}
+        name: load_settings(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml").model_copy(
+            update={"observed": ObservedType(number=number, name=GRASP_TYPES[number].name)}
         )
         for name, number in seen.items()
     }
     names = sorted(stored, key=lambda name: seen[name], reverse=True)
     verdicts = {
-        names[0]: "[lemon](../scenarios): held, 1.0 mm of drift",
-        names[1]: "[mug](../scenarios): not held: it fell",
+        names[0]: "[lemon](../../scenarios): held, 1.0 mm of drift",
+        names[1]: "[mug](../../scenarios): not held: it fell",
     }
     picture = np.full((40, 40, 3), 200, dtype=np.uint8)
     monkeypatch.setattr(
         gallery,
-        "_shown",
-        lambda draws: ((gallery.Shown(n, stored[n], verdicts[n], f"3 of {draws} (9–61 %)"), picture) for n in names),
+        "_entries",
+        lambda draws: (
+            (gallery.GalleryEntry(n, stored[n], verdicts[n], f"3 of {draws} (9–61 %)"), picture) for n in names
+        ),
     )
     code, shown, _ = command("gallery", tmp_path, "--draws", 9)
     page = (tmp_path / "grasps.md").read_text()

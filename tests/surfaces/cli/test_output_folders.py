@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.output_folder import FILES, UNFINISHED, add_to_run, locked, one_run, undisturbed
+from allegro_twin.files.output_folder import FILES, UNFINISHED, add_to_run, defer_signals, lock_folder, write_run
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.cli import options
 from tests.surfaces.cli.conftest import Run
@@ -33,8 +33,8 @@ def content(folder: Path) -> dict[str, bytes]:
 HOLDER = """
 import sys
 from pathlib import Path
-from allegro_twin.files.output_folder import locked
-with locked(Path(sys.argv[1])):
+from allegro_twin.files.output_folder import lock_folder
+with lock_folder(Path(sys.argv[1])):
     print(1, flush=True)
     sys.stdin.read()
 """
@@ -102,7 +102,7 @@ def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     assert len(load(out / UNFINISHED / "lemon_right.arrow", partial=True)) >= 100
     if how is not signal.SIGKILL:
         assert f"written until then is in {out / UNFINISHED}" in said
-    with locked(out), one_run(out) as staging:  # The next one.
+    with lock_folder(out), write_run(out) as staging:  # The next one.
         (staging / "next").touch()
     assert set(content(out)) == {"next", FILES}
 
@@ -203,10 +203,10 @@ def test_two_programs_at_once_are_one_run_and_one_refusal(tmp_path: Path) -> Non
 
 
 def test_a_folder_that_stayed_empty_is_gone_and_one_that_was_there_is_not(tmp_path: Path) -> None:
-    with locked(tmp_path / "new"):
+    with lock_folder(tmp_path / "new"):
         assert (tmp_path / "new").is_dir()
     assert not (tmp_path / "new").exists()
-    with locked(tmp_path):
+    with lock_folder(tmp_path):
         pass
     assert tmp_path.is_dir()
 
@@ -214,7 +214,7 @@ def test_a_folder_that_stayed_empty_is_gone_and_one_that_was_there_is_not(tmp_pa
 def test_a_folder_of_the_user_named_unfinished_is_not_touched(tmp_path: Path) -> None:
     (tmp_path / UNFINISHED).mkdir()
     (tmp_path / UNFINISHED / "thesis.txt").write_text("mine")
-    with pytest.raises(RecordingError, match="stands where a run is written"), one_run(tmp_path):
+    with pytest.raises(RecordingError, match="stands where a run is written"), write_run(tmp_path):
         pass
     assert (tmp_path / UNFINISHED / "thesis.txt").read_text() == "mine"
 
@@ -222,19 +222,19 @@ def test_a_folder_of_the_user_named_unfinished_is_not_touched(tmp_path: Path) ->
 @pytest.mark.parametrize("text", ["", "[]", '{"files": ["../../else"]}', '{"files": ["/etc/hosts"]}', '{"files": 3}'])
 def test_a_list_that_is_not_of_this_folder_is_refused_before_the_work(tmp_path: Path, text: str) -> None:
     (tmp_path / FILES).write_text(text)
-    with pytest.raises(RecordingError, match=rf"{FILES}: .*delete"), one_run(tmp_path):
+    with pytest.raises(RecordingError, match=rf"{FILES}: .*delete"), write_run(tmp_path):
         pytest.fail("begun")
     assert [path.name for path in tmp_path.iterdir()] == [FILES]
 
 
 def test_the_files_of_a_run_change_together_and_what_was_added_goes_with_them(tmp_path: Path) -> None:
-    with one_run(tmp_path, "report.json") as staging:
+    with write_run(tmp_path, "report.json") as staging:
         (staging / "grasps").mkdir()
         (staging / "grasps" / "a.yaml").write_text("a")
         (staging / "report.json").write_text("1")
     (tmp_path / "a.png").write_text("picture")
     add_to_run(tmp_path, [tmp_path / "a.png"])
-    with pytest.raises(RuntimeError), one_run(tmp_path, "report.json", keep=True) as staging:
+    with pytest.raises(RuntimeError), write_run(tmp_path, "report.json", keep=True) as staging:
         (staging / "b").write_text("b")
         raise RuntimeError
     assert set(content(tmp_path)) == {
@@ -245,7 +245,7 @@ def test_the_files_of_a_run_change_together_and_what_was_added_goes_with_them(tm
         "unfinished/b",
         "unfinished/run.json",
     }
-    with one_run(tmp_path, "report.json") as staging:
+    with write_run(tmp_path, "report.json") as staging:
         (staging / "b").write_text("b")
     assert set(content(tmp_path)) == {"b", FILES}
     assert not (tmp_path / "grasps").exists()
@@ -255,7 +255,7 @@ def test_a_program_killed_between_two_files_leaves_no_verdict_and_the_next_run_c
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("report.json", "old.arrow"):
-        with one_run(tmp_path, "report.json") as staging:
+        with write_run(tmp_path, "report.json") as staging:
             (staging / name).write_text(name)
             (staging / "report.json").write_text("held")
     moves = iter([None, None, OSError(5, "power lost")])  # Two lists and a recording.
@@ -267,18 +267,18 @@ def test_a_program_killed_between_two_files_leaves_no_verdict_and_the_next_run_c
         return replace(self, target)
 
     monkeypatch.setattr(Path, "replace", stopping)
-    with pytest.raises(RecordingError, match="power lost"), one_run(tmp_path, "report.json") as staging:
+    with pytest.raises(RecordingError, match="power lost"), write_run(tmp_path, "report.json") as staging:
         for name in ("1.arrow", "2.arrow", "3.arrow", "report.json"):
             (staging / name).write_text(name)
     assert not (tmp_path / "report.json").exists()
-    with one_run(tmp_path, "report.json") as staging:
+    with write_run(tmp_path, "report.json") as staging:
         (staging / "9.arrow").write_text("")
     assert set(content(tmp_path)) == {"9.arrow", FILES}
 
 
 def test_a_signal_waits_for_files_that_belong_together() -> None:
     done = False
-    with pytest.raises(KeyboardInterrupt), undisturbed():
+    with pytest.raises(KeyboardInterrupt), defer_signals():
         os.kill(os.getpid(), signal.SIGINT)
         done = True
     assert done
@@ -299,5 +299,5 @@ def test_a_place_where_no_folder_can_be_is_refused_and_not_tried_for_ever(tmp_pa
     (tmp_path / "file").touch()
     (tmp_path / "dangling").symlink_to(tmp_path / "nowhere" / "else")
     for place in (Path("/proc/nowhere"), tmp_path / "file", tmp_path / "file" / "below", tmp_path / "dangling"):
-        with pytest.raises(RecordingError, match="cannot be a folder to write into"), locked(place):
+        with pytest.raises(RecordingError, match="cannot be a folder to write into"), lock_folder(place):
             pass

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.files.json_schema import json_schema
-from allegro_twin.surfaces.cli.shown.schemas import PLACES, models
+from allegro_twin.files.schema import json_schema
+from allegro_twin.surfaces.cli.data.schemas import PLACES, models
 from tests.surfaces.cli.conftest import Run
 
 jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema: extra dev")

@@ -14,7 +14,7 @@ import pytest
 
 from allegro_twin.files.output_folder import FILES, UNFINISHED
 from allegro_twin.recording.reader import load
-from allegro_twin.surfaces.cli.run import several
+from allegro_twin.surfaces.cli.start import parallel
 from tests.patience import comes_true
 from tests.surfaces.cli.conftest import Run
 
@@ -81,7 +81,7 @@ def test_the_error_of_the_earliest_run_is_told_as_if_they_had_come_one_after_the
 def test_only_simulated_hands_run_side_by_side(tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     bus = MOMENT.replace("{kind: sim}", "{kind: can, version: v4, interface: allegro-virtual, gravity: [0, 0, -9.81]}")
     paths = written(tmp_path, a=MOMENT, b=bus)
-    monkeypatch.setattr(several, "_side_by_side", None)
+    monkeypatch.setattr(parallel, "_run_parallel", None)
     assert command("run", *paths, "--jobs", 2)[0] == 0
 
 

@@ -19,12 +19,12 @@ import pytest
 from allegro_twin import Hand, HandError, load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from tests.surfaces.cli.wrong import TABLE, Wrong, answered, workspace
@@ -45,7 +45,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     controller = PD(Hold(load_posture("home", spec)), load_gains("default", spec))
     path = tmp_path_factory.mktemp("recording") / "r.arrow"
-    for _ in recorded(until(0.03, run(hand, controller)), path, spec, 0.003):
+    for _ in record(until(0.03, run(hand, controller)), path, spec, 0.003):
         pass
     hand.close()
     workspace(folder, path)

@@ -15,12 +15,12 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_grasp, load_posture, load_trajectory
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp, load_posture, load_trajectory
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import angle_between
-from allegro_twin.sim.engine.hand_guiding import Guide
+from allegro_twin.sim.engine.hand_guiding import HandGuide
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.grasps import aperture, for_width
@@ -177,7 +177,7 @@ def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(
     shown_path = Moves([Waypoint(reach, seconds=1.2), Waypoint(start, seconds=0.9)]).begin(start)
     began = hand.state.t + 0.4
     assert hand.sim is not None
-    guide = Guide(hand.sim, lambda t: shown_path(max(t - began, 0.0)).position)
+    guide = HandGuide(hand.sim, lambda t: shown_path(max(t - began, 0.0)).position)
     shown: list[tuple[float, Vector]] = []
     with (
         hand.listening(guide),
@@ -215,7 +215,7 @@ def test_a_posture_is_taught_by_leaving_the_fingers_there(hand: Hand) -> None:
     hand.move_to("open", 2.0)
     goal = np.clip(hand.state.position + 0.3, *hand.limits)
     assert hand.sim is not None
-    guide = Guide(hand.sim, lambda t: goal)
+    guide = HandGuide(hand.sim, lambda t: goal)
     with hand.teach() as demonstration:
         with hand.listening(guide):
             hand.wait(1.5)

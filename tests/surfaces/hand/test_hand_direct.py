@@ -100,7 +100,7 @@ def test_steering_does_not_lead_one_finger_through_another(hand: Hand) -> None:
 
 
 def _rock(hand: Hand) -> np.ndarray:
-    from allegro_twin.hands.library.named import load_posture
+    from allegro_twin.hands.library.library import load_posture
 
     return load_posture("rock", hand.spec)
 

@@ -1,4 +1,5 @@
-"""docs/features.md promises nothing that does not run: every call in it is executed as it stands, on both hands."""
+"""docs/reference/features.md promises nothing that does not run: every call in it is executed as it stands, on both
+hands."""
 
 from __future__ import annotations
 
@@ -16,8 +17,7 @@ import yaml
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
-from allegro_twin.hands.library.library import Library
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import Library, load_posture
 from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
@@ -42,7 +42,7 @@ class Row(NamedTuple):
 
 
 def rows() -> list[Row]:
-    lines = [line for line in (ROOT / "docs/features.md").read_text().splitlines() if line.startswith("|")]
+    lines = [line for line in (ROOT / "docs/reference/features.md").read_text().splitlines() if line.startswith("|")]
     table = [Row(*(cell.strip() for cell in line.strip("|").split("|"))) for line in lines[2:]]
     return [row for row in table if not row.paper.startswith("**")]
 
@@ -89,7 +89,7 @@ def do(call: str, names: dict[str, Any], hand: Hand, side: Side, command: Run) -
             exec(call, names)
     else:
         try:
-            value = compile(call, "docs/features.md", "eval")
+            value = compile(call, "docs/reference/features.md", "eval")
         except SyntaxError:
             exec(call, names)
         else:

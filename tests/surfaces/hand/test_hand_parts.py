@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.bumpless_switch import Relay
+from allegro_twin.control.bumpless_switch import BumplessSwitch
 from allegro_twin.control.controllers import PD, PID
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_grasp, load_posture
+from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.bounds import Bounds
-from allegro_twin.surfaces.hand.cartesian import straight
+from allegro_twin.surfaces.hand.bounds import JointBounds
+from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.grasps import aperture, felt
-from allegro_twin.surfaces.hand.loop_thread import Driver
-from allegro_twin.surfaces.hand.motion_monitor import Goal, Watch
+from allegro_twin.surfaces.hand.loop_thread import LoopThread
+from allegro_twin.surfaces.hand.motion import Goal, MotionMonitor
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
 from tests.test_safety import state
 
@@ -39,7 +39,7 @@ def sample(tick: int, position: Vector | None = None) -> Sample:
 
 def test_a_margin_may_take_up_to_half_of_the_least_range(spec: HandSpec) -> None:
     half = float((spec.upper - spec.lower).min()) / 2
-    bounds = Bounds(spec)
+    bounds = JointBounds(spec)
     bounds.set_margin(half - 1e-6, None, None)
     assert (bounds.limits[0] < bounds.limits[1]).all()
     with pytest.raises(ConfigError, match="leaves some joint no range"):
@@ -53,7 +53,7 @@ def test_a_straight_line_peaks_at_its_speed_from_rest_to_rest(spec: HandSpec, ho
     model = hand_kinematics(spec)
     start = model.fingertips(home)["index"].position
     goal = start + np.array([0.012, 0.0, -0.02])
-    moves = straight(model, home, {"index": goal}, 0.04)
+    moves = straight_line_motion(model, home, {"index": goal}, 0.04)
     path = moves.begin(home)
     times = np.arange(0.0, path.seconds, 1e-3)
     tips = np.array([model.fingertips(path(t).position)["index"].position for t in times])
@@ -68,13 +68,13 @@ def test_a_straight_line_peaks_at_its_speed_from_rest_to_rest(spec: HandSpec, ho
 @pytest.mark.parametrize("speed", [0.0, -0.1, float("nan")])
 def test_a_line_without_a_speed_is_refused(speed: float, spec: HandSpec, home: Vector) -> None:
     with pytest.raises(ConfigError, match="speed must be positive, in m/s"):
-        straight(hand_kinematics(spec), home, {"index": [0.05, 0.04, 0.1]}, speed)
+        straight_line_motion(hand_kinematics(spec), home, {"index": [0.05, 0.04, 0.1]}, speed)
 
 
 def test_a_line_to_where_the_tip_is_stays_there(spec: HandSpec, home: Vector) -> None:
     model = hand_kinematics(spec)
     here = model.fingertips(home)["thumb"].position
-    (only,) = straight(model, home, {"thumb": here}, 0.05).waypoints
+    (only,) = straight_line_motion(model, home, {"thumb": here}, 0.05).waypoints
     np.testing.assert_array_equal(only.posture, home)
 
 
@@ -88,7 +88,7 @@ def fails(error: Exception | None) -> Iterator[Sample]:
 @pytest.mark.parametrize("background", [False, True])
 @pytest.mark.parametrize("error", [LinkTimeout("no report from ring"), None], ids=["error", "end"])
 def test_what_ended_the_loop_is_told_to_everybody_who_asks(error: Exception | None, background: bool) -> None:
-    driver = Driver(fails(error), background=background)
+    driver = LoopThread(fails(error), background=background)
     kind, message = (HandFault, "the hand has ended") if error is None else (LinkTimeout, "no report from ring")
     for _ in range(2):
         with pytest.raises(kind, match=message):
@@ -112,7 +112,7 @@ def test_a_closed_driver_ends_its_samples_and_says_that_the_hand_is_closed() -> 
             ended.append(tick)
 
     for background in (False, True):
-        driver = Driver(endless(), background=background)
+        driver = LoopThread(endless(), background=background)
         driver.wait(lambda s: s.state.tick >= 3)
         driver.close()
         assert len(ended) == (2 if background else 1)
@@ -174,7 +174,7 @@ def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> No
 
 def watched(goal: Goal, gains: str, positions: Callable[[float], Vector], spec: HandSpec, seconds: float) -> list[bool]:
     """What a watch says of a hand that is in such positions, a sample every 3 ms, until it has arrived."""
-    watch, said = Watch(goal, spec, load_gains(gains, spec), 0.003), list[bool]()
+    watch, said = MotionMonitor(goal, spec, load_gains(gains, spec), 0.003), list[bool]()
     for tick in range(1, int(seconds / 0.003)):
         said.append(watch(Sample(state(tick, position=positions(0.003 * tick)), TorqueCommand(np.zeros(16)))))
         if watch.arrived or said[-1]:
@@ -234,7 +234,9 @@ def test_the_config_names_the_gains_and_the_wish_names_the_controller(monkeypatc
             np.testing.assert_array_equal(hand._mover.gains.kp, gains.kp)
             for kind, made in (("pd", PD), ("pid", PID)):
                 handed: list[object] = []
-                monkeypatch.setattr(Relay, "switch", lambda relay, controller, handed=handed: handed.append(controller))
+                monkeypatch.setattr(
+                    BumplessSwitch, "switch", lambda relay, controller, handed=handed: handed.append(controller)
+                )
                 hand.set_controller(kind)  # type: ignore[arg-type]  # Both are kinds.
                 assert [type(controller) for controller in handed] == [made]
 
@@ -256,7 +258,7 @@ def test_nobody_is_told_after_they_stopped_listening() -> None:
 
 
 def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
-    motion = Motion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    motion = TaughtMotion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
     with Hand.open(config()) as hand:
         for speed in (1.0, 2.0):
             hand.play(motion, speed, approach=3.0, wait=False)

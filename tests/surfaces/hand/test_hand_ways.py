@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Waypoint
 from allegro_twin.errors import MotionStalled, SelfCollision
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import grasp_names, load_posture, posture_names
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import grasp_names, load_posture, posture_names
 from allegro_twin.spec import Side
-from allegro_twin.surfaces.cli.hand.keys import play, pressed
+from allegro_twin.surfaces.cli.start.keys import play, press
 from allegro_twin.surfaces.hand import Hand, collision_free_paths
-from allegro_twin.surfaces.hand.collision_free_paths import Ways
+from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
 from allegro_twin.types import Sample, TorqueCommand, Vector
 from tests.conftest import can_config
 from tests.patience import wait_for
@@ -83,11 +83,11 @@ def test_moves_on_which_fingers_used_to_meet_arrive(start: str, goal: str) -> No
 )
 def test_from_a_grasp_at_the_keyboard_the_hand_gets_to_every_posture(keys: str, side: str) -> None:
     with Hand.open(config(side)) as hand:
-        pressed(hand, keys[0])
+        press(hand, keys[0])
         hand.wait()
         clip = Clip(hand)
         with hand.listening(clip):
-            posture = pressed(hand, keys[1])
+            posture = press(hand, keys[1])
             hand.wait()
             hand.wait(1.2)
         assert posture is not None
@@ -149,7 +149,7 @@ def test_a_posture_in_which_fingers_are_inside_each_other_is_refused_by_name_and
 
 
 def test_where_no_way_is_found_the_fingers_that_meet_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(collision_free_paths, "way", lambda room, start, goal: None)
+    monkeypatch.setattr(collision_free_paths, "plan_path", lambda space, start, goal: None)
     with Hand.open(config(posture="fist")) as hand:
         with pytest.raises(SelfCollision, match="rock: found no way from here on which index and thumb keep clear; go"):
             hand.move_to("rock")
@@ -160,7 +160,7 @@ def test_a_detour_stops_between_its_legs_and_no_leg_is_faster_than_is_wise() -> 
     spec = load_spec()
     start, goal = (load_posture(name, spec) for name in ("fist", "rock"))
     for speed, peak in ((0.5, 0.5), (9.0, 1.5)):
-        legs = Ways(spec).legs(start, Waypoint(goal, speed=speed), (spec.lower, spec.upper), "rock")
+        legs = CollisionFreePaths(spec).legs(start, Waypoint(goal, speed=speed), (spec.lower, spec.upper), "rock")
         assert len(legs) > 1
         rows = [start, *(leg.posture for leg in legs)]
         for (a, b), leg in zip(pairwise(rows), legs, strict=True):
@@ -172,7 +172,9 @@ def test_a_straight_move_is_as_fast_as_asked_where_the_fingers_are_far_from_each
     spec = load_spec()
     start = load_posture("open", spec)
     for name, speed in (("paper", 9.0), ("ok", 1.5)):  # On the way to `ok` two of them come to touch.
-        (leg,) = Ways(spec).legs(start, Waypoint(load_posture(name, spec), speed=9.0), (spec.lower, spec.upper), name)
+        (leg,) = CollisionFreePaths(spec).legs(
+            start, Waypoint(load_posture(name, spec), speed=9.0), (spec.lower, spec.upper), name
+        )
         assert (leg.seconds, leg.speed) == (None, speed), name
 
 
@@ -185,10 +187,10 @@ def test_a_hand_that_is_asked_to_stay_stays() -> None:
         assert hand.state.t - before < 0.1
 
 
-def straight_into_a_jam(hand: Hand) -> Motion:
+def straight_into_a_jam(hand: Hand) -> TaughtMotion:
     """From the fist to rock in a straight line of the joints, which the planner would not take."""
     rows = np.array([load_posture(name, hand.spec) for name in ("fist", "rock")])
-    return Motion(np.array([0.0, 1.5]), rows, "jam")
+    return TaughtMotion(np.array([0.0, 1.5]), rows, "jam")
 
 
 @pytest.mark.slow
@@ -254,8 +256,8 @@ def test_a_line_through_another_finger_is_refused_by_name_and_one_that_ends_a_to
     spec = load_spec(side=side)
     touching, rock = (load_posture(name, spec) for name in ("ok", "rock"))
     with pytest.raises(SelfCollision, match="the line: index and thumb meet on the straight line there; go round"):
-        Ways(spec).check_line(np.linspace(load_posture("fist", spec), rock, 100), "the line")
-    Ways(spec).check_line(np.linspace(touching, load_posture("open", spec), 100), "the line")
+        CollisionFreePaths(spec).check_line(np.linspace(load_posture("fist", spec), rock, 100), "the line")
+    CollisionFreePaths(spec).check_line(np.linspace(touching, load_posture("open", spec), 100), "the line")
 
 
 class Scripted:

@@ -9,12 +9,12 @@ import pytest
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
-from allegro_twin.spec import GIVE
+from allegro_twin.spec.hand import GIVE
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.bounds import Bounds
-from allegro_twin.surfaces.hand.external_setpoints import Outside
+from allegro_twin.surfaces.hand.bounds import JointBounds
+from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
 from allegro_twin.types import Vector
 
 HANDS = ("sim_right", "sim_left", "can_virtual", "sim_leap", "sim_model_o", "sim_sih", "sim_qb_softhand")
@@ -23,7 +23,7 @@ HANDS = ("sim_right", "sim_left", "can_virtual", "sim_leap", "sim_model_o", "sim
 @pytest.mark.parametrize("config", HANDS)
 def test_a_resting_hand_may_stay_where_it_is_whoever_asks(config: str) -> None:
     with Hand.open(load_config(config)) as hand:
-        outside = Outside(hand)
+        outside = ExternalSetpoints(hand)
         for seconds in (0.05, 0.6, 1.5):
             hand.set_controller(hand.controllers[0])
             hand.wait(seconds)
@@ -48,14 +48,14 @@ def test_a_joint_gives_no_more_than_the_band_where_it_meets_its_stop_with_all_it
             hand.wait(0.8)
     over = [np.maximum(spec.lower - each, each - spec.upper).max() for each in read]
     assert 0.4 * GIVE < max(over) < 0.8 * GIVE
-    bounds = Bounds(spec)
+    bounds = JointBounds(spec)
     for each in read:
         np.testing.assert_array_equal(bounds.admit(each, "it"), np.clip(each, spec.lower, spec.upper))
     assert bounds.clipped == sum(each > 1e-9 for each in over)
 
 
 def test_what_is_clipped_is_counted_and_what_is_inside_is_not() -> None:
-    bounds = Bounds(spec := load_spec())
+    bounds = JointBounds(spec := load_spec())
     middle = (spec.lower + spec.upper) / 2
     np.testing.assert_array_equal(bounds.admit(middle, "it"), middle)
     assert bounds.clipped == 0
@@ -68,7 +68,7 @@ def test_what_is_clipped_is_counted_and_what_is_inside_is_not() -> None:
 
 @pytest.mark.parametrize("beyond", [GIVE + 1e-6, 0.05, 1.0])
 def test_what_lies_further_beyond_is_refused_by_name_and_with_the_digits_that_show_it(beyond: float) -> None:
-    bounds = Bounds(spec := load_spec())
+    bounds = JointBounds(spec := load_spec())
     asked = (spec.lower + spec.upper) / 2
     asked[14] = spec.lower[14] - beyond
     with pytest.raises(ConfigError, match=r"joint_cmd: thumb_2 = .* rad is .* rad outside its limits") as error:
@@ -92,7 +92,7 @@ def test_an_excess_is_never_shown_as_zero(excess: float) -> None:
 
 
 def test_a_margin_is_kept_by_as_much() -> None:
-    bounds = Bounds(spec := load_spec())
+    bounds = JointBounds(spec := load_spec())
     bounds.set_margin(0.1, None, None)
     lower, upper = bounds.limits
     assert (bounds.admit(upper + 0.019, "it") == upper).all()
@@ -108,7 +108,7 @@ def test_a_joint_that_rests_inside_a_margin_can_be_led_out_of_it_by_a_trajectory
         hand.set_margin(0.1)
         home = np.clip(np.zeros(16), *hand.limits)
         assert (hand.state.position < hand.limits[0]).any()
-        Outside(hand).follow(np.array([1.5]), home[None])
+        ExternalSetpoints(hand).follow(np.array([1.5]), home[None])
 
 
 def test_degrees_are_refused_with_the_way_out() -> None:

@@ -106,8 +106,7 @@ def open_tab(page: Any, name: str) -> None:
 
 def number(page: Any, joint: str) -> float:
     """Where the page says that a joint is, rad."""
-    row = page.locator(f"xpath=//span[text()='{joint}']/following-sibling::span[1]").first
-    return float(row.inner_text())
+    return float(page.locator(f'.joint-row[data-joint="{joint}"] .joint-is').first.inner_text())
 
 
 def moves(page: Any, joint: str, value: float) -> None:
@@ -120,9 +119,8 @@ def moves(page: Any, joint: str, value: float) -> None:
 
 def wait_until(page: Any, joint: str, value: float, within: float = 0.05) -> None:
     script = """([joint, value, within]) => {
-      const name = [...document.querySelectorAll('span')].find(s => s.textContent === joint && s.nextElementSibling);
-      const said = name && [...name.parentElement.querySelectorAll('span')][1];
-      return said && Math.abs(Number(said.textContent) - value) < within; }"""
+      const is = document.querySelector(`.joint-row[data-joint="${joint}"] .joint-is`);
+      return is && Math.abs(Number(is.textContent) - value) < within; }"""
     page.wait_for_function(script, arg=[joint, value, within], timeout=PATIENCE)
 
 
@@ -135,7 +133,7 @@ def test_a_slider_moves_its_joint_and_a_stop_leaves_the_hand_limp_until_it_is_re
     page.locator("#stop").evaluate("button => button.click()")
     sees(page, "STOPPED")
     press(page, "Release the stop")
-    sees(page, "the hand is limp until the next wish")
+    sees(page, "the hand is limp until the next request")
     wait_until(page, "index_1", 1.6)  # It hangs.
     page.wait_for_timeout(1000)
     moves(page, "index_1", 0.4)
@@ -150,8 +148,38 @@ def test_a_posture_and_a_grasp_are_a_button_each(browser: Any, panel: Served) ->
     open_tab(page, "Joints")
     wait_until(page, "index_1", 1.4, within=0.3)
     open_tab(page, "Library")
-    press(page, "pinch_index")
+    search = page.locator("xpath=//label[text()='Search']/ancestor::*[.//input][1]//input").first
+    search.fill("pinch ind")
+    search.press("Enter")
+    page.wait_for_function("document.querySelectorAll('.library-row img').length === 1", timeout=PATIENCE)
+    page.locator(".library-row img").first.evaluate("picture => picture.click()")
     sees(page, "grasp pinch_index")
+    search.fill("no such thing")
+    sees(page, "none with such a name")
+
+
+def test_every_joint_of_the_hand_is_seen_once_on_a_screen_of_850_pixels(browser: Any, panel: Served) -> None:
+    page = tab(browser, panel.url)
+    page.set_viewport_size({"width": 1280, "height": 850})
+    page.wait_for_function("document.querySelectorAll('.joint-row').length === 16", timeout=PATIENCE)
+    boxes = [row.bounding_box() for row in page.locator(".joint-row").all()]
+    assert max(box["y"] + box["height"] for box in boxes) < 850
+
+
+def test_plots_are_drawn_without_being_asked_for(browser: Any, panel: Served) -> None:
+    page = tab(browser, panel.url)
+    open_tab(page, "Plots")
+    page.wait_for_function("document.querySelectorAll('.uplot').length === 2", timeout=PATIENCE)
+
+
+def test_a_picture_that_is_paused_says_how_old_it_is(browser: Any, panel: Served) -> None:
+    page = tab(browser, panel.url)
+    open_tab(page, "Time")
+    press(page, "Pause the picture")
+    page.wait_for_function("/picture is [1-9][.][0-9] s old/.test(document.body.textContent)", timeout=PATIENCE)
+    assert "0.0 s old" not in page.locator("body").inner_text()
+    press(page, "Back to now")
+    page.wait_for_function("!/picture is/.test(document.body.textContent)", timeout=PATIENCE)
 
 
 def test_the_second_tab_looks_on_and_may_stop_and_drives_when_the_first_lets_go(browser: Any, panel: Served) -> None:
@@ -214,14 +242,14 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     """Where a place over a fingertip of a hand that is stretched is in the picture, pixels; `above`, m."""
     import numpy as np
 
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.panel.page.scene import eye
-    from allegro_twin.surfaces.panel.page.tip_ik import Reach
+    from allegro_twin.surfaces.panel.page.tip_ik import TipIK
     from allegro_twin.viewing.scenery import scenery
 
     spec = load_spec()
     place, target = eye(spec, scenery(spec, {}))
-    point = Reach(spec).tip(finger, np.clip(0.0, spec.lower, spec.upper)) + np.array([0.0, 0.0, above])
+    point = TipIK(spec).tip(finger, np.clip(0.0, spec.lower, spec.upper)) + np.array([0.0, 0.0, above])
     ahead = (target - place) / np.linalg.norm(target - place)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

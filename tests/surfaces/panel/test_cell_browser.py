@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("viser", reason="the panel needs viser: pip install 'allegro-twin[panel]'")
 pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright: pip install playwright")
 
-from allegro_twin.surfaces.panel.page.cell_scene import AT, EYE
+from allegro_twin.surfaces.panel.page.scene import AT, EYE
 from allegro_twin.types import Vector
 from tests.surfaces.panel.test_browser import COARSE, FIELD, LEFT, PATIENCE, browser, free_port, press, sees  # noqa: F401
 

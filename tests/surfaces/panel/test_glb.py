@@ -7,13 +7,13 @@ import struct
 
 import numpy as np
 
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import VisualShape
 from allegro_twin.surfaces.panel.page.glb import glb
-from allegro_twin.viewing.surfaces import surface
+from allegro_twin.viewing.surfaces import surface_of
 
 
 def test_a_box_is_twelve_triangles_that_are_matt_in_its_colour() -> None:
-    whole = surface(Shape("box", (0.01, 0.02, 0.03), color=(1.0, 0.5, 0.0, 1.0)))
+    whole = surface_of(VisualShape("box", (0.01, 0.02, 0.03), color=(1.0, 0.5, 0.0, 1.0)))
     content = glb(whole)
     magic, version, length = struct.unpack("<4sII", content[:12])
     assert (magic, version, length) == (b"glTF", 2, len(content))

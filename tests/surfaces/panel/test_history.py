@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.surfaces.panel.page.history import SECONDS, History
-from allegro_twin.surfaces.panel.stream import Frame
+from allegro_twin.surfaces.panel.page.page_state import SECONDS, FrameHistory
+from allegro_twin.surfaces.panel.stream import StreamFrame
 
 
-def frame(t: float, hand: int = 1) -> Frame:
+def frame(t: float, session: int = 1) -> StreamFrame:
     row = np.full(3, t)
-    return Frame(hand, t, row, row, row, row, {}, "pd", False, 0, (), -1.0, False)
+    return StreamFrame(session, t, row, row, row, row, {}, "pd", False, 0, (), -1.0, False)
 
 
-def filled(seconds: float, rate: float = 10.0) -> History:
-    history = History()
+def filled(seconds: float, rate: float = 10.0) -> FrameHistory:
+    history = FrameHistory()
     for k in range(round(seconds * rate) + 1):
         history.add(frame(k / rate))
     return history
@@ -26,7 +26,7 @@ def test_a_moment_so_long_ago_is_found_or_the_oldest() -> None:
     assert found is not None
     assert oldest is not None
     assert (found.t, oldest.t) == (7.5, 0.0)
-    assert History().at(1.0) is None
+    assert FrameHistory().at(1.0) is None
 
 
 def test_what_is_older_than_a_minute_is_forgotten() -> None:
@@ -36,7 +36,7 @@ def test_what_is_older_than_a_minute_is_forgotten() -> None:
 
 
 def test_another_opening_of_the_hand_and_a_clock_that_begins_anew_forget_what_was() -> None:
-    for later in (frame(11.0, hand=2), frame(0.0)):
+    for later in (frame(11.0, session=2), frame(0.0)):
         history = filled(10.0)
         history.add(later)
         assert history.span == 0.0

@@ -15,25 +15,34 @@ import pytest
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import load
-from allegro_twin.surfaces.panel import requests as w
-from allegro_twin.surfaces.panel.host import Habits, Host
-from allegro_twin.surfaces.panel.stream import Ended, Frame, News, Notice, Opened, Shelf, received
+from allegro_twin.surfaces.panel import requests as r
+from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
+from allegro_twin.surfaces.panel.host import Host
+from allegro_twin.surfaces.panel.stream import (
+    LibraryContents,
+    Notice,
+    PageMessage,
+    SessionEnded,
+    SessionInfo,
+    StreamFrame,
+    receive_frame,
+)
 
 
 class FakePage:
     """A page whose wishes are put into a queue, and whose news are kept."""
 
     def __init__(self) -> None:
-        self.alive, self.said, self.given = True, list[News](), queue.SimpleQueue[w.Wish | None]()
+        self.alive, self.said, self.given = True, list[PageMessage](), queue.SimpleQueue[r.Request | None]()
         self.frames, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.theirs.setblocking(False)
 
-    def wishes(self) -> Iterator[w.Wish]:
+    def requests(self) -> Iterator[r.Request]:
         while (wish := self.given.get()) is not None:
             yield wish
         self.alive = False
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: PageMessage) -> None:
         self.said.append(news)
 
     def address(self) -> str:
@@ -44,14 +53,14 @@ class FakePage:
         self.frames.close()
         self.theirs.close()
 
-    def frame(self) -> Frame:
+    def frame(self) -> StreamFrame:
         """The newest, once there is one."""
         newest = None
         while newest is None:
             try:
                 while True:
-                    got = received(self.theirs)
-                    newest = got if isinstance(got, Frame) else newest
+                    got = receive_frame(self.theirs)
+                    newest = got if got is not None else newest
             except BlockingIOError:
                 threading.Event().wait(0.01)
         return newest
@@ -61,7 +70,8 @@ class FakePage:
 
 
 class FakePages:
-    def __init__(self) -> None:
+    def __init__(self, gone: str) -> None:
+        self.gone = gone
         self.opened: list[FakePage] = []
 
     def open(self) -> FakePage:
@@ -73,16 +83,17 @@ class Desk:
     """A host in the test's own hands."""
 
     def __init__(self, folder: Path, config: RunConfig | None = None, gone: Any = "hold") -> None:
-        self.pages = FakePages()
-        habits = Habits(gone, folder / "out", folder / "library" / "mine.yaml")
-        self.host = Host(config or load_config("sim_right"), habits, self.pages)  # type: ignore[arg-type]  # Looks alike.
+        self.pages = FakePages(gone)
+        folders = Folders(folder / "out", folder / "library" / "mine.yaml")
+        sessions = HandSessions(config or load_config("sim_right"), folders)
+        self.host = Host(sessions, self.pages)  # type: ignore[arg-type]  # Looks alike.
         self.host.begin()
 
     @property
     def page(self) -> FakePage:
         return self.pages.opened[-1]
 
-    def wish(self, wish: w.Wish) -> None:
+    def wish(self, wish: r.Request) -> None:
         self.page.given.put(wish)
 
     def until(self, over: Callable[[], bool], most: int = 300) -> None:
@@ -104,8 +115,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
 def test_the_page_is_told_who_the_hand_is_and_what_the_library_has_for_it(desk: Desk) -> None:
     desk.until(lambda: len(desk.page.said) > 1)
     opened, shelf = desk.page.said[:2]
-    assert isinstance(opened, Opened)
-    assert isinstance(shelf, Shelf)
+    assert isinstance(opened, SessionInfo)
+    assert isinstance(shelf, LibraryContents)
     assert opened.title == "allegro_right · simulated"
     assert {"pd", "pid", "gravity", "torque"} == set(opened.kinds)
     assert "lemon" in opened.scenarios
@@ -116,10 +127,10 @@ def test_the_page_is_told_who_the_hand_is_and_what_the_library_has_for_it(desk: 
 
 def test_frames_come_with_the_hands_time_and_a_wish_moves_it(desk: Desk) -> None:
     opened = desk.page.said[0]
-    assert isinstance(opened, Opened)
+    assert isinstance(opened, SessionInfo)
     goal = np.clip(desk.page.frame().position, opened.spec.lower, opened.spec.upper)
     goal[1] = 0.7
-    desk.wish(w.Joints(tuple(goal)))
+    desk.wish(r.MoveJoints(tuple(goal)))
     desk.until(lambda: abs(desk.page.frame().position[1] - 0.7) < 0.02)
     assert desk.page.frame().kind == "pid"
     assert desk.page.frame().lost == 0
@@ -127,8 +138,8 @@ def test_frames_come_with_the_hands_time_and_a_wish_moves_it(desk: Desk) -> None
 
 def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     planning, go_on = threading.Event(), threading.Event()
-    opened = desk.host._opened
-    assert opened is not None
+    opened = desk.host._session
+    assert isinstance(opened, HandSession)
     legs = opened.hand._mover.ways.legs
 
     def slowly(*given: Any) -> Any:
@@ -137,11 +148,11 @@ def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pyt
         return legs(*given)
 
     monkeypatch.setattr(opened.hand._mover.ways, "legs", slowly)
-    desk.wish(w.Posture("fist"))
+    desk.wish(r.MoveToPosture("fist"))
     turning = threading.Thread(target=lambda: desk.until(lambda: "release the stop" in desk.page.notices()))
     turning.start()
     assert planning.wait(10.0)
-    desk.wish(w.Stop())
+    desk.wish(r.StopMotion())
     while not desk.page.frame().stopped:
         pass
     go_on.set()
@@ -153,9 +164,9 @@ def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pyt
 @pytest.mark.parametrize(("gone", "stopped"), [("hold", False), ("limp", True)])
 def test_when_nobody_drives_a_motion_ends_as_configured(gone: str, stopped: bool, tmp_path: Path) -> None:
     desk = Desk(tmp_path, gone=gone)
-    desk.wish(w.Posture("fist"))
+    desk.wish(r.MoveToPosture("fist"))
     desk.until(lambda: desk.page.frame().position[1] > 0.3)
-    desk.wish(w.Gone())
+    desk.wish(r.DriverLeft())
     desk.until(lambda: desk.page.frame().kind == ("torque" if stopped else "pid"))
     desk.until(lambda: not np.abs(np.diff([desk.page.frame().position for _ in range(2)], axis=0)).max() > 1e-3)
     assert desk.page.frame().stopped is stopped
@@ -165,30 +176,33 @@ def test_when_nobody_drives_a_motion_ends_as_configured(gone: str, stopped: bool
 
 
 def test_a_page_that_dies_is_opened_again_and_the_hand_holds(desk: Desk) -> None:
-    desk.wish(w.Posture("home"))
+    desk.wish(r.MoveToPosture("home"))
     desk.until(lambda: desk.page.frame().kind == "pid")
     first = desk.page
     first.given.put(None)
     desk.until(lambda: len(desk.pages.opened) == 2)
-    assert isinstance(desk.page.said[0], Opened)
+    assert isinstance(desk.page.said[0], SessionInfo)
     assert desk.page.frame().kind == "pid"
 
 
 def test_what_cannot_be_is_refused_in_words_and_the_hand_goes_on(desk: Desk) -> None:
-    for wish, words in ((w.Posture("hmoe"), "did you mean 'home'"), (w.Joints((9.0,) * 16), "outside its limits"),
-                        (w.Joints((0.0,) * 3), "16, one per joint"), (w.Control("psd"), "no controller named"),
-                        (w.UseGains("x"), "no gains named"), (w.Joints((float("nan"),) * 16), "must be finite"),
-                        (w.Gravity((0.0, 0.0, float("inf"))), "finite"),
-                        (w.Keep("../x", motion=False), "name")):  # fmt: skip
+    refused = (
+        (r.MoveToPosture("hmoe"), "did you mean 'home'"), (r.MoveJoints((9.0,) * 16), "outside its limits"),
+        (r.MoveJoints((0.0,) * 3), "16, one per joint"), (r.ChooseController("psd"), "no controller named"),
+        (r.ChooseGains("x"), "no gains named"), (r.MoveJoints((float("nan"),) * 16), "must be finite"),
+        (r.SetGravity((0.0, 0.0, float("inf"))), "finite"), (r.StoreTaught("../x", motion=False), "name"),
+        (r.MovePalm((0.0,) * 7), "a hand cannot carry out MovePalm"),
+    )  # fmt: skip
+    for wish, words in refused:
         desk.wish(wish)
         desk.until(lambda words=words: words in desk.page.notices())  # type: ignore[misc]  # Bound for this turn.
     assert desk.page.frame().kind == "torque"
 
 
 def test_a_recording_is_whole_and_says_what_it_is_of(desk: Desk, tmp_path: Path) -> None:
-    desk.wish(w.Record(on=True))
+    desk.wish(r.Record(on=True))
     desk.until(lambda: desk.page.frame().recorded > 0.5)
-    desk.wish(w.Record(on=False))
+    desk.wish(r.Record(on=False))
     desk.until(lambda: "is whole" in desk.page.notices())
     recording = load(tmp_path / "out" / "panel_001.arrow")
     assert recording.complete
@@ -197,43 +211,43 @@ def test_a_recording_is_whole_and_says_what_it_is_of(desk: Desk, tmp_path: Path)
 
 
 def test_what_is_shown_is_kept_in_the_users_library(desk: Desk, tmp_path: Path) -> None:
-    desk.wish(w.Teach(on=True))
+    desk.wish(r.Teach(on=True))
     desk.until(lambda: desk.page.frame().teaching)
-    desk.wish(w.Teach(on=False))
+    desk.wish(r.Teach(on=False))
     desk.until(lambda: not desk.page.frame().teaching)
-    desk.wish(w.Keep("mine", motion=False))
+    desk.wish(r.StoreTaught("mine", motion=False))
     desk.until(lambda: "mine is in" in desk.page.notices())
-    shelf = [news for news in desk.page.said if isinstance(news, Shelf)][-1]
+    shelf = [news for news in desk.page.said if isinstance(news, LibraryContents)][-1]
     assert "mine" in shelf.postures
     assert (tmp_path / "library" / "mine.yaml").is_file()
 
 
 def test_a_simulated_hand_is_opened_in_another_scene_and_one_that_is_not_there_is_refused(desk: Desk) -> None:
-    desk.wish(w.Scene("lemon", None, perform=False))
-    desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
+    desk.wish(r.OpenScene("lemon", None, perform=False))
+    desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, SessionInfo)]) == 2)
     frame = desk.page.frame()
-    while frame.hand < 2:
+    while frame.session < 2:
         frame = desk.page.frame()
     assert {"palm", "object", "contact_vector"} <= set(frame.look)
     begin = frame.look["object"]
     desk.until(lambda: desk.page.frame().t > 0.5)
     np.testing.assert_allclose(desk.page.frame().look["palm"], frame.look["palm"], atol=2e-3)
     np.testing.assert_allclose(desk.page.frame().look["object"], begin, atol=2e-3)
-    desk.wish(w.Scene("lemmon", None, perform=False))
+    desk.wish(r.OpenScene("lemmon", None, perform=False))
     desk.until(lambda: "did you mean" in desk.page.notices())
-    assert desk.host._opened is not None
+    assert desk.host._session is not None
 
 
 def test_a_recording_is_a_hand_to_look_at_and_its_end_is_told(recording_path: Path, tmp_path: Path) -> None:
     config = tmp_path / "replay.yaml"
     config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: torque}}\n")
     desk = Desk(tmp_path, load_config(config))
-    desk.until(lambda: any(isinstance(news, Ended) for news in desk.page.said))
-    desk.wish(w.Scene(None, None, perform=False))
+    desk.until(lambda: any(isinstance(news, SessionEnded) for news in desk.page.said))
+    desk.wish(r.OpenScene(None, None, perform=False))
     desk.until(lambda: "only a simulated hand" in desk.page.notices())
-    desk.wish(w.Again())
-    desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
-    assert [type(news) for news in desk.page.said].index(Ended) > 0  # After it was opened for the first time.
+    desk.wish(r.Reopen())
+    desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, SessionInfo)]) == 2)
+    assert [type(news) for news in desk.page.said].index(SessionEnded) > 0  # After it was opened for the first time.
     desk.host.close()
 
 
@@ -260,8 +274,8 @@ def test_every_hand_is_opened_with_what_is_its_own_and_does_what_is_wished(
     try:
         desk.until(lambda: len(desk.page.said) > 1)
         opened, shelf = desk.page.said[:2]
-        assert isinstance(opened, Opened)
-        assert isinstance(shelf, Shelf)
+        assert isinstance(opened, SessionInfo)
+        assert isinstance(shelf, LibraryContents)
         assert opened.kinds == ("limp", "position")
         assert opened.gains == ("default",)
         assert len(opened.scenarios) == 12
@@ -271,11 +285,11 @@ def test_every_hand_is_opened_with_what_is_its_own_and_does_what_is_wished(
         spec, last = opened.spec, opened.spec.fingers[0].joints[-1]
         goal = np.clip(desk.page.frame().position, spec.lower, spec.upper)
         goal[last] = spec.lower[last] + 0.4 * (spec.upper - spec.lower)[last]
-        desk.wish(w.Joints(tuple(goal)))
+        desk.wish(r.MoveJoints(tuple(goal)))
         desk.until(lambda: desk.page.frame().kind == "position")
         near = 0.1 * (spec.upper - spec.lower)[last]
         desk.until(lambda: abs(desk.page.frame().position[last] - goal[last]) < near)
-        desk.wish(w.Stop())
+        desk.wish(r.StopMotion())
         desk.until(lambda: desk.page.frame().stopped)
         assert desk.page.frame().kind == "limp"
     finally:
@@ -288,12 +302,12 @@ def test_a_hand_that_closes_its_own_loop_performs_a_scenario_by_it(
     monkeypatch.chdir(tmp_path)
     desk = Desk(tmp_path, load_config("sim_model_o"))
     try:
-        desk.wish(w.Scene("model_o_lemon", None, perform=True))
-        desk.until(lambda: desk.page.notices() != "" or desk.page.frame().hand == 2)
+        desk.wish(r.OpenScene("model_o_lemon", None, perform=True))
+        desk.until(lambda: desk.page.notices() != "" or desk.page.frame().session == 2)
         assert desk.page.notices() == ""
-        desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
-        desk.wish(w.Scene(None, None, perform=False))
-        desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 3)
+        desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, SessionInfo)]) == 2)
+        desk.wish(r.OpenScene(None, None, perform=False))
+        desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, SessionInfo)]) == 3)
         assert desk.page.notices() == ""
     finally:
         desk.host.close()

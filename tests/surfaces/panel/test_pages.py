@@ -25,7 +25,7 @@ def given(monkeypatch: pytest.MonkeyPatch, *versions: str) -> None:
 
 def opened() -> int:
     """The port on which it listened."""
-    with page_process.Pages("127.0.0.1", 0, "nothing")._listening as listening:
+    with page_process.PageServer("127.0.0.1", 0, "hold")._listening as listening:
         return int(listening.getsockname()[1])
 
 

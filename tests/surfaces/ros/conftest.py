@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.types import Vector
@@ -23,9 +23,9 @@ pytest.importorskip("rosbags", reason="needs the extra ros2")
 pytest.importorskip("cyclonedds", reason="needs the extra ros2")
 
 from allegro_twin.surfaces.ros import open_bridge
-from allegro_twin.surfaces.ros.bridge import Bridge
+from allegro_twin.surfaces.ros.bridge import RosBridge
 from allegro_twin.surfaces.ros.node import Node
-from allegro_twin.surfaces.ros.node_api import PLAIN, Quality
+from allegro_twin.surfaces.ros.node_api import PLAIN, QosProfile
 from tests.patience import comes_true, wait_for
 
 DOMAIN = 1 + os.getpid() % 100
@@ -37,11 +37,11 @@ class Peer:
     """A program on ROS that hears and says things to one hand."""
 
     node: Node
-    words: v.Vocabulary
+    words: v.RosTypes
     namespace: str
     heard: list[tuple[str, Any]] = field(default_factory=list)
 
-    def hear(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def hear(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         self.node.subscribe(self.full(topic), kind, quality)
         self.kinds[self.full(topic)] = kind
 
@@ -97,8 +97,8 @@ def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> b
 
 
 @pytest.fixture(scope="session")
-def words() -> v.Vocabulary:
-    return v.vocabulary()
+def words() -> v.RosTypes:
+    return v.ros_types()
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def namespace() -> str:
 
 
 @pytest.fixture
-def make_peer(words: v.Vocabulary, namespace: str) -> Iterator[Callable[[], Peer]]:
+def make_peer(words: v.RosTypes, namespace: str) -> Iterator[Callable[[], Peer]]:
     made: list[Peer] = []
 
     def make() -> Peer:
@@ -130,7 +130,7 @@ def sim_config(**blocks: Any) -> RunConfig:
 
 
 @contextmanager
-def bridged(config: RunConfig, namespace: str, **settings: Any) -> Iterator[tuple[Hand, Bridge]]:
+def bridged(config: RunConfig, namespace: str, **settings: Any) -> Iterator[tuple[Hand, RosBridge]]:
     """A hand that lives by itself, with a bridge that serves in a thread."""
     over = threading.Event()
     with (

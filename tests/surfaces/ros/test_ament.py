@@ -12,10 +12,11 @@ import pytest
 import typer.main
 import yaml
 
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.cli.main import app
-from allegro_twin.surfaces.ros.topics import NAMESPACE, TRAJECTORY
+from allegro_twin.surfaces.ros.hand_topics import NAMESPACE
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
 from allegro_twin.version import __version__
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros import cell_topics as topics
-from allegro_twin.surfaces.ros.cell_reports import CAMERA
-from allegro_twin.surfaces.ros.idl import dds_name
-from allegro_twin.surfaces.ros.topics import TRAJECTORY
+from allegro_twin.surfaces.ros.cell_topics import CAMERA
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
+from allegro_twin.surfaces.ros.node import dds_name
 from allegro_twin.types import Vector
 from tests.surfaces.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
 from tests.surfaces.ros.test_bridge import trajectory
@@ -63,7 +63,7 @@ def echoing(
 
 
 def test_five_hundred_of_five_hundred_messages_come_back_from_fast_dds(
-    echo: Path, peer: Peer, words: v.Vocabulary
+    echo: Path, peer: Peer, words: v.RosTypes
 ) -> None:
     peer.hear("pong", v.JOINT_STATE)
     with echoing(echo, peer.full("ping"), peer.full("pong")):
@@ -122,8 +122,8 @@ def test_fast_dds_hears_all_that_a_cell_says(
     cell: Served,  # noqa: F811  # The fixture of that name.
 ) -> None:
     states = again(topics.STATES, v.JOINT_STATE)
-    assert states.name == [*cell.room.cell.spec.joints, *cell.room.hand.spec.joints]
-    np.testing.assert_allclose(states.position[:7], cell.room.posture, atol=0.02)
+    assert states.name == [*cell.made.robot.spec.joints, *cell.made.hand.spec.joints]
+    np.testing.assert_allclose(states.position[:7], cell.made.posture, atol=0.02)
 
     pose = again(topics.POSE, v.POSE)
     assert pose.header.frame_id == "world"
@@ -149,11 +149,11 @@ def test_fast_dds_hears_all_that_a_cell_says(
 def test_fast_dds_leads_the_palm_and_the_fingers_of_a_cell_and_hears_why_not(
     echo: Path,
     peer: Peer,
-    words: v.Vocabulary,
+    words: v.RosTypes,
     again: Callable[..., Any],
     cell: Served,  # noqa: F811  # The fixture of that name.
 ) -> None:
-    wanted, hand = np.array([-0.15, 0.1, 0.38]), cell.room.cell.hand_sim
+    wanted, hand = np.array([-0.15, 0.1, 0.38]), cell.made.robot.hand_sim
     with echoing(echo, peer.full("wish"), peer.full(topics.TARGET), v.POSE):
         time.sleep(1.0)  # Until Fast DDS has found the cell.
         peer.say("wish", target(words, cell, wanted))
@@ -161,11 +161,11 @@ def test_fast_dds_leads_the_palm_and_the_fingers_of_a_cell_and_hears_why_not(
         peer.say("wish", target(words, cell, [-0.1, 0.0, 0.05]))
         line = again("/rosout", v.LOG, latched=True, wanted=lambda message: message.level > 20)
         assert (line.level, "would be in the table" in line.msg) == (30, True), line.msg
-    time.sleep(1.5)  # Who has led until now is quiet.
-    goal = cell.room.open + 0.2
-    with echoing(echo, peer.full("wishes"), peer.full(TRAJECTORY), v.TRAJECTORY):
+    time.sleep(1.5)  # Who has remote until now is quiet.
+    goal = cell.made.open + 0.2
+    with echoing(echo, peer.full("commands"), peer.full(TRAJECTORY), v.TRAJECTORY):
         time.sleep(1.0)
-        peer.say("wishes", trajectory(words, cell.room.hand.spec, [0.8], goal[None]))
+        peer.say("commands", trajectory(words, cell.made.hand.spec, [0.8], goal[None]))
         waited(lambda: bool(np.abs(hand.data.qpos[hand._qpos] - goal).max() < 0.06), "the fingers did not come", 40.0)
 
 

@@ -11,20 +11,21 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.library.named import load_posture
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.hands.library.library import load_posture
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros import open_bridge
-from allegro_twin.surfaces.ros.control_lock import QUIET, Drivers
+from allegro_twin.surfaces.ros.bridge import QUIET, SenderLock
+from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, WRENCH
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
 from allegro_twin.surfaces.ros.node import Node, qos_of
-from allegro_twin.surfaces.ros.node_api import Quality, checked
-from allegro_twin.surfaces.ros.topics import PUBLISHED, TRAJECTORY, WRENCH
+from allegro_twin.surfaces.ros.node_api import QosProfile, checked
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
 from tests.surfaces.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
 
-LATCHED = Quality(1, latched=True)
+LATCHED = QosProfile(1, latched=True)
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def hand(namespace: str) -> Iterator[Hand]:
 
 
 def trajectory(
-    words: v.Vocabulary, spec: HandSpec, times: list[float], postures: Array, velocities: Array | None = None,
+    words: v.RosTypes, spec: HandSpec, times: list[float], postures: Array, velocities: Array | None = None,
     *, names: list[str] | None = None, stamp: int = 0,
 ) -> Any:  # fmt: skip
     points = [
@@ -85,13 +86,13 @@ def test_who_comes_late_still_gets_the_description_and_the_frames_that_do_not_mo
 
 
 def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
-    hand: Hand, peer: Peer, namespace: str, words: v.Vocabulary
+    hand: Hand, peer: Peer, namespace: str, words: v.RosTypes
 ) -> None:
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from allegro_twin.surfaces.ros.idl import wire
+    from allegro_twin.surfaces.ros.node import wire
 
     participant = peer.node._participant
     reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), qos_of(LATCHED))
@@ -176,7 +177,7 @@ def test_joint_cmd_leads_the_hand_no_faster_than_the_speed(hand: Hand, peer: Pee
 @pytest.mark.slow
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
-    namespace: str, peer: Peer, words: v.Vocabulary, home: Vector, smooth: bool
+    namespace: str, peer: Peer, words: v.RosTypes, home: Vector, smooth: bool
 ) -> None:
     config = can_config("v4", identify=True)
     with bridged(config, namespace) as (hand, _):
@@ -187,7 +188,7 @@ def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
         assert waited(there(hand, home, 0.04), "the end was not reached", 20.0)
 
 
-def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:
+def bad(words: v.RosTypes, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:
     """Trajectories that are refused, and in which words."""
     nan, far = home.copy(), home.copy()
     nan[3], far[3] = np.nan, 3.0
@@ -210,13 +211,13 @@ def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[An
 
 
 def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
-    hand: Hand, peer: Peer, words: v.Vocabulary, home: Vector
+    hand: Hand, peer: Peer, words: v.RosTypes, home: Vector
 ) -> None:
     import re
 
     peer.lib_cmd("home")
     waited(there(hand, home), "home was not reached")
-    peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     peer.hear("joint_states", v.JOINT_STATE)
     for name, (message, said) in bad(words, hand.spec, home + 0.2).items():
         peer.say(TRAJECTORY, message)
@@ -230,7 +231,7 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
 def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, peer: Peer, home: Vector) -> None:
     peer.joint_cmd(hand.spec, home, stamp=time.time_ns())
     waited(there(hand, home), "joint_cmd was not followed")
-    peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     nan = home.copy()
     nan[0] = np.inf
     peer.joint_cmd(hand.spec, nan)
@@ -250,7 +251,7 @@ def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, pe
 
 def test_a_second_program_is_not_obeyed_but_for_off(hand: Hand, make_peer: Callable[[], Peer], home: Vector) -> None:
     first, second = make_peer(), make_peer()
-    second.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    second.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     second.joint_cmd(hand.spec, home)
     over = threading.Event()
 
@@ -280,24 +281,24 @@ def test_a_second_program_is_not_obeyed_but_for_off(hand: Hand, make_peer: Calla
 def test_one_drives_until_it_was_quiet_or_its_motion_is_over() -> None:
     from uuid import uuid4
 
-    drivers, a, b = Drivers(), uuid4(), uuid4()
-    assert drivers.may(a, 0.0)
-    assert not drivers.may(b, 0.5)
-    assert drivers.first_refusal(b)
-    assert not drivers.first_refusal(b)
-    assert drivers.may(b, 1.1)
-    drivers.keep(b, 1.1, 5.0)
-    assert not drivers.may(a, 6.0)
-    assert drivers.may(a, 7.2)
-    drivers.stop(b)
-    assert not drivers.may(a, 7.9)
-    assert not drivers.may(a, 8.5)  # Quiet for 0.6 s only.
-    assert drivers.may(b, 8.5)
-    assert not drivers.may(a, 9.4)
-    assert drivers.may(a, 10.5)
+    lock, a, b = SenderLock(), uuid4(), uuid4()
+    assert lock.acquire(a, 0.0)
+    assert not lock.acquire(b, 0.5)
+    assert lock.first_refusal(b)
+    assert not lock.first_refusal(b)
+    assert lock.acquire(b, 1.1)
+    lock.extend(b, 1.1, 5.0)
+    assert not lock.acquire(a, 6.0)
+    assert lock.acquire(a, 7.2)
+    lock.stop(b)
+    assert not lock.acquire(a, 7.9)
+    assert not lock.acquire(a, 8.5)  # Quiet for 0.6 s only.
+    assert lock.acquire(b, 8.5)
+    assert not lock.acquire(a, 9.4)
+    assert lock.acquire(a, 10.5)
 
 
-def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.Vocabulary) -> None:
+def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.RosTypes) -> None:
     """0.3 N·m that lead the third joint of the index finger back are what so many newtons at its tip do."""
     peer.lib_cmd("home")
     waited(there(hand, load_posture("home", hand.spec)), "home was not reached")
@@ -343,7 +344,7 @@ def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: P
     assert "rad/s" in last.status[0].message
 
 
-def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.Vocabulary, namespace: str) -> None:
+def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.RosTypes, namespace: str) -> None:
     assert checked("a/b/") == "/a/b"
     assert checked("/") == "/"
     for wrong in ("a b", "1st", "a//b", "/a/ü"):
@@ -352,4 +353,4 @@ def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.Vocabula
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be 0 to 232, not 233"):
         Node(words, "n", "/", 233)
     with pytest.raises(ConfigError, match="no ROS 2 distribution named 'jazy'; did you mean 'jazzy'"):
-        v.named("jazy")
+        v.ros_types_by_name("jazy")

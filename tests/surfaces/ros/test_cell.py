@@ -10,24 +10,23 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.journal.observers import Onlookers
-from allegro_twin.cell.journal.second_camera import Lens
-from allegro_twin.cell.remote.remote_control import Led, follow
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.journal.observers import ObserverCamera, Observers
+from allegro_twin.cell.remote.remote_control import RemoteControl, run_remote_control
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros import cell_topics as topics
-from allegro_twin.surfaces.ros.cell import CellBridge, open_cell
-from allegro_twin.surfaces.ros.node_api import Quality
-from allegro_twin.surfaces.ros.topics import TRAJECTORY
+from allegro_twin.surfaces.ros import open_cell
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
+from allegro_twin.surfaces.ros.node_api import QosProfile
 from allegro_twin.types import Vector
-from tests.cell.test_run import room_of
+from tests.cell.test_run import cell_of
 from tests.surfaces.ros.conftest import DOMAIN, Peer, waited
 from tests.surfaces.ros.test_bridge import trajectory
 
-LOG = Quality(1000, latched=True)
+LOG = QosProfile(1000, latched=True)
 
 pytestmark = pytest.mark.realtime
 
@@ -35,41 +34,39 @@ pytestmark = pytest.mark.realtime
 class Served(NamedTuple):
     """A cell that lives in a thread."""
 
-    room: Room
-    bridge: CellBridge
+    made: Cell
 
     @property
     def palm(self) -> Vector:
         """Where it really is, (3,), m."""
-        body = self.room.cell.world.data.body(self.room.hand.spec.root)
+        body = self.made.robot.world.data.body(self.made.hand.spec.root)
         return np.array(body.xpos)
 
 
 @pytest.fixture
 def cell(namespace: str) -> Iterator[Served]:
-    room, over = room_of(), threading.Event()
-    led = Led(room)
-    with open_cell(room, namespace=namespace, domain=DOMAIN) as bridge:
-        bridge.obeyed_by(led)
+    made, over = cell_of(), threading.Event()
+    remote = RemoteControl(made)
+    with open_cell(made, remote, namespace=namespace, domain=DOMAIN) as bridge:
 
         def live() -> None:
-            lens = Lens(room, 5.0)  # A thread's pictures are its own.
-            follow(led, Onlookers(room, [bridge], lens), lambda t: over.is_set())
+            lens = ObserverCamera(made, 5.0)  # A thread's pictures are its own.
+            run_remote_control(remote, Observers(made, [bridge], lens), lambda t: over.is_set())
             lens.close()
 
         thread = threading.Thread(target=live, daemon=True)
         thread.start()
-        served = Served(room, bridge)
+        served = Served(made)
         waited(lambda: bool(served.palm.any()), "the cell did not begin", 30.0)
         yield served
         over.set()
         thread.join()
-    room.close()
+    made.close()
 
 
-def target(words: v.Vocabulary, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
+def target(words: v.RosTypes, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
     """A target_frame with the palm's own orientation where it waits."""
-    pose = np.concatenate([place, cell.room.security.quaternion if turn is None else turn])
+    pose = np.concatenate([place, cell.made.security.quaternion if turn is None else turn])
     return build.pose(words, 0, frame, pose)
 
 
@@ -77,8 +74,8 @@ def test_joint_states_have_arm_and_hand_in_one_message(cell: Served, peer: Peer)
     began = time.time() - 60.0  # Since before the cell was opened.
     peer.hear(topics.STATES, v.JOINT_STATE)
     message = peer.listen(10.0, lambda topic, message: True)
-    assert message.name == [*cell.room.cell.spec.joints, *cell.room.hand.spec.joints]
-    np.testing.assert_allclose(message.position[:7], cell.room.posture, atol=0.02)
+    assert message.name == [*cell.made.robot.spec.joints, *cell.made.hand.spec.joints]
+    np.testing.assert_allclose(message.position[:7], cell.made.posture, atol=0.02)
     assert len(message.effort) == len(message.velocity) == 23
     assert began < v.nanoseconds(message.header.stamp) / 1e9 < time.time()
 
@@ -88,8 +85,8 @@ def test_points_wrench_pose_and_frames_are_where_the_cell_has_them(cell: Served,
     cloud = peer.listen(20.0, lambda topic, message: True)
     peer.hear(topics.POSE, v.POSE)
     peer.hear(topics.WRENCH, v.WRENCH)
-    peer.hear("/tf", v.TF, Quality(100))
-    peer.hear("/tf_static", v.TF, Quality(1, latched=True))
+    peer.hear("/tf", v.TF, QosProfile(100))
+    peer.hear("/tf_static", v.TF, QosProfile(1, latched=True))
     frames: dict[str, Any] = {}
 
     def known(topic: str, message: Any) -> bool:
@@ -116,11 +113,11 @@ def test_points_wrench_pose_and_frames_are_where_the_cell_has_them(cell: Served,
     assert -0.01 < world[2] < 0.09
 
 
-def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: Peer, words: v.Vocabulary) -> None:
+def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: Peer, words: v.RosTypes) -> None:
     wanted = np.array([-0.15, 0.1, 0.38])
     peer.say(topics.TARGET, target(words, cell, wanted))
     assert waited(lambda: bool(np.linalg.norm(cell.palm - wanted) < 0.01), "not there", 20.0)
-    foot = cell.room.cell.base.position
+    foot = cell.made.robot.base.position
     peer.say(topics.TARGET, target(words, cell, np.array([-0.2, 0.0, 0.4]) - foot, "fer_link0"))
     assert waited(
         lambda: bool(np.linalg.norm(cell.palm - [-0.2, 0.0, 0.4]) < 0.01), "not there, in the base's frame", 20.0
@@ -139,7 +136,7 @@ def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: P
     ],
 )  # fmt: skip
 def test_a_target_that_cannot_be_is_refused_in_a_sentence_and_the_arm_stands(
-    cell: Served, peer: Peer, words: v.Vocabulary, place: Any, frame: str, turn: Any, said: str
+    cell: Served, peer: Peer, words: v.RosTypes, place: Any, frame: str, turn: Any, said: str
 ) -> None:
     import re
 
@@ -155,11 +152,11 @@ def test_a_target_that_cannot_be_is_refused_in_a_sentence_and_the_arm_stands(
 
 
 def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
-    cell: Served, peer: Peer, words: v.Vocabulary
+    cell: Served, peer: Peer, words: v.RosTypes
 ) -> None:
-    spec, hand = cell.room.hand.spec, cell.room.cell.hand_sim
+    spec, hand = cell.made.hand.spec, cell.made.robot.hand_sim
     peer.hear("/rosout", v.LOG, LOG)
-    goal = cell.room.open + 0.2
+    goal = cell.made.open + 0.2
     peer.say(TRAJECTORY, trajectory(words, spec, [0.8], goal[None]))
 
     def there() -> bool:
@@ -170,7 +167,7 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     far[3] = 3.0
     for message, said in (
         (trajectory(words, spec, [1.0], far[None]), "outside its limits"),
-        (trajectory(words, spec, [0.01], cell.room.open[None]), "is where the guard stops: slow down"),
+        (trajectory(words, spec, [0.01], cell.made.open[None]), "is where the guard stops: slow down"),
         (trajectory(words, spec, [1.0], goal[None, 1:], names=list(spec.joints[1:])), "lacks joint_0.0"),
     ):
         peer.say(TRAJECTORY, message)
@@ -179,16 +176,16 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     assert there()
 
 
-def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, words: v.Vocabulary) -> None:
-    room = room_of()
-    with open_cell(room, namespace=namespace, domain=DOMAIN) as bridge:
+def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, words: v.RosTypes) -> None:
+    made = cell_of()
+    with open_cell(made, namespace=namespace, domain=DOMAIN):
         peer.hear("/rosout", v.LOG, LOG)
-        peer.say(topics.TARGET, target(words, Served(room, bridge), [-0.1, 0.0, 0.4]))
+        peer.say(topics.TARGET, target(words, Served(made), [-0.1, 0.0, 0.4]))
         assert "the state machine leads the cell; begin it with --follow" in peer.refusal()
-    room.close()
+    made.close()
 
 
-def test_a_pose_comes_back_from_its_message(words: v.Vocabulary) -> None:
+def test_a_pose_comes_back_from_its_message(words: v.RosTypes) -> None:
     turn = np.array([0.5, -0.5, 0.5, 0.5])
     message = build.pose(words, 7, "world", np.array([1.0, 2.0, 3.0, *turn]))
     found = build.pose_in(words.decode(words.encode(message), v.POSE), "x")

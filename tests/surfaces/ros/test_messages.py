@@ -9,26 +9,28 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.messages import build
-from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.frames import Frames, description
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.recording.messages.frames import LinkFrames, urdf_text
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.ros import cell_topics
-from allegro_twin.surfaces.ros.idl import struct
-from allegro_twin.surfaces.ros.topics import HEARD, PUBLISHED
+from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, SUBSCRIBED
+from allegro_twin.surfaces.ros.node import struct
 from allegro_twin.types import Array
 
-KINDS = sorted({entry.kind for entry in (*PUBLISHED, *HEARD, *cell_topics.PUBLISHED, *cell_topics.HEARD)} | {v.NODES})
+KINDS = sorted(
+    {entry.kind for entry in (*PUBLISHED, *SUBSCRIBED, *cell_topics.PUBLISHED, *cell_topics.SUBSCRIBED)} | {v.NODES}
+)
 
 
-def filled(words: v.Vocabulary, kind: str, rng: np.random.Generator) -> Any:
+def filled(words: v.RosTypes, kind: str, rng: np.random.Generator) -> Any:
     """A message of a type with something in every field, nested ones and lists of odd lengths too."""
     return words.make(kind, **{name: _value(words, shape, rng) for name, shape in words.fields(kind)})
 
 
-def _value(words: v.Vocabulary, shape: Any, rng: np.random.Generator) -> Any:
+def _value(words: v.RosTypes, shape: Any, rng: np.random.Generator) -> Any:
     node, args = shape
     if node.name == "NAME":
         return filled(words, args, rng)
@@ -49,7 +51,7 @@ def _value(words: v.Vocabulary, shape: Any, rng: np.random.Generator) -> Any:
 @pytest.mark.parametrize("distro", v.DISTROS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_cyclone_dds_and_rosbags_write_the_same_bytes_for_every_type(kind: str, distro: v.Distro) -> None:
-    words, rng = v.vocabulary(distro), np.random.default_rng(1)
+    words, rng = v.ros_types(distro), np.random.default_rng(1)
     for _ in range(20):
         data = words.encode(filled(words, kind, rng))
         read = struct(words, kind).deserialize(data)
@@ -65,14 +67,12 @@ def test_cyclone_dds_and_rosbags_write_the_same_bytes_for_every_type(kind: str, 
         (v.STRING, "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"),
     ],
 )
-def test_types_have_the_hashes_that_real_systems_print(words: v.Vocabulary, kind: str, known: str) -> None:
+def test_types_have_the_hashes_that_real_systems_print(words: v.RosTypes, kind: str, known: str) -> None:
     assert words.hash(kind) == known
 
 
 def test_a_participants_id_has_the_length_of_its_distribution() -> None:
-    lengths = {
-        distro: dict(v.vocabulary(distro).fields("rmw_dds_common/msg/Gid"))["data"][1][1] for distro in v.DISTROS
-    }
+    lengths = {distro: dict(v.ros_types(distro).fields("rmw_dds_common/msg/Gid"))["data"][1][1] for distro in v.DISTROS}
     assert lengths["humble"] == 24
     assert lengths["jazzy"] == lengths["lyrical"] == 16
 
@@ -90,13 +90,13 @@ def matrix(transform: Any) -> Array:
     return turn
 
 
-def test_frames_end_where_the_kinematics_have_the_fingertips(words: v.Vocabulary, side: Side) -> None:
+def test_frames_end_where_the_kinematics_have_the_fingertips(words: v.RosTypes, side: Side) -> None:
     spec = load_spec(side=side)
-    frames, model = Frames(spec), hand_kinematics(spec)
+    frames, model = LinkFrames(spec), hand_kinematics(spec)
     assert frames.root == "palm_link"
     for seed in range(5):
         position = np.random.default_rng(seed).uniform(spec.lower, spec.upper)
-        moving, fixed = frames.at(words, 7, position), frames.still(words, 7)
+        moving, fixed = frames.transforms_at(words, 7, position), frames.static_transforms(words, 7)
         placed = {frames.root: np.eye(4)}
         for each in (*moving.transforms, *fixed.transforms):
             placed[each.child_frame_id] = placed[each.header.frame_id] @ matrix(each.transform)
@@ -110,17 +110,17 @@ def test_the_description_names_meshes_that_are_there(spec: HandSpec) -> None:
     from pathlib import Path
     from xml.etree import ElementTree
 
-    meshes = [mesh.get("filename", "") for mesh in ElementTree.fromstring(description(spec)).iter("mesh")]
+    meshes = [mesh.get("filename", "") for mesh in ElementTree.fromstring(urdf_text(spec)).iter("mesh")]
     assert meshes
     assert all(name.startswith("file://") and Path(name.removeprefix("file://")).is_file() for name in meshes)
 
 
 def test_joints_may_come_in_any_order_and_under_each_of_their_names(spec: HandSpec) -> None:
     backwards = list(reversed(spec.joints))
-    assert build.in_order(spec, backwards, "x") == list(reversed(range(spec.n_joints)))
-    assert build.in_order(spec, spec.aliases, "x") == list(range(spec.n_joints))
-    assert build.in_order(spec, [name.replace(".", "_") for name in spec.joints], "x") == list(range(spec.n_joints))
-    assert build.in_order(spec, [], "x") == list(range(spec.n_joints))
+    assert build.joint_order(spec, backwards, "x") == list(reversed(range(spec.n_joints)))
+    assert build.joint_order(spec, spec.aliases, "x") == list(range(spec.n_joints))
+    assert build.joint_order(spec, [name.replace(".", "_") for name in spec.joints], "x") == list(range(spec.n_joints))
+    assert build.joint_order(spec, [], "x") == list(range(spec.n_joints))
 
 
 @pytest.mark.parametrize(
@@ -133,21 +133,21 @@ def test_joints_may_come_in_any_order_and_under_each_of_their_names(spec: HandSp
 )
 def test_joints_that_are_missing_unknown_or_double_are_named(spec: HandSpec, names: list[str], words_: str) -> None:
     with pytest.raises(ConfigError, match=words_):
-        build.in_order(spec, names, "joint_cmd")
+        build.joint_order(spec, names, "joint_cmd")
 
 
-def test_a_hand_of_another_shape_has_its_own_names(words: v.Vocabulary, spec: HandSpec) -> None:
+def test_a_hand_of_another_shape_has_its_own_names(words: v.RosTypes, spec: HandSpec) -> None:
     three = dataclasses.replace(spec, joints=spec.joints[:3], aliases=spec.aliases[:3])
-    assert build.in_order(three, ["index_2", "index_0", "index_1"], "x") == [1, 2, 0]
+    assert build.joint_order(three, ["index_2", "index_0", "index_1"], "x") == [1, 2, 0]
 
 
-def test_bytes_of_something_else_are_refused_in_one_line(words: v.Vocabulary) -> None:
+def test_bytes_of_something_else_are_refused_in_one_line(words: v.RosTypes) -> None:
     with pytest.raises(ConfigError, match="5 bytes are no sensor_msgs/msg/JointState"):
         words.decode(b"\0\1\0\0\5", v.JOINT_STATE)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_bytes_that_were_cut_or_changed_never_raise_anything_else(words: v.Vocabulary, kind: str) -> None:
+def test_bytes_that_were_cut_or_changed_never_raise_anything_else(words: v.RosTypes, kind: str) -> None:
     rng = np.random.default_rng(2)
     data, refused = words.encode(filled(words, kind, rng)), 0
     for _ in range(200):

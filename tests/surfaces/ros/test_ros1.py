@@ -26,7 +26,8 @@ pytestmark = [
     pytest.mark.realtime,
     pytest.mark.skipif(
         bool(MISSING),
-        reason=f"needs Debian's {' '.join('python3-' + name.replace('_', '-') for name in MISSING)}; docs/ros.md",
+        reason=f"needs Debian's {' '.join('python3-' + name.replace('_', '-') for name in MISSING)}; "
+        "docs/how-to/use_ros.md",
     ),
 ]
 

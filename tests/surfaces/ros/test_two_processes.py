@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from tests.surfaces.ros.conftest import DOMAIN, Peer
 
 pytestmark = pytest.mark.realtime
@@ -52,13 +52,13 @@ def test_another_process_drives_a_hand_on_a_virtual_bus_and_ctrl_c_ends_it(
 
 
 def test_five_hundred_messages_there_and_back_all_arrive_in_order(
-    make_peer: Callable[[], Peer], words: v.Vocabulary, tmp_path: os.PathLike[str]
+    make_peer: Callable[[], Peer], words: v.RosTypes, tmp_path: os.PathLike[str]
 ) -> None:
     """The echo is a process of its own."""
     here = make_peer()
     code = f"""
 import sys
-from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node import Node
 words = v.vocabulary()
 node = Node(words, "echo", "/", {DOMAIN})

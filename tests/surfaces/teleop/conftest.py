@@ -12,10 +12,10 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.teleop.follower import Follower
-from allegro_twin.surfaces.teleop.run import replay
-from allegro_twin.surfaces.teleop.targets import Targets
-from allegro_twin.surfaces.teleop.tracks import Track
+from allegro_twin.surfaces.teleop.follower import HandFollower
+from allegro_twin.surfaces.teleop.session import replay
+from allegro_twin.surfaces.teleop.targets import FingertipTargets
+from allegro_twin.surfaces.teleop.tracks import HandTrack
 from allegro_twin.types import Array, Vector
 
 
@@ -42,13 +42,13 @@ def closed_form(spec: HandSpec) -> Callable[[Array], Vector]:
 class Led:
     """A hand that is led, what was said, and the joints' set-points and positions of every period."""
 
-    def __init__(self, hand: Hand, follower: Follower, targets: Targets, said: list[str]) -> None:
+    def __init__(self, hand: Hand, follower: HandFollower, targets: FingertipTargets, said: list[str]) -> None:
         self.hand, self.follower, self.targets, self.said = hand, follower, targets, said
         self.rows: list[tuple[float, Vector]] = []
         hand.listen(lambda sample: self.rows.append((sample.state.t, sample.state.position)))
 
     def play(self, times: Vector, frames: Array) -> None:
-        replay(self.hand, Track(times, frames), self.follower)
+        replay(self.hand, HandTrack(times, frames), self.follower)
 
     def at(self, t: float) -> Vector:
         """Where the joints were, (n,), rad, at a time since the track began."""
@@ -60,6 +60,6 @@ def led(config: RunConfig, tracked: Side = "right", **habits: Any) -> Iterator[L
     """In the foreground: time passes as fast as it is computed, and repeats itself."""
     said: list[str] = []
     with Hand.open(config) as hand:
-        targets = Targets(hand.spec, tracked)
+        targets = FingertipTargets(hand.spec, tracked)
         retarget = habits.pop("retarget", None) or closed_form(hand.spec)
-        yield Led(hand, Follower(hand, targets, retarget, said.append, **habits), targets, said)
+        yield Led(hand, HandFollower(hand, targets, retarget, said.append, **habits), targets, said)

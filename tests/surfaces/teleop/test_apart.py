@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError, HandError, LinkError
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.surfaces.teleop import camera
-from allegro_twin.surfaces.teleop.camera import Webcam, points_of
-from allegro_twin.surfaces.teleop.dex import Retargeting
-from allegro_twin.surfaces.teleop.process import Apart
+from allegro_twin.surfaces.teleop import webcam as camera
+from allegro_twin.surfaces.teleop.retargeting import Retargeting
 from allegro_twin.surfaces.teleop.session import open_follower
-from allegro_twin.surfaces.teleop.targets import Targets, vectors
+from allegro_twin.surfaces.teleop.targets import FingertipTargets, target_vectors
+from allegro_twin.surfaces.teleop.webcam import Webcam, points_of
+from allegro_twin.surfaces.worker_process import WorkerProcess
 from tests.surfaces.teleop.conftest import led, sim_config
 from tests.surfaces.teleop.synthetic import ROOT, hand, performed, write_csv
 
@@ -54,7 +54,7 @@ class Absent:
 
 
 def test_a_question_is_answered_elsewhere_and_may_wait() -> None:
-    with Apart(Doubling()) as work:
+    with WorkerProcess(Doubling()) as work:
         assert work(21) == 42
         work.ask(np.ones(3))
         assert work.ready(10.0)
@@ -65,13 +65,13 @@ def test_a_question_is_answered_elsewhere_and_may_wait() -> None:
 @pytest.mark.slow
 def test_what_is_raised_there_is_raised_here() -> None:
     with pytest.raises(ConfigError, match="it is not installed"):
-        Apart(Absent())
-    with Apart(Doubling()) as work, pytest.raises(ConfigError, match="'two' is no number"):
+        WorkerProcess(Absent())
+    with WorkerProcess(Doubling()) as work, pytest.raises(ConfigError, match="'two' is no number"):
         work("two")
 
 
 def test_a_process_that_dies_is_told_of_by_name_and_leaves_nothing_behind() -> None:
-    with Apart(Doubling()) as work:
+    with WorkerProcess(Doubling()) as work:
         with pytest.raises(HandError, match="the process of doubling has died"):
             work("die")
         with pytest.raises(HandError, match="the process of doubling has died"):
@@ -84,7 +84,7 @@ def test_without_its_library_retargeting_says_what_to_install(spec: HandSpec, mo
     words = r"Python 3.11 or 3.12: pip install 'allegro-twin\[teleop\]'"
     monkeypatch.setitem(sys.modules, "dex_retargeting", None)
     with pytest.raises(ConfigError, match=words):
-        Retargeting(spec, vectors(spec)).open()
+        Retargeting(spec, target_vectors(spec)).open()
 
     class Paragraph(MetaPathFinder):
         """As the library answers where PyTorch is missing."""
@@ -96,7 +96,7 @@ def test_without_its_library_retargeting_says_what_to_install(spec: HandSpec, mo
     monkeypatch.delitem(sys.modules, "dex_retargeting")
     monkeypatch.setattr(sys, "meta_path", [Paragraph(), *sys.meta_path])
     with pytest.raises(ConfigError, match=words) as refused:
-        Retargeting(spec, vectors(spec)).open()
+        Retargeting(spec, target_vectors(spec)).open()
     assert "\n" not in str(refused.value)
 
 
@@ -175,10 +175,10 @@ def test_of_the_hands_in_a_picture_the_one_that_was_asked_for_is_taken(side: Sid
 def test_dex_retargeting_brings_fingertips_to_where_they_should_be(side: Side) -> None:
     pytest.importorskip("dex_retargeting", exc_type=ImportError, reason="needs the extra teleop")
     spec = load_spec(side=side)
-    retarget, model = Retargeting(spec, vectors(spec)).open(), hand_kinematics(spec)
+    retarget, model = Retargeting(spec, target_vectors(spec)).open(), HandKinematics(spec)
     posture = 0.5 * (np.maximum(spec.lower, 0.0) + spec.upper) * np.where(spec.upper > 0.6, 1.0, 0.0)
     posture = np.clip(posture, spec.lower, spec.upper)
-    tips = [model.fingertips(posture)[name].position for name in vectors(spec).tips]
+    tips = [model.fingertips(posture)[name].position for name in target_vectors(spec).tips]
     thumb = model.fingertips(posture)["thumb"].position
     targets = np.array([tip - (0.0 if k < 4 else thumb) for k, tip in enumerate(tips)])
     for _ in range(60):
@@ -195,7 +195,7 @@ def test_a_track_leads_a_hand_through_dex_retargeting(side: Side) -> None:
     spec = load_spec(side=side)
     times, frames = performed()
     with (
-        Apart(Retargeting(spec, Targets(spec, "right").vectors)) as retarget,
+        WorkerProcess(Retargeting(spec, FingertipTargets(spec, "right").vectors)) as retarget,
         led(sim_config(side), retarget=retarget) as it,
     ):
         stills = times < 1.0

@@ -13,8 +13,8 @@ from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.teleop.run import live
-from allegro_twin.surfaces.teleop.targets import Targets
+from allegro_twin.surfaces.teleop.session import live
+from allegro_twin.surfaces.teleop.targets import FingertipTargets
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
 from tests.surfaces.teleop.conftest import led, sim_config
@@ -68,24 +68,24 @@ def test_fingertips_go_to_where_the_persons_are_times_the_length_of_the_fingers(
 def test_a_straight_finger_is_a_straight_finger_however_large_the_hand_is(spec: HandSpec) -> None:
     straight = ClosedFormFinger(spec, "middle").tip(np.zeros(4))
     for size in (0.8, 1.0, 1.2):
-        target = Targets(spec, "right")(size * hand(0.0))[1]
+        target = FingertipTargets(spec, "right")(size * hand(0.0))[1]
         np.testing.assert_allclose(target, straight, atol=1e-9)
 
 
 def test_how_the_arm_is_turned_and_where_it_is_does_not_matter(spec: HandSpec) -> None:
-    here = Targets(spec, "right")(hand(0.4))
+    here = FingertipTargets(spec, "right")(hand(0.4))
     turned = hand(0.4) @ matrix_from_euler(np.array([0.3, -1.0, 2.0])).T + [0.3, -0.2, 1.0]
-    np.testing.assert_allclose(Targets(spec, "right")(turned), here, atol=1e-12)
+    np.testing.assert_allclose(FingertipTargets(spec, "right")(turned), here, atol=1e-12)
 
 
 @pytest.mark.parametrize("tracked", ["right", "left"])
 def test_either_hand_of_a_person_leads_either_of_the_robots(tracked: Side, side: Side, spec: HandSpec) -> None:
     """The left hand of each is the right one's mirror image."""
-    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.hands.description.specs import load_spec
 
     shown = hand(0.4) * [1.0, 1.0 if tracked == "right" else -1.0, 1.0]
-    expected = Targets(spec, "right")(hand(0.4)) * [1.0, 1.0 if side == "right" else -1.0, 1.0]
-    np.testing.assert_allclose(Targets(load_spec(side=side), tracked)(shown), expected, atol=1e-12)
+    expected = FingertipTargets(spec, "right")(hand(0.4)) * [1.0, 1.0 if side == "right" else -1.0, 1.0]
+    np.testing.assert_allclose(FingertipTargets(load_spec(side=side), tracked)(shown), expected, atol=1e-12)
 
 
 def test_when_frames_stop_the_hand_holds_and_says_so_once() -> None:
@@ -210,7 +210,7 @@ def test_a_hand_that_is_no_persons_cannot_be_led(spec: HandSpec, monkeypatch: py
     for names, words in ((("claw", "middle", "ring", "thumb"), "a finger 'claw'"), (("index", "middle"), "no thumb")):
         fingers = tuple(replace(finger, name=name) for finger, name in zip(spec.fingers, names, strict=False))
         with pytest.raises(ConfigError, match=words):
-            Targets(replace(spec, fingers=fingers), "right")
+            FingertipTargets(replace(spec, fingers=fingers), "right")
 
 
 def test_the_same_track_leads_to_the_same_motion_to_the_bit(make_rows: Callable[[], list[Vector]]) -> None:

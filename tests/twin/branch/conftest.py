@@ -13,8 +13,8 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.twin.identify.results.hand_file import shift
+from allegro_twin.hands.description.calibration import HandCalibration
+from allegro_twin.twin.identify.results.hand_file import offset_shift
 
 
 @pytest.fixture(scope="package")
@@ -37,8 +37,8 @@ def own(tmp_path_factory: pytest.TempPathFactory, hidden: RunConfig) -> str:
     assert isinstance(hidden.backend, CanSettings)
     assert hidden.backend.scene is not None
     truth: Any = hidden.backend.scene.truth
-    used = Calibration()
-    step = -shift("v4", used, tuple(count + 1 for count in used.encoder_offset))
+    used = HandCalibration()
+    step = -offset_shift("v4", used, tuple(count + 1 for count in used.encoder_offset))
     counts = np.rint(-np.array(truth["drive"]["encoder_offset"]) / step).astype(int).tolist()
     wire = {"version": "v4", "side": "right", "encoder_offset": counts, **truth["wire"]}
     path = tmp_path_factory.mktemp("hands") / "own.yaml"

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.branch import Branched
-from allegro_twin.twin.mirror.for_hand import played
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.branch.result import BranchResult
+from allegro_twin.twin.mirror.on_recording import recorded_samples
 from allegro_twin.types import Array
 
 AT = 1.1  # s. The fingers are on their way home.
@@ -21,9 +21,9 @@ def as_real(path: Path, target: Path, left_out: slice = slice(0, 0), **meta: Any
     """The same recording as one of a hand that nobody simulates, but for some rows; None takes an entry away."""
     origin = load(path)
     kept = {key: value for key, value in {**origin.meta, **meta}.items() if value is not None and key != "engine"}
-    rows = list(played(origin))
+    rows = list(recorded_samples(origin))
     del rows[left_out]
-    for _ in recorded(iter(rows), target, origin.spec, origin.period, meta=kept):
+    for _ in record(iter(rows), target, origin.spec, origin.period, meta=kept):
         pass
     return target
 
@@ -32,5 +32,5 @@ def rms(off: Array) -> float:
     return float(np.sqrt(np.square(off).mean()))
 
 
-def after(found: Branched) -> slice:
+def after(found: BranchResult) -> slice:
     return slice(int(np.searchsorted(found.t, AT - 1e-9)), len(found.branched))

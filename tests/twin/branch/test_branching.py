@@ -15,13 +15,15 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.appearance import lighter, of_series
+from allegro_twin.hands.description.appearance import lighten, series_color
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.spec import Finger, HandSpec
-from allegro_twin.surfaces.cli.twins import branching
-from allegro_twin.twin.branch import Branched, Wanted, branch, changes_of
+from allegro_twin.surfaces.cli.twin import branch_run
+from allegro_twin.twin.branch.overrides import parse_changes
+from allegro_twin.twin.branch.result import BranchOptions, BranchResult
+from allegro_twin.twin.branch.what_if import branch_recording
 from tests.viewing.test_viewer import rows_of
 
 
@@ -34,7 +36,7 @@ def made(tmp_path: Path, config: RunConfig) -> Path:
 @pytest.mark.parametrize("name", ["sim_right", "can_virtual", "sim_left"])
 def test_without_a_change_the_future_is_the_recorded_one_bit_for_bit(tmp_path: Path, name: str) -> None:
     path = made(tmp_path, load_config(name).changed(seconds=1.0))
-    found = branch(path, 0.3, {})
+    found = branch_recording(path, 0.3, {})
     np.testing.assert_array_equal(found.branched, load(path).columns["position"])
 
 
@@ -43,8 +45,8 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
         "backend": {"kind": "sim"}, "task": {"scenario": "lemon"}, "controller": {"kind": "pd"},
     }  # fmt: skip
     path, rrd = made(tmp_path, RunConfig.model_validate(content)), tmp_path / "if.rrd"
-    same, kept = branch(path, 6.0, {}), branching.Kept(tmp_path / "if.arrow", rrd)
-    slippery = branching.branched(path, 6.0, ["friction=0.01"], kept, Wanted())
+    same, kept = branch_recording(path, 6.0, {}), branch_run.BranchOutputs(tmp_path / "if.arrow", rrd)
+    slippery = branch_run.run_branch(path, 6.0, ["friction=0.01"], kept, BranchOptions())
     np.testing.assert_array_equal(same.branched, same.recorded)
     assert same.report is not None
     assert same.report.held
@@ -65,7 +67,7 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
 @pytest.mark.parametrize("change", [{"controller.gains": "v4"}, {"damping": 0.3}, {"frictionloss": 0.1}])
 def test_a_change_acts_from_its_instant_on(tmp_path: Path, change: dict[str, object]) -> None:
     path = made(tmp_path, load_config("sim_right").changed(seconds=1.0, task={"posture": "rock"}))
-    found = branch(path, 0.3, change)
+    found = branch_recording(path, 0.3, change)
     off = np.abs(found.branched - found.recorded).max(axis=1)
     assert not off[found.t <= 0.3].any()
     assert off[-1] > 1e-5
@@ -74,8 +76,8 @@ def test_a_change_acts_from_its_instant_on(tmp_path: Path, change: dict[str, obj
 def test_both_futures_are_in_one_recording_one_rerun_file_and_one_picture(tmp_path: Path) -> None:
     path = made(tmp_path, load_config("sim_right").changed(seconds=0.6, task={"posture": "rock"}))
     record, rrd, png = (tmp_path / f"if.{suffix}" for suffix in ("arrow", "rrd", "png"))
-    found = branching.branched(path, 0.3, ["damping=0.3"], branching.Kept(record, rrd), Wanted())
-    branching.picture(png, path, found, 0.3)
+    found = branch_run.run_branch(path, 0.3, ["damping=0.3"], branch_run.BranchOutputs(record, rrd), BranchOptions())
+    branch_run.draw_branch(png, path, found, 0.3)
     both = load(record).columns
     np.testing.assert_array_equal(both["position"], found.branched)
     np.testing.assert_array_equal(both["target"], load(path).columns["position"])
@@ -90,7 +92,7 @@ def test_both_futures_are_in_one_recording_one_rerun_file_and_one_picture(tmp_pa
     assert drawn["world/palm/target/link_13.0"]
     with Image.open(png) as picture:
         pixels = np.asarray(picture).reshape(-1, 3)
-    color = [round(255 * part) for part in lighter(of_series(1))]
+    color = [round(255 * part) for part in lighten(series_color(1))]
     assert (pixels == color).all(axis=1).sum() > 100
 
 
@@ -98,18 +100,18 @@ def test_the_table_has_a_column_for_every_finger_of_whatever_hand(spec: HandSpec
     two = (Finger("claw", (0, 1, 2), "claw_tip"), Finger("paw", (3, 4, 5, 6, 7), "paw_tip"))
     was, would = np.zeros((2, 8)), np.zeros((2, 8))
     would[1, 2], would[1, 7] = 0.001, 0.005
-    found = Branched(np.array([0.0, 0.1]), was, would, replace(spec, fingers=two), None)
-    table = branching.table(Path("r.arrow"), found, 0.0)
+    found = BranchResult(np.array([0.0, 0.1]), was, would, replace(spec, fingers=two), None)
+    table = branch_run.table(Path("r.arrow"), found, 0.0)
     assert [column.header for column in table.columns] == ["after", "claw", "paw"]
     assert [list(column.cells)[-1] for column in table.columns] == ["0.1 s", "1.000", "5.000"]
 
 
 def test_what_cannot_be_repeated_says_why(tmp_path: Path, recording_path: Path) -> None:
     with pytest.raises(ConfigError, match="needs the first 1 s to know the hand"):
-        branch(recording_path, 0.1, {})
+        branch_recording(recording_path, 0.1, {})
     path = made(tmp_path, load_config("sim_right").changed(seconds=0.3))
     with pytest.raises(ConfigError, match="--at 9 s: .* goes from 0 to 0.3 s"):
-        branch(path, 9.0, {})
+        branch_recording(path, 9.0, {})
     for key, value, said in (
         ("engine", "mujoco 3.1.0", "was made with mujoco 3.1.0, and this is mujoco"),
         ("config", {**load(path).meta["config"], "task": {"posture": "rock"}}, "is not repeated by this program"),
@@ -119,18 +121,18 @@ def test_what_cannot_be_repeated_says_why(tmp_path: Path, recording_path: Path) 
         config = load_config("sim_right").changed(seconds=0.3)
         with closing(assemble(config).backend) as backend:
             samples = until(0.3, run(backend, assemble(config).controller))
-            for _ in recorded(samples, other, backend.spec, 0.003, meta=json.loads(json.dumps(meta))):
+            for _ in record(samples, other, backend.spec, 0.003, meta=json.loads(json.dumps(meta))):
                 pass
         with pytest.raises(ConfigError, match=said):
-            branch(other, 0.2, {})
+            branch_recording(other, 0.2, {})
 
 
 def test_a_change_is_read_from_text_and_an_unknown_one_named() -> None:
-    assert changes_of(["friction=0.5", "controller.gains=v4"]) == {"friction": 0.5, "controller.gains": "v4"}
+    assert parse_changes(["friction=0.5", "controller.gains=v4"]) == {"friction": 0.5, "controller.gains": "v4"}
     for wrong, said in (
         ("friction", "say key=value"),
         ("fricton=1", "no key named 'fricton'; did you mean 'friction'"),
         ("damping=much", "damping needs a number, not much"),
     ):
         with pytest.raises(ConfigError, match=said):
-            changes_of([wrong])
+            parse_changes([wrong])

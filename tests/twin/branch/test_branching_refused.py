@@ -14,9 +14,10 @@ from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.branch import Wanted, branch
-from allegro_twin.twin.mirror.for_hand import played
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.branch.result import BranchOptions
+from allegro_twin.twin.branch.what_if import branch_recording
+from allegro_twin.twin.mirror.on_recording import recorded_samples
 from allegro_twin.types import Sample
 from tests.twin.branch.hands import AT, MRAD, after, as_real, rms
 
@@ -25,17 +26,17 @@ def test_what_a_recording_does_not_tell_is_one_sentence(made: Path, own: str, tm
     real = as_real(made, tmp_path / "real.arrow")
     for at in (0.9, 2.4):
         with pytest.raises(ConfigError, match=rf"--at {at} s: .* from 0 to 2.4 s, and a mirror needs the first 1 s"):
-            branch(real, at, {}, wanted=Wanted(own))
+            branch_recording(real, at, {}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="--at 3 s: .* goes from 0 to 2.4 s"):
-        branch(real, 3.0, {}, wanted=Wanted(own))
+        branch_recording(real, 3.0, {}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="--set friction is that of contacts, and nobody knows what the hand"):
-        branch(real, AT, {"friction": 0.5}, wanted=Wanted(own))
+        branch_recording(real, AT, {"friction": 0.5}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="--set controller.gains: only commands of .*: as --open-loop says"):
-        branch(real, AT, {"controller.gains": "v4"}, wanted=Wanted(own, open_loop=True))
+        branch_recording(real, AT, {"controller.gains": "v4"}, options=BranchOptions(own, open_loop=True))
     with pytest.raises(ConfigError, match="does not say with which torque constant its counts became"):
-        branch(as_real(made, tmp_path / "old.arrow", calibration=None), AT, {}, wanted=Wanted(own))
+        branch_recording(as_real(made, tmp_path / "old.arrow", calibration=None), AT, {}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="is of a simulation, which is repeated .*: leave out --disturbance"):
-        branch(made, AT, {}, wanted=Wanted(open_loop=True))
+        branch_recording(made, AT, {}, options=BranchOptions(open_loop=True))
 
 
 def test_a_hand_that_is_not_this_one_is_refused(made: Path, own: str, tmp_path: Path) -> None:
@@ -44,30 +45,30 @@ def test_a_hand_that_is_not_this_one_is_refused(made: Path, own: str, tmp_path: 
         other = tmp_path / f"{key}.yaml"
         other.write_text(yaml.safe_dump(content | {"wire": content["wire"] | {key: value}}))
         with pytest.raises(ConfigError, match=said):
-            branch(made, AT, {}, wanted=Wanted(str(other)))
+            branch_recording(made, AT, {}, options=BranchOptions(str(other)))
     simulated = load_config("sim_right").changed(seconds=1.2)
     perform(assemble(simulated), simulated, Outputs(record=tmp_path / "sim.arrow"))
     with pytest.raises(ConfigError, match="is of a simulation, which is repeated as it was: leave out --hand"):
-        branch(tmp_path / "sim.arrow", AT, {}, wanted=Wanted(own))
+        branch_recording(tmp_path / "sim.arrow", AT, {}, options=BranchOptions(own))
 
 
 def test_a_hand_that_does_not_say_where_down_is_or_what_its_motors_gave_is_refused(
     made: Path, own: str, tmp_path: Path
 ) -> None:
     origin, path = load(made), {name: tmp_path / f"{name}.arrow" for name in ("gravity", "torque")}
-    states = [sample.state for sample in played(origin)]
+    states = [sample.state for sample in recorded_samples(origin)]
     for name, lost in (
         ("gravity", [replace(state, gravity=np.full(3, np.nan)) for state in states]),
         ("torque", [replace(state, torque=np.full(16, np.nan)) for state in states]),
     ):
-        samples = (Sample(state, sample.command) for state, sample in zip(lost, played(origin), strict=True))
+        samples = (Sample(state, sample.command) for state, sample in zip(lost, recorded_samples(origin), strict=True))
         meta = {key: value for key, value in origin.meta.items() if key != "engine"}
-        for _ in recorded(samples, path[name], origin.spec, origin.period, meta=meta):
+        for _ in record(samples, path[name], origin.spec, origin.period, meta=meta):
             pass
     with pytest.raises(ConfigError, match="must know where down is: --gravity"):
-        branch(path["gravity"], AT, {}, wanted=Wanted(own))
+        branch_recording(path["gravity"], AT, {}, options=BranchOptions(own))
     down = origin.columns["gravity"][-1]
-    told = branch(path["gravity"], AT, {}, wanted=Wanted(own, gravity=down))
+    told = branch_recording(path["gravity"], AT, {}, options=BranchOptions(own, gravity=down))
     assert rms((told.branched - told.recorded)[after(told)]) < 0.5 * MRAD
     with pytest.raises(ConfigError, match="holds positions without torques"):
-        branch(path["torque"], AT, {}, wanted=Wanted(own))
+        branch_recording(path["torque"], AT, {}, options=BranchOptions(own))

@@ -10,8 +10,8 @@ from tempfile import mkdtemp
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.twin.identify.pipeline import Identified, identify
-from allegro_twin.twin.identify.record_excitation import laid, play, task_of
+from allegro_twin.twin.identify.pipeline import Identification, identify_hand
+from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
 from tests.conftest import can_config
 
 POSES = ("up", "palm-up", "side")
@@ -45,13 +45,13 @@ def recordings(*, breaking: bool = False) -> tuple[Path, ...]:
     own = config(drive=SHAPE) if breaking else config()
     folder, found = Path(mkdtemp()), []
     for pose in POSES:
-        task = task_of(own, pose, SECONDS, 3, folder)
+        task = remaining_run(own, pose, SECONDS, 3, folder)
         assert task is not None
-        play(laid(own, task.pose), task, lambda t: None)
+        record_run(pose_config(own, task.pose), task, lambda t: None)
         found.append(task.file)
     return tuple(found)
 
 
 @cache
-def found() -> Identified:
-    return identify(recordings(), (), masses_known=True)
+def found() -> Identification:
+    return identify_hand(recordings(), (), masses_known=True)

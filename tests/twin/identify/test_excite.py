@@ -9,18 +9,18 @@ import pytest
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.spec import Side
-from allegro_twin.twin.identify.motions.excitation import pose, rehearsed
-from allegro_twin.twin.identify.record_excitation import laid, play, task_of
+from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
+from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
 from tests.surfaces.cli.conftest import Run
 from tests.twin.identify import hidden
 
 
 @pytest.mark.slow
 def test_every_joint_creeps_and_runs_both_ways(side: Side) -> None:
-    speed = rehearsed(load_spec(side=side), pose("side", side), 0, 16.0).speed
+    speed = rehearse(load_spec(side=side), find_pose("side", side), 0, 16.0).speed
     assert (speed.max(axis=0) > 0.5).all()
     assert (speed.min(axis=0) < -0.5).all()
     for sign in (-1.0, 1.0):
@@ -33,37 +33,37 @@ def test_every_joint_creeps_and_runs_both_ways(side: Side) -> None:
                                                     (11802, "side", "left")])  # fmt: skip
 def test_a_motion_that_touches_nothing_is_found_where_the_first_ones_touch(seed: int, lies: str, side: Side) -> None:
     """Three of 160 in which none of the first nine would do."""
-    assert len(rehearsed(load_spec(side=side), pose(lies, side), seed, 16.0).speed) > 5000
+    assert len(rehearse(load_spec(side=side), find_pose(lies, side), seed, 16.0).speed) > 5000
 
 
 def test_a_pose_is_where_gravity_is_in_the_palm() -> None:
-    assert pose("up", "right").gravity == (0.0, 0.0, -9.81)
-    assert pose("palm-up", "left").gravity == (-9.81, 0.0, 0.0)
-    right, left = pose("side", "right").gravity, pose("side", "left").gravity
+    assert find_pose("up", "right").gravity == (0.0, 0.0, -9.81)
+    assert find_pose("palm-up", "left").gravity == (-9.81, 0.0, 0.0)
+    right, left = find_pose("side", "right").gravity, find_pose("side", "left").gravity
     assert right == (0.0, -left[1], 0.0)
     with pytest.raises(ConfigError, match="did you mean 'palm-up'"):
-        pose("palm-upp", "right")
+        find_pose("palm-upp", "right")
 
 
 def test_a_hand_that_lies_otherwise_is_not_moved() -> None:
-    pose("up", "right").check(np.array([0.5, 0.0, -9.7]))
-    pose("up", "right").check(np.full(3, np.nan))
+    find_pose("up", "right").check(np.array([0.5, 0.0, -9.7]))
+    find_pose("up", "right").check(np.full(3, np.nan))
     with pytest.raises(ConfigError, match="IMU is 90° off the pose 'up': stand the hand upright"):
-        pose("up", "right").check(np.array([-9.81, 0.0, 0.0]))
+        find_pose("up", "right").check(np.array([-9.81, 0.0, 0.0]))
 
 
 @pytest.mark.slow
 def test_the_virtual_hand_lies_as_the_pose_says() -> None:
     for path, name in zip(hidden.recordings(), hidden.POSES, strict=True):
         gravity = load(path).columns["gravity"]
-        np.testing.assert_allclose(gravity[-1], pose(name, "right").gravity, atol=0.01)
+        np.testing.assert_allclose(gravity[-1], find_pose(name, "right").gravity, atol=0.01)
         assert load(path).meta["excitation"]["pose"] == name
         assert load(path).meta["calibration"]["torque_constant"] == [1.0] * 16
 
 
 def test_what_was_interrupted_goes_on_in_a_file_of_its_own(tmp_path: Path) -> None:
     config = hidden.config()
-    first = task_of(config, "up", 9.0, 0, tmp_path)
+    first = remaining_run(config, "up", 9.0, 0, tmp_path)
     assert first is not None
 
     def interrupt(t: float) -> None:
@@ -71,22 +71,22 @@ def test_what_was_interrupted_goes_on_in_a_file_of_its_own(tmp_path: Path) -> No
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        play(laid(config, first.pose), first, interrupt)
-    rest = task_of(config, "up", 9.0, 0, tmp_path)
+        record_run(pose_config(config, first.pose), first, interrupt)
+    rest = remaining_run(config, "up", 9.0, 0, tmp_path)
     assert rest is not None
     assert (rest.file.name, rest.seed != first.seed) == ("up_2.arrow", True)
     assert rest.seconds == pytest.approx(first.seconds - 2.0, abs=0.01)
-    assert task_of(config, "up", 2.0, 0, tmp_path) is None
+    assert remaining_run(config, "up", 2.0, 0, tmp_path) is None
     for seconds in (2.0, 9.0):
         with pytest.raises(
             ConfigError, match=r"up_1.arrow has the motion of seed 0, not 5: give --seed 0, or another --out"
         ):
-            task_of(config, "up", seconds, 5, tmp_path)
+            remaining_run(config, "up", seconds, 5, tmp_path)
 
 
 def test_only_a_hand_on_a_bus_has_a_drive() -> None:
     with pytest.raises(ConfigError, match="a sim hand has no drive to find"):
-        laid(load_config("sim_right"), pose("up", "right"))
+        pose_config(load_config("sim_right"), find_pose("up", "right"))
 
 
 def test_the_commands_say_what_to_do(command: Run, tmp_path: Path, recording_path: Path) -> None:
@@ -103,9 +103,9 @@ def test_the_commands_say_what_to_do(command: Run, tmp_path: Path, recording_pat
 def test_a_missing_scipy_is_named_with_the_extra_that_brings_it(
     command: Run, monkeypatch: pytest.MonkeyPatch, recording_path: Path
 ) -> None:
-    from allegro_twin.surfaces.cli.twins import identifying
+    from allegro_twin.surfaces.cli.twin import identification
 
-    monkeypatch.setattr(identifying, "find_spec", lambda name: None)
+    monkeypatch.setattr(identification, "find_spec", lambda name: None)
     for name in ("identify", "gap", "mirror"):
         code, _, error = command(name, recording_path)
         assert (code, "pip install 'allegro-twin[twin]'" in error) == (2, True)

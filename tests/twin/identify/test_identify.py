@@ -11,32 +11,34 @@ import yaml
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
-from allegro_twin.surfaces.cli.twins.identifying import lines, table
-from allegro_twin.surfaces.cli.twins.twin import weight_of
+from allegro_twin.recording.recorder import record
+from allegro_twin.sim.open_loop import OpenLoopPlayer
+from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand
+from allegro_twin.surfaces.cli.twin.commands import weight_of
+from allegro_twin.surfaces.cli.twin.identification import lines, table
 from allegro_twin.twin.identify import pipeline
-from allegro_twin.twin.identify.motions.motion import Motion, noise_floor, read_motion
-from allegro_twin.twin.identify.pipeline import gaps, identify
-from allegro_twin.twin.identify.report import page
+from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor, read_motion
+from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
+from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results import hand_file
-from allegro_twin.twin.identify.results.uncertainty import SOLVED, Value, seen, values
+from allegro_twin.twin.identify.results.uncertainty import SOLVED, IdentifiedValue, identified_values, motion_coverage
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.twin.identify import hidden
 
 COUNT = np.radians(333.3 / 65536)
 
 
-def reasons(motions: list[Motion], name: str) -> tuple[str, ...]:
+def reasons(motions: list[RecordedMotion], name: str) -> tuple[str, ...]:
     """Why values are not determined by some motions, were the fit as good as that of all."""
-    return values(hidden.found().fit, seen(motions, Player(motions[0].spec, 0.003)))[name].reason
+    return identified_values(hidden.found().fit, motion_coverage(motions, OpenLoopPlayer(motions[0].spec, 0.003)))[
+        name
+    ].reason
 
 
-def motions() -> list[Motion]:
+def motions() -> list[RecordedMotion]:
     return list(hidden.found().motions)
 
 
@@ -80,7 +82,7 @@ def test_intervals_hold_what_the_engines_two_ways_to_solve_dry_friction_differ_b
 ) -> None:
     told = hidden.found().values
     monkeypatch.setattr("allegro_twin.twin.identify.results.uncertainty.SOLVED", {})
-    alone = values(hidden.found().fit, hidden.found().seen)
+    alone = identified_values(hidden.found().fit, hidden.found().coverage)
     for name, (share, more) in SOLVED.items():
         wider = told[name].half - alone[name].half
         np.testing.assert_allclose(wider, share * told[name].value + more, rtol=1e-9, atol=1e-15)
@@ -102,7 +104,7 @@ def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_
     left[3] = 2.0
     wide = replace(fit.spread, covariance=100.0 * fit.spread.covariance)
     doubted = replace(fit, spread=replace(fit.spread, residual=left), shorter=wide)
-    plain, found = (values(each, hidden.found().seen)["damping"] for each in (fit, doubted))
+    plain, found = (identified_values(each, hidden.found().coverage)["damping"] for each in (fit, doubted))
     assert found.half[3] > 5.0 * plain.half[3]
     np.testing.assert_array_equal(found.half[left < 1.0], plain.half[left < 1.0])
     assert found.reason == plain.reason
@@ -110,7 +112,7 @@ def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_
 
 @pytest.mark.long
 def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_what_auto_chooses() -> None:
-    result = identify(hidden.recordings(breaking=True), (), masses_known=True)
+    result = identify_hand(hidden.recordings(breaking=True), (), masses_known=True)
     drive, spread = result.fit.drive, result.fit.spread
     assert result.fit.bristly
     assert not result.fit.loose
@@ -132,29 +134,29 @@ def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
     assert not result.fit.loose
     assert "backlash" not in result.values
     assert "backlash: none seen" in str(table(result).caption)
-    assert "backlash none seen" in page(result)
+    assert "backlash none seen" in report_page(result)
 
 
 @pytest.mark.slow
 def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> None:
     result, file = hidden.found(), tmp_path / "mine.yaml"
     reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
-    play = Value(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
+    play = IdentifiedValue(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
     loose = replace(result.fit, loose=True, drive=replace(result.fit.drive, backlash=play.value))
-    hand_file.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
+    hand_file.write_hand_file(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8
     assert (written["identified"]["backlash"], written["identified"]["value"]["backlash"][1]) == ("seen", 2e-3)
     other = tmp_path / "other.yaml"
     other.write_text("drive: {backlash: 0.004}\n")
-    hand_file.store(other, result.fit, result.values, result.motions, "2026-01-02")
+    hand_file.write_hand_file(other, result.fit, result.values, result.motions, "2026-01-02")
     assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
 
 
 @pytest.mark.slow
 def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> None:
-    looked = seen(motions(), Player(motions()[0].spec, 0.003))
-    said = values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
+    looked = motion_coverage(motions(), OpenLoopPlayer(motions()[0].spec, 0.003))
+    said = identified_values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
     light = looked.pull < 0.05
     assert 4 <= light.sum() <= 12
     assert all("behind backlash 50 tell: `calibrate limits --offsets`" in why for why in np.array(said)[light])
@@ -197,7 +199,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     file = tmp_path / "mine.yaml"
     file.write_text("# Bought 2019.\nactuation:\n  damping: 0.08  # a guess\nlimits: null\n")
     result = hidden.found()
-    hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    hand_file.write_hand_file(file, result.fit, result.values, result.motions, "2026-01-02")
     assert file.read_text().startswith("# Bought 2019.\n")
     spec, wiring = load_spec(serial=str(file)), load_wiring(serial=str(file))
     assert spec.drive is not None
@@ -212,7 +214,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     assert (basis["date"], len(basis["recordings"])) == ("2026-01-02", 3)
     assert basis["engine"].startswith("mujoco ")
     assert set(basis["interval"]) == {"torque_constant", "armature", "damping", "frictionloss", "offset", "delay"}
-    (gap,) = gaps([hidden.recordings()[1]], str(file))
+    (gap,) = measure_gaps([hidden.recordings()[1]], str(file))
     assert gap.horizons == (0.1, 0.3, 1.0, 5.0)
     assert gap.before.all[3] > 0.05
     assert gap.after.all[3] < gap.before.all[3] / 20.0
@@ -222,8 +224,8 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
 def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     result = hidden.found()
-    one = values(result.fit, seen(motions()[:1] * 2, Player(motions()[0].spec, 0.003)))
-    hand_file.store(file, result.fit, one, result.motions[:1], "2026-01-02")
+    one = identified_values(result.fit, motion_coverage(motions()[:1] * 2, OpenLoopPlayer(motions()[0].spec, 0.003)))
+    hand_file.write_hand_file(file, result.fit, one, result.motions[:1], "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["wire"]["torque_constant"] == [1.0] * 16
     assert written["wire"]["encoder_offset"] == [0] * 16
@@ -240,9 +242,9 @@ def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(hand_file, "with_note", broken)
+    monkeypatch.setattr(hand_file, "set_note", broken)
     with pytest.raises(KeyboardInterrupt):
-        hand_file.store(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
+        hand_file.write_hand_file(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
     assert file.read_text() == "actuation: {damping: 0.08}\n"
 
 
@@ -251,7 +253,7 @@ def test_another_hands_file_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("wire: {version: v3}\n")
     with pytest.raises(ConfigError, match="is of a v3 hand, .* of a v4 one: choose another file"):
-        hand_file.check(file, yaml.safe_load(file.read_text()), hidden.found().motions)
+        hand_file.check_hand_file(file, yaml.safe_load(file.read_text()), hidden.found().motions)
 
 
 def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, recording_path: Path) -> None:
@@ -274,7 +276,7 @@ def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, r
             )
             for k in range(rows)
         )  # fmt: skip
-        for _ in recorded(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
+        for _ in record(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
             pass
         with pytest.raises(ConfigError, match=said):
             read_motion(path)
@@ -285,18 +287,18 @@ def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, r
 def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("identified: {engine: mujoco 3.1.0}\n")
-    assert "was identified under mujoco 3.1.0, and this is mujoco " in hand_file.doubtful(file)
+    assert "was identified under mujoco 3.1.0, and this is mujoco " in hand_file.mismatch_warning(file)
     file.write_text("actuation: {damping: 0.08}\n")
-    assert not hand_file.doubtful(file)
+    assert not hand_file.mismatch_warning(file)
 
 
 @pytest.mark.slow
 def test_recordings_of_two_hands_are_not_one() -> None:
     other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
-    from allegro_twin.twin.identify.motions.motion import same_hand
+    from allegro_twin.twin.identify.motions.motion import check_same_hand
 
     with pytest.raises(ConfigError, match=r"b\.arrow is of the hand 'allegro_left', .* of 'allegro_right'"):
-        same_hand([motions()[0], other])
+        check_same_hand([motions()[0], other])
 
 
 @pytest.mark.slow
@@ -313,7 +315,7 @@ def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> Non
         )
         for k in kept
     )  # fmt: skip
-    for _ in recorded(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
+    for _ in record(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
         pass
     motion, whole = read_motion(path), motions()[0]
     np.testing.assert_array_equal(motion.position[510:], whole.position[510:1400])
@@ -330,7 +332,7 @@ def test_a_weight_is_told_with_its_recording() -> None:
         with pytest.raises(ConfigError, match="say where, kg below 1, and in which recording"):
             weight_of(wrong)
     with pytest.raises(ConfigError, match="recording"):
-        identify(hidden.recordings()[:1], [weight], masses_known=False)
+        identify_hand(hidden.recordings()[:1], [weight], masses_known=False)
 
 
 @pytest.mark.slow
@@ -341,15 +343,15 @@ def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> No
     stops = pipeline._stops(own, nominal)
     np.testing.assert_allclose(stops, shift, atol=1e-12)
     assert np.isnan(pipeline._stops(nominal, nominal)).all()
-    with_stops = replace(found, stops=stops)
+    with_stops = replace(found, end_stop_offsets=stops)
     off = found.values["offset"]
     first = int(np.flatnonzero(off.determined)[0])
-    row = page(with_stops).split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
+    row = report_page(with_stops).split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
     assert f"{1e3 * (off.value[first] - shift[first]):+.1f}</td>" in row
     apart = np.abs(off.value - shift)[off.determined]
     said = next(line for line in lines(with_stops) if "end stops" in line)
     assert f"{1e3 * np.median(apart):.1f} mrad apart in the median, {1e3 * apart.max():.1f} at most" in said
-    assert "end stops" not in page(replace(found, stops=np.full(16, np.nan)))
+    assert "end stops" not in report_page(replace(found, end_stop_offsets=np.full(16, np.nan)))
 
 
 @pytest.mark.slow
@@ -357,13 +359,13 @@ def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path
     file, result = tmp_path / "mine.yaml", hidden.found()
     offsets = [40 - 5 * joint for joint in range(16)]
     file.write_text(yaml.safe_dump({"wire": {"encoder_offset": offsets}, "mine": {"kept": 1}}))
-    said = hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    said = hand_file.write_hand_file(file, result.fit, result.values, result.motions, "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["wire"]["encoder_offset"] == offsets
     assert written["mine"] == {"kept": 1}
     assert "stay as they were" in said
     file.unlink()
-    assert not hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    assert not hand_file.write_hand_file(file, result.fit, result.values, result.motions, "2026-01-02")
 
 
 @pytest.mark.slow
@@ -372,11 +374,11 @@ def test_a_file_that_ships_is_refused_and_a_copy_is_not(name: str, tmp_path: Pat
     path = data_root() / "conf" / "hands" / f"{name}.yaml"
     before = path.read_bytes()
     with pytest.raises(ConfigError, match=rf"what ships .* is not changed; .*copy it, `cp .* my_{name}\.yaml`"):
-        hand_file.check(path, {}, hidden.found().motions)
+        hand_file.check_hand_file(path, {}, hidden.found().motions)
     with pytest.raises(ConfigError, match="what ships .* is not changed"):
         refuse_another_hand(path, hidden.config(), "can_v4", None)
     with pytest.raises(ConfigError, match="is not changed; choose a file of your own; name one elsewhere"):
-        hand_file.check(path.with_name("mine.yaml"), {}, hidden.found().motions)
+        hand_file.check_hand_file(path.with_name("mine.yaml"), {}, hidden.found().motions)
     assert path.read_bytes() == before
 
 
@@ -386,7 +388,7 @@ def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the
     plain, weak = tmp_path / "plain.yaml", tmp_path / "weak.yaml"
     weak.write_text("drive: {strength: 0.5}\n")
     for path in (plain, weak):
-        said = hand_file.store(path, result.fit, result.values, result.motions, "2026-01-02")
+        said = hand_file.write_hand_file(path, result.fit, result.values, result.motions, "2026-01-02")
     assert "drive.strength is out of" in said
     one, other = (yaml.safe_load(path.read_text()) for path in (plain, weak))
     assert "strength" not in other["drive"]

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
+from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, centring_offsets, limit_sweep, limits_in_samples
 from allegro_twin.types import Command, HandState, Vector, frozen
 from tests.conftest import MakeSim
 
@@ -60,10 +60,10 @@ def test_hidden_stops_and_offsets_are_found_within_a_hundredth_of_a_radian(
     rest = load_posture("calibrate", spec)
     hand = Shifted(make_sim(hidden, posture=hidden.posture(rest)), offset, spec)
     wide = Limits(frozen(np.full(16, TORQUE)), frozen(np.full(16, 12.0)), spec.lower - BEYOND, spec.upper + BEYOND)
-    moves = sweep(spec, rest)
-    controller = PD(moves, load_gains("default", spec), Gravity(hand_kinematics(spec).gravity_torque))
+    moves = limit_sweep(spec, rest)
+    controller = PD(moves, load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque))
     seconds = moves.begin(rest).seconds
-    found = observed(until(seconds, run(Guard(hand, wide), controller)))
+    found = limits_in_samples(until(seconds, run(Guard(hand, wide), controller)))
     np.testing.assert_allclose(found.lower - offset, hidden.lower, atol=0.01)
     np.testing.assert_allclose(found.upper - offset, hidden.upper, atol=0.01)
     middle_shift = (hidden.lower + hidden.upper - spec.lower - spec.upper) / 2
@@ -72,7 +72,7 @@ def test_hidden_stops_and_offsets_are_found_within_a_hundredth_of_a_radian(
 
 def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:
     rest = load_posture("calibrate", spec)
-    path = sweep(spec, rest).begin(rest)
+    path = limit_sweep(spec, rest).begin(rest)
     rows = np.array([path(t).position for t in np.arange(0, path.seconds, 0.01)])
     np.testing.assert_allclose(rows.min(axis=0), spec.lower - BEYOND, atol=0.01)
     np.testing.assert_allclose(rows.max(axis=0), spec.upper + BEYOND, atol=0.01)
@@ -81,4 +81,4 @@ def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:
 
 def test_without_samples_there_are_no_limits() -> None:
     with pytest.raises(ConfigError, match="no limits were found"):
-        observed([])
+        limits_in_samples([])

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope, unscaled
-from allegro_twin.twin.identify.fitting.problem import Problem, at_model
-from allegro_twin.twin.identify.fitting.regress import breaking, regress
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.parameterisation import from_scaled, index, scaling_jacobian, to_scaled
+from allegro_twin.twin.identify.fitting.problem import Problem, prior_center
+from allegro_twin.twin.identify.fitting.regress import regress, regress_breakaway
 from allegro_twin.twin.identify.fitting.shooting import SHORT
 from allegro_twin.twin.identify.motions.motion import read_motion
 from allegro_twin.types import Vector
@@ -19,49 +18,49 @@ JOINT = 6
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[Problem, Parameters]:
+def made() -> tuple[Problem, DriveParameters]:
     """Of a few short pieces of a hand whose friction breaks away, and a drive near it."""
     motions = [read_motion(path) for path in hidden.recordings(breaking=True)]
-    player = Player(motions[0].spec, motions[0].period)
-    drive = breaking(motions, player, regress(motions, player, np.ones(16)))
-    bristly = Player(motions[0].spec, motions[0].period, bristly=True)
-    problem = Problem(motions, bristly, np.full(16, 6e-5), at_model(drive, drive), "known", every=40, length=SHORT)
+    player = OpenLoopPlayer(motions[0].spec, motions[0].period)
+    drive = regress_breakaway(motions, player, regress(motions, player, np.ones(16)))
+    bristly = OpenLoopPlayer(motions[0].spec, motions[0].period, bristly=True)
+    problem = Problem(motions, bristly, np.full(16, 6e-5), prior_center(drive, drive), "known", every=40, length=SHORT)
     problem.shooting.prepare(drive)
     return problem, drive
 
 
 def values(problem: Problem, x: Vector) -> Vector:
     """Of a drive, in the order of `index`."""
-    drive = unscaled(x)
+    drive = from_scaled(x)
     names = ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     return np.concatenate([getattr(drive, name) for name in names])
 
 
 @pytest.mark.slow
-def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None:
+def test_a_drive_comes_back_as_it_went(made: tuple[Problem, DriveParameters]) -> None:
     _, drive = made
-    back = unscaled(scaled(drive))
+    back = from_scaled(to_scaled(drive))
     for name in ("torque_constant", "armature", "damping", "frictionloss", "load_friction", "delay"):
         np.testing.assert_allclose(getattr(back, name), getattr(drive, name), rtol=1e-12)
 
 
 @pytest.mark.slow
-def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]) -> None:
+def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, DriveParameters]) -> None:
     problem, drive = made
-    x, names = scaled(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
+    x, names = to_scaled(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     rows = np.concatenate([np.arange(len(x))[index(name, 16)] for name in names])
     for name in names:
         column = index(name, 16).start + JOINT
         by = 1e-6 * np.eye(len(x))[column]
         change = (values(problem, x + by) - values(problem, x - by)) / 2e-6
-        np.testing.assert_allclose(slope(drive)[rows, column], change, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(scaling_jacobian(drive)[rows, column], change, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["torque_constant", "damping", "frictionloss", "load_friction"])
-def test_the_residuals_follow_the_derivatives(made: tuple[Problem, Parameters], name: str) -> None:
+def test_the_residuals_follow_the_derivatives(made: tuple[Problem, DriveParameters], name: str) -> None:
     problem, drive = made
-    x = scaled(drive)
+    x = to_scaled(drive)
     column = index(name, 16).start + JOINT
     step = 0.05 * np.eye(len(x))[column]
     change = (problem.residuals(x + step) - problem.residuals(x - step)) / 0.1

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.twin.identify.fitting.regress import breaking, regress
+from allegro_twin.sim.open_loop import OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.regress import regress, regress_breakaway
 from allegro_twin.twin.identify.motions.motion import read_motion
 from tests.twin.identify import hidden
 
@@ -14,9 +14,9 @@ from tests.twin.identify import hidden
 @pytest.mark.slow
 def test_friction_that_breaks_away_and_grows_with_the_torque_has_a_line_of_its_own() -> None:
     motions = [read_motion(path) for path in hidden.recordings(breaking=True)]
-    player = Player(motions[0].spec, motions[0].period)
+    player = OpenLoopPlayer(motions[0].spec, motions[0].period)
     start = regress(motions, player, np.ones(16))
-    found = breaking(motions, player, start)
+    found = regress_breakaway(motions, player, start)
     off = [np.abs(each.torque_constant / hidden.CONSTANT - 1.0) for each in (start, found)]
     assert np.median(off[1]) < 0.04
     assert np.median(off[1]) < 0.7 * np.median(off[0])

@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import load_config
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.library.named import load_posture
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.recorder import record
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.kalman import Kalman
-from allegro_twin.sim.observer.loop_observer import NOISE, rates
+from allegro_twin.sim.observer.kalman import JointKalman
+from allegro_twin.sim.observer.loop_observer import NOISE, motor_dynamics
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.cli.twins import mirroring
-from allegro_twin.twin.mirror.for_hand import make_loop_mirror, mirrored
+from allegro_twin.surfaces.cli.twin import mirror_run
+from allegro_twin.twin.mirror.factory import make_loop_mirror
 from allegro_twin.twin.mirror.mirror import Mirror
+from allegro_twin.twin.mirror.on_recording import mirror_recording
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
 from tests.hands.models import HANDS, SOFT, hand
@@ -40,7 +41,7 @@ def moving(sim: SimBackend, finger: str = "", newtons: float = -0.5) -> Iterator
     """2 s to and fro about an open posture; a fingertip is pushed along the palm's x from PUSHED on."""
     spec, span = sim.spec, sim.spec.upper - sim.spec.lower
     moves = Moves([Waypoint(middle(spec) + d * span * (middle(spec) != 0.0), seconds=0.6) for d in (0.04, -0.04, 0.03)])
-    for sample in until(2.2, run(sim, Follow(moves))):
+    for sample in until(2.2, run(sim, PositionControl(moves))):
         if finger and sample.state.t >= PUSHED:
             body = int(sim.model.site(spec.finger(finger).tip).bodyid[0])
             sim.data.xfrc_applied[body, 0] = newtons
@@ -50,8 +51,8 @@ def moving(sim: SimBackend, finger: str = "", newtons: float = -0.5) -> Iterator
 def estimates(each: Mirror, samples: Iterator[Sample]) -> tuple[Vector, Array, Array]:
     """Times, disturbances, and how far what was expected was off."""
     rows = [
-        (s.state.t, each.latest()["disturbance"], s.state.position - each.latest()["predicted"])
-        for s in each.watched(samples)
+        (s.state.t, each.columns()["disturbance"], s.state.position - each.columns()["predicted"])
+        for s in each.watch(samples)
     ]
     t, disturbance, off = (np.array(column) for column in zip(*rows[1:], strict=True))
     return t, disturbance, off
@@ -99,7 +100,7 @@ def test_a_push_on_a_tendon_finger_is_felt_by_the_motor_that_pulls_it(make_sim: 
 def test_a_hand_with_one_motor_cannot_tell_which_finger_is_touched(make_sim: MakeSim) -> None:
     spec = load_spec("qb_softhand")
     sim, each = make_sim(spec, posture=middle(spec)), make_loop_mirror(spec, 0.003)
-    seen = {each.contacts for _ in each.watched(moving(sim, "middle", -20.0))}
+    seen = {each.contacts for _ in each.watch(moving(sim, "middle", -20.0))}
     assert seen == {(), tuple(finger.name for finger in spec.fingers)}
 
 
@@ -118,8 +119,8 @@ def test_the_filter_corrects_a_heavy_motor_no_faster_and_a_stiff_loop_stays_stab
 
 
 def gains(*of: float) -> Vector:
-    A, Q = rates(*of)
-    return Kalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
+    A, Q = motor_dynamics(*of)
+    return JointKalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
 
 
 @pytest.mark.slow
@@ -130,22 +131,22 @@ def test_a_recording_of_any_hand_plays_past_its_mirror_and_says_where_down_is_or
     sim = make_sim(spec, posture=middle(spec))
     for name, meta in (("told", {}), ("known", {"gravity": [0.0, 0.0, -9.81]})):
         lost = (Sample(replace(s.state, gravity=np.full(3, np.nan)), s.command) for s in moving(sim))
-        for _ in recorded(lost, tmp_path / f"{name}.arrow", spec, 0.003, meta=dict(meta)):
+        for _ in record(lost, tmp_path / f"{name}.arrow", spec, 0.003, meta=dict(meta)):
             pass
     with pytest.raises(ConfigError, match="must know where down is: --gravity"):
-        mirrored(tmp_path / "told.arrow", "", None)
-    one = mirrored(tmp_path / "told.arrow", "", None, mirroring.vector("0,0,-9.81"))
-    other = mirrored(tmp_path / "known.arrow", "", None)
+        mirror_recording(tmp_path / "told.arrow", "", None)
+    one = mirror_recording(tmp_path / "told.arrow", "", None, mirror_run.parse_gravity("0,0,-9.81"))
+    other = mirror_recording(tmp_path / "known.arrow", "", None)
     np.testing.assert_array_equal(one.disturbance, other.disturbance)
     assert one.contacts == ()
     with pytest.raises(ConfigError, match="of a leap_right, and model_o_right has other joints: say --hand"):
-        mirrored(tmp_path / "known.arrow", "model_o", None)
+        mirror_recording(tmp_path / "known.arrow", "model_o", None)
 
 
 @pytest.mark.parametrize("text", ["down", "0,0", "0,0,nan"])
 def test_gravity_is_three_numbers(text: str) -> None:
     with pytest.raises(ConfigError, match="three numbers with commas between"):
-        mirroring.vector(text)
+        mirror_run.parse_gravity(text)
 
 
 def test_a_hand_whose_tendon_runs_through_space_says_that_it_has_no_mirror(
@@ -170,8 +171,10 @@ def test_a_virtual_leap_hand_on_its_servos_line_is_mirrored_with_their_counts(tm
     pytest.importorskip("dynamixel_sdk", reason="the servos' own SDK: extra dynamixel")
     config = load_config("leap_virtual")
     record = tmp_path / "it.arrow"
-    found = mirroring.live(config, "", mirroring.Wanted(record=record), lambda t: None, lambda text: None)
+    found = mirror_run.run_with_mirror(
+        config, "", mirror_run.MirrorOutputs(record=record), lambda t: None, lambda text: None
+    )
     assert found.contacts == ()
-    assert np.abs(found.off[found.t > 1.0]).max() < 0.005
-    again = mirrored(record, "", None)
+    assert np.abs(found.residual[found.t > 1.0]).max() < 0.005
+    again = mirror_recording(record, "", None)
     np.testing.assert_array_equal(again.disturbance, found.disturbance)

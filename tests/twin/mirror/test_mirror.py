@@ -13,19 +13,25 @@ import pytest
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Observer, kalman
+from allegro_twin.sim.observer.observer import Observer, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.contact_detection import Pace, axes, contacts, thresholds, touched
-from allegro_twin.twin.mirror.fault_detection import Calm
-from allegro_twin.twin.mirror.for_hand import left_out
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.contact_detection import (
+    MovingJoints,
+    contact_thresholds,
+    find_contacts,
+    joint_thresholds,
+    touched_fingers,
+)
+from allegro_twin.twin.mirror.factory import describe_backlash
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
@@ -36,8 +42,8 @@ ONE, ZERO = np.ones(N), np.zeros(N)
 
 
 def mirror(spec: HandSpec, above: Vector | None = None, stop: tuple[str, ...] = ()) -> Mirror:
-    calm = None if above is None else Calm(np.stack([above, above]), np.full(4, np.inf))
-    return Mirror(spec, Observer(spec, drive_of(spec, ONE, np.zeros(N)), 0.003), ONE, calm, stop)
+    calm = None if above is None else Thresholds(np.stack([above, above]), np.full(4, np.inf))
+    return Mirror(spec, Observer(spec, drive_parameters(spec, ONE, np.zeros(N)), 0.003), ONE, calm, stop)
 
 
 def moving(spec: HandSpec, backend: SimBackend, push: Vector | None = None, at: float = 2.0) -> Iterator[Sample]:
@@ -53,8 +59,8 @@ def moving(spec: HandSpec, backend: SimBackend, push: Vector | None = None, at: 
 def estimates(each: Mirror, samples: Iterator[Sample]) -> tuple[Vector, Array, Array]:
     """Times, disturbances, and how far what was expected was off."""
     t, disturbance, off = [], [], []
-    for sample in each.watched(samples):
-        latest = each.latest()
+    for sample in each.watch(samples):
+        latest = each.columns()
         t.append(sample.state.t)
         disturbance.append(latest["disturbance"])
         off.append(sample.state.position - latest["predicted"])
@@ -71,7 +77,9 @@ def test_a_free_hand_moves_as_expected_and_nothing_pushes_it(spec: HandSpec, han
     settled = t > 1.0
     assert np.abs(off[settled]).max() < 1e-4
     assert np.abs(disturbance[settled]).max() < 0.004
-    assert not contacts(t, disturbance, thresholds(disturbance, STILL[: len(disturbance)], ZERO, 0.003, spec)[0], spec)
+    assert not find_contacts(
+        t, disturbance, contact_thresholds(disturbance, STILL[: len(disturbance)], ZERO, 0.003, spec)[0], spec
+    )
 
 
 def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBackend) -> None:
@@ -81,7 +89,7 @@ def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBac
     late = t > 2.3
     np.testing.assert_allclose(disturbance[late][:, [5, 6]].mean(axis=0), [0.05, -0.03], rtol=0.1)
     assert np.abs(disturbance[late][:, 8:]).max() < 0.006
-    found = contacts(t, disturbance, np.full(N, 0.01), spec)
+    found = find_contacts(t, disturbance, np.full(N, 0.01), spec)
     assert [contact.finger for contact in found] == ["middle"]
     assert 2.0 < found[0].begin < 2.04
     assert found[0].torque == pytest.approx(0.05, rel=0.2)
@@ -108,8 +116,8 @@ def test_one_period_above_is_no_touch_and_a_short_pause_no_end(spec: HandSpec) -
     disturbance[600:640, 13] = -0.5
     disturbance[650:700, 13] = 0.7
     above = np.full(N, 0.1)
-    assert not touched(disturbance, above, spec)[400].any()
-    (only,) = contacts(np.linspace(0.0, 2.997, 1000), disturbance, above, spec)
+    assert not touched_fingers(disturbance, above, spec)[400].any()
+    (only,) = find_contacts(np.linspace(0.0, 2.997, 1000), disturbance, above, spec)
     assert (only.finger, only.torque, only.joint) == ("thumb", 0.7, 13)
     assert only.begin == pytest.approx(1.803)
     assert only.end == pytest.approx(2.097)
@@ -120,7 +128,7 @@ def test_a_push_is_never_told_to_be_further_out_than_it_is(spec: HandSpec, make_
     hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
     model, data, joint = hand.model, hand.data, spec.fingers[1].joints[place]
     body, beside = int(model.joint(spec.joints[joint]).bodyid[0]), mirror(spec, np.full(N, 0.01))
-    for sample in beside.watched(
+    for sample in beside.watch(
         until(2.5, run(hand, PD(Hold((spec.lower + spec.upper) / 2.0), load_gains("v4", spec))))
     ):
         torque = np.zeros(model.nv)
@@ -135,9 +143,9 @@ def test_a_push_is_never_told_to_be_further_out_than_it_is(spec: HandSpec, make_
 def test_joints_that_are_pushed_a_little_each_are_a_touch_together(spec: HandSpec) -> None:
     above, disturbance = np.full(N, 0.01), np.zeros((3, N))
     disturbance[:, [9, 10]] = 0.008, -0.008
-    assert touched(disturbance, above, spec)[2].tolist() == [False, False, True, False]
+    assert touched_fingers(disturbance, above, spec)[2].tolist() == [False, False, True, False]
     disturbance[:, 10] = 0.0
-    assert not touched(disturbance, above, spec).any()
+    assert not touched_fingers(disturbance, above, spec).any()
 
 
 def test_a_minute_of_noise_sets_thresholds_that_half_an_hour_of_it_does_not_reach(spec: HandSpec) -> None:
@@ -146,27 +154,27 @@ def test_a_minute_of_noise_sets_thresholds_that_half_an_hour_of_it_does_not_reac
     def noise(periods: int) -> Array:  # A disturbance keeps its value for some periods.
         return np.asarray(usual * np.repeat(rng.standard_normal((periods // 4, N)), 4, axis=0))
 
-    above = thresholds(noise(20_000), STILL, ZERO, 0.003, spec)
+    above = contact_thresholds(noise(20_000), STILL, ZERO, 0.003, spec)
     assert (above / usual < 8.5).all()
-    assert not any(touched(noise(60_000), above[0], spec).any() for _ in range(10))
+    assert not any(touched_fingers(noise(60_000), above[0], spec).any() for _ in range(10))
 
 
 def test_joints_at_rest_whose_friction_holds_anything_do_not_blunt_moving_ones(spec: HandSpec) -> None:
     rng, still = np.random.default_rng(1), np.repeat(np.arange(20_000)[:, None] // 400 % 2 == 0, N, axis=1)
     free = np.where(still, 0.02, 0.002) * np.repeat(rng.standard_normal((5_000, N)), 4, axis=0)
-    above = thresholds(free, ~still, ZERO, 0.003, spec)
+    above = contact_thresholds(free, ~still, ZERO, 0.003, spec)
     assert (above[1] < 0.02).all()
     assert (above[0] > 0.08).all()
-    assert not touched(free, axes(above, ~still), spec).any()
-    held = thresholds(free, ~still, np.full(N, 0.5), 0.003, spec)
+    assert not touched_fingers(free, joint_thresholds(above, ~still), spec).any()
+    held = contact_thresholds(free, ~still, np.full(N, 0.5), 0.003, spec)
     np.testing.assert_allclose(held, [above[1] + 0.5, above[1]])
     free[[801, 802, 803, 1201, 1202, 1203], 6] = 0.03
-    seen = touched(free, axes(above, ~still), spec)
+    seen = touched_fingers(free, joint_thresholds(above, ~still), spec)
     assert [bool(seen[rows, 1].any()) for rows in (slice(801, 804), slice(1201, 1204))] == [False, True]
 
 
 def test_a_joint_moves_once_it_has_been_faster_for_a_tenth_of_a_second() -> None:
-    pace, fast = Pace(2, 0.003), np.array([0.05, 0.02])
+    pace, fast = MovingJoints(2, 0.003), np.array([0.05, 0.02])
     told = [pace(fast).tolist() for _ in range(40)]
     assert told[32] == [False, False]
     assert told[34] == [True, False]
@@ -177,15 +185,15 @@ def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_n
     spec: HandSpec, hand: SimBackend
 ) -> None:
     with pytest.raises(ConfigError, match="a free motion of 0.3 s says too little: at least 4 s"):
-        thresholds(np.zeros((100, N)), STILL[:100], ZERO, 0.003, spec)
+        contact_thresholds(np.zeros((100, N)), STILL[:100], ZERO, 0.003, spec)
     state, command = next(moving(spec, hand))
     lost = Sample(replace(state, gravity=np.full(3, np.nan)), command)
     with pytest.raises(ConfigError, match="must know where down is"):
-        list(mirror(spec).watched([lost]))
+        list(mirror(spec).watch([lost]))
 
 
 def test_heavier_joints_are_corrected_no_faster() -> None:
-    both = kalman(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
+    both = joint_filter(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
     light, heavy = both.gains(np.ones(2, dtype=bool)).T
     assert 0.0 < heavy[0] < light[0] < 1.0
     assert (light > 0).all()
@@ -221,8 +229,8 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
 
 @pytest.mark.slow
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
-    off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
-    drive = drive_of(off, ONE, np.full(N, 0.05))
+    off = replace(spec, drive=Drive.from_values({"encoder_offset": 0.05, "delay": 0.004}, N))
+    drive = drive_parameters(off, ONE, np.full(N, 0.05))
     each = Mirror(spec, Observer(spec, drive, 0.003), ONE)
     hand = make_sim(off, posture=(spec.lower + spec.upper) / 2.0)
     t, disturbance, error = estimates(each, moving(off, hand))
@@ -243,7 +251,7 @@ def test_a_hand_on_a_bus_has_a_mirror_and_a_simulated_one_is_its_own() -> None:
         assert not hand.mirror.contacts
         hand.move_to("home")
         assert np.abs(hand.mirror.external_torque).max() < 0.01
-        assert hand.mirror.anomaly is None
+        assert hand.mirror.fault is None
         assert hand.mirror is hand.mirror
     with Hand.open("sim_right") as hand, pytest.raises(ConfigError, match="a simulated hand is its own twin"):
         hand.mirror  # noqa: B018  # Asking is what fails.
@@ -252,8 +260,10 @@ def test_a_hand_on_a_bus_has_a_mirror_and_a_simulated_one_is_its_own() -> None:
 def test_a_mirror_says_that_it_leaves_out_the_backlash_of_a_hands_file(spec: HandSpec, tmp_path: Path) -> None:
     file = tmp_path / "loose.yaml"
     file.write_text("drive: {backlash: 0.004}\n")
-    assert left_out(spec, str(file)).startswith(f"{file} has up to 4.0 mrad of backlash, which a mirror leaves out")
-    assert left_out(spec, "") == ""
+    assert describe_backlash(spec, str(file)).startswith(
+        f"{file} has up to 4.0 mrad of backlash, which a mirror leaves out"
+    )
+    assert describe_backlash(spec, "") == ""
 
 
 @pytest.fixture
@@ -261,13 +271,15 @@ def sticky(spec: HandSpec) -> HandSpec:
     """Its friction breaks away, and its encoders are noisy."""
     own = replace(spec.actuation, frictionloss=np.full(N, 0.05))
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3, "load_friction": 0.05}
-    return replace(spec, actuation=own, drive=Drive.made({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N))
+    return replace(
+        spec, actuation=own, drive=Drive.from_values({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N)
+    )
 
 
 def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tuple[Vector, Array, Mirror]:
     """Times and disturbances of a hand that moves for 1 s and rests for 7, pushed from 6 s on, and its mirror."""
     backend, middle = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0), (spec.lower + spec.upper) / 2.0
-    each = Mirror(spec, Observer(spec, drive_of(spec, ONE, np.zeros(N)), 0.003, bristly=True), ONE)
+    each = Mirror(spec, Observer(spec, drive_parameters(spec, ONE, np.zeros(N)), 0.003, bristly=True), ONE)
     away = Moves([Waypoint(middle + np.tile([0.05, 0.3, -0.2, 0.2], 4), seconds=1.0)])
 
     def samples() -> Iterator[Sample]:

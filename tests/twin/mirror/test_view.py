@@ -11,10 +11,10 @@ from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.results.gap import drive_of
-from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
-from allegro_twin.twin.mirror.rerun_view import COUNTS, drawn, stage
+from allegro_twin.twin.mirror.rerun_view import COUNTS, draw_mirror, mirror_scenery
 from allegro_twin.viewing.rerun.viewer import Viewer
 from tests.conftest import MakeSim
 from tests.twin.mirror.test_mirror import N, moving
@@ -27,12 +27,12 @@ def hand(spec: HandSpec, make_sim: MakeSim) -> SimBackend:
 
 
 def test_the_view_has_both_hands_what_pushes_and_what_happens(spec: HandSpec, hand: SimBackend, tmp_path: Path) -> None:
-    observer = Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), 0.003)
-    each = Mirror(spec, observer, np.ones(N), Calm.usual(spec))
+    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    each = Mirror(spec, observer, np.ones(N), Thresholds.default(spec))
     push, health = np.zeros(N), Health(missed=7)
     push[9] = 0.06
-    viewer = Viewer(spec, stage(spec), rate=10.0).to_file(tmp_path / "mirror.rrd")
-    for _ in drawn(each.watched(moving(spec, hand, push)), each, viewer, health):
+    viewer = Viewer(spec, mirror_scenery(spec), rate=10.0).to_file(tmp_path / "mirror.rrd")
+    for _ in draw_mirror(each.watch(moving(spec, hand, push)), each, viewer, health):
         pass
     viewer.close()
     found = rows_of(tmp_path / "mirror.rrd")

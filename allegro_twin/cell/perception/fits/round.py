@@ -4,24 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.model import UP, Model, Shape, Solid, along, behind, level, main_direction
-from allegro_twin.cell.perception.fits.sample import Sample
-from allegro_twin.cell.perception.fits.solver import Residuals
+from allegro_twin.cell.perception.fits.model import (
+    UP,
+    PointSample,
+    Residuals,
+    Shape,
+    Solid,
+    SolidModel,
+    along,
+    behind,
+    level,
+    main_direction,
+)
 from allegro_twin.types import Array, Vector
 
 _ROUND = 1.08
 """An egg that is longer than wide by less than this is a ball."""
 
 
-def _ones(seen: Sample) -> Vector:
+def _ones(seen: PointSample) -> Vector:
     return np.ones(len(seen.points))
 
 
-def _height(seen: Sample) -> float:
+def _height(seen: PointSample) -> float:
     return max(seen.top / 2.0, 0.005)
 
 
-def _ball(seen: Sample) -> Residuals:
+def _ball(seen: PointSample) -> Residuals:
     """x, y, r: it touches the table, so that its middle is at the height r."""
     a, b, c = seen.points.T
 
@@ -32,7 +41,7 @@ def _ball(seen: Sample) -> Residuals:
     return residuals
 
 
-def _lying(seen: Sample) -> Residuals:
+def _lying(seen: PointSample) -> Residuals:
     """x, y, θ, a, b: half its length a along (cos θ, sin θ); half its width b, also its middle's height."""
     i, j, k = seen.points.T
 
@@ -44,7 +53,7 @@ def _lying(seen: Sample) -> Residuals:
     return residuals
 
 
-def _standing(seen: Sample) -> Residuals:
+def _standing(seen: PointSample) -> Residuals:
     """x, y, a, b: half its height a, also its middle's, and half its width b."""
     i, j, k = seen.points.T
 
@@ -61,18 +70,18 @@ def _off(along2: Array, out2: Array, a: Array, b: Array) -> Array:
     return np.asarray((f - 1.0) * f / np.sqrt(along2 / a**4 + out2 / b**4 + 1e-12))
 
 
-def _ball_starts(seen: Sample) -> list[Vector]:
+def _ball_starts(seen: PointSample) -> list[Vector]:
     r = _height(seen)
     return [np.array([*behind(seen, r), r])]
 
 
-def _lying_starts(seen: Sample) -> list[Vector]:
+def _lying_starts(seen: PointSample) -> list[Vector]:
     b, turn = _height(seen), main_direction(seen.points[:, :2])
     angles = turn + np.pi / 4 * np.arange(4)
     return [np.array([*behind(seen, b), angle, 1.25 * b, b]) for angle in angles]
 
 
-def _standing_starts(seen: Sample) -> list[Vector]:
+def _standing_starts(seen: PointSample) -> list[Vector]:
     a = _height(seen)
     return [np.array([*behind(seen, 0.75 * a), a, 0.75 * a])]
 
@@ -99,6 +108,6 @@ def _standing_of(p: Vector, error: float) -> Solid:
     return _egg([x, y, a], UP, a, b, error)
 
 
-SPHERE = Model(_ball_starts, _ball, _ones, _sphere_of)
-LYING_EGG = Model(_lying_starts, _lying, _ones, _lying_of)
-STANDING_EGG = Model(_standing_starts, _standing, _ones, _standing_of)
+SPHERE = SolidModel(_ball_starts, _ball, _ones, _sphere_of)
+LYING_EGG = SolidModel(_lying_starts, _lying, _ones, _lying_of)
+STANDING_EGG = SolidModel(_standing_starts, _standing, _ones, _standing_of)

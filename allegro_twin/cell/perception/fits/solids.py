@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.model import Model, Solid
+from allegro_twin.cell.perception.fits.model import PointSample, Solid, SolidFit, SolidModel, solve, thinned
 from allegro_twin.cell.perception.fits.round import LYING_EGG, SPHERE, STANDING_EGG
-from allegro_twin.cell.perception.fits.sample import Sample, thinned
-from allegro_twin.cell.perception.fits.solver import Fit, solve
 from allegro_twin.cell.perception.fits.straight import BOX, LYING_CYLINDER, STANDING_CYLINDER
 from allegro_twin.types import Vector
 
 _UPRIGHT = (STANDING_CYLINDER, BOX)
-Models = tuple[tuple[Model, tuple[Model, ...]], ...]
+Models = tuple[tuple[SolidModel, tuple[SolidModel, ...]], ...]
 MODELS: Models = (
     (STANDING_CYLINDER, ()),
     (BOX, (STANDING_CYLINDER,)),
@@ -44,7 +42,7 @@ _SIZES = (0.004, 1.0)
 """Edges that a thing on a table may have, m."""
 
 
-def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
+def fit_solids(seen: PointSample, draws: np.random.Generator) -> list[Solid]:
     """The solids that may be it, the best first; none where none converges to a size that a thing can have."""
     few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
     good = _GOOD * float(np.hypot(seen.sigma, _FLOOR))
@@ -56,7 +54,7 @@ def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     return better + found
 
 
-def _best(models: Models, few: Sample, many: Sample, good: float, starts: int) -> list[Solid]:
+def _best(models: Models, few: PointSample, many: PointSample, good: float, starts: int) -> list[Solid]:
     """Those of them whose error with few points is near the least, with many points."""
     scale = max(0.002, 1.5 * few.sigma)
     tried = _tried(models, few, scale, good, starts)
@@ -69,9 +67,11 @@ def _best(models: Models, few: Sample, many: Sample, good: float, starts: int) -
     return sorted(filter(_possible, found), key=lambda solid: solid.error)
 
 
-def _tried(models: Models, few: Sample, scale: float, good: float, starts: int) -> list[tuple[Model, Fit]]:
+def _tried(
+    models: Models, few: PointSample, scale: float, good: float, starts: int
+) -> list[tuple[SolidModel, SolidFit]]:
     """One fit of each solid that it may be, from so many starts, until one is so `good` that the rest are needless."""
-    found: list[tuple[Model, Fit]] = []
+    found: list[tuple[SolidModel, SolidFit]] = []
     least = np.inf
     for model, needless in models:
         if any(fit.error < good for other, fit in found if other in needless):
@@ -83,7 +83,7 @@ def _tried(models: Models, few: Sample, scale: float, good: float, starts: int) 
     return found
 
 
-def _compared(model: Model, seen: Sample, scale: float, least: float, starts: int) -> Fit | None:
+def _compared(model: SolidModel, seen: PointSample, scale: float, least: float, starts: int) -> SolidFit | None:
     """The best of its fits, or None where none is worth more than a glance beside the `least` error so far."""
     glances = [_solved(model, seen, start, scale, _GLANCE) for start in _best_starts(model, seen, scale, starts)]
     most = min(_HOPELESS * least, _CLOSE * min(fit.error for fit in glances))
@@ -91,11 +91,11 @@ def _compared(model: Model, seen: Sample, scale: float, least: float, starts: in
     return min(fits, key=lambda fit: fit.error, default=None)
 
 
-def _solved(model: Model, seen: Sample, start: Vector, scale: float, steps: int) -> Fit:
+def _solved(model: SolidModel, seen: PointSample, start: Vector, scale: float, steps: int) -> SolidFit:
     return solve(model.residuals(seen), start, model.counts(seen), scale, steps)
 
 
-def _best_starts(model: Model, seen: Sample, scale: float, most: int) -> list[Vector]:
+def _best_starts(model: SolidModel, seen: PointSample, scale: float, most: int) -> list[Vector]:
     """Those with the least loss, so many at most."""
     starts = model.starts(seen)
     if len(starts) <= most:

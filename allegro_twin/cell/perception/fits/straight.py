@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.model import UP, Model, Solid, along, level
-from allegro_twin.cell.perception.fits.sample import DIRECTIONS, N_DIRECTIONS, Sample
-from allegro_twin.cell.perception.fits.solver import Residuals
+from allegro_twin.cell.perception.fits.model import (
+    DIRECTIONS,
+    N_DIRECTIONS,
+    UP,
+    PointSample,
+    Residuals,
+    Solid,
+    SolidModel,
+    along,
+    level,
+)
 from allegro_twin.types import Array, Vector
 
 _OUTLINE = 0.3
@@ -17,7 +25,7 @@ _BEYOND = 0.008
 """This part of the points may lie beyond an end: noise."""
 
 
-def _upright(seen: Sample) -> Residuals:
+def _upright(seen: PointSample) -> Residuals:
     """x, y, r, h: points lie on its side or its top, and its outline is a circle."""
     i, j, k = seen.points.T
 
@@ -30,7 +38,7 @@ def _upright(seen: Sample) -> Residuals:
     return residuals
 
 
-def _box(seen: Sample) -> Residuals:
+def _box(seen: PointSample) -> Residuals:
     """x, y, θ, l, w, h: its edge l goes along (cos θ, sin θ); points lie on its sides or its top."""
     i, j, k = seen.points.T
     m, n = DIRECTIONS.T
@@ -47,7 +55,7 @@ def _box(seen: Sample) -> Residuals:
     return residuals
 
 
-def _lying(seen: Sample) -> Residuals:
+def _lying(seen: PointSample) -> Residuals:
     """x, y, θ, r, l: its axis goes along (cos θ, sin θ) at the height r; its ends are where the points end."""
     i, j, k = seen.points.T
     last = len(i) - 1 - int(_BEYOND * len(i))
@@ -64,11 +72,11 @@ def _lying(seen: Sample) -> Residuals:
     return residuals
 
 
-def _upright_starts(seen: Sample) -> list[Vector]:
+def _upright_starts(seen: PointSample) -> list[Vector]:
     return [np.array([*seen.middle, seen.outline.mean(), seen.top])]
 
 
-def _box_starts(seen: Sample) -> list[Vector]:
+def _box_starts(seen: PointSample) -> list[Vector]:
     """Of the rectangles around the outline the one of the least area."""
     quarter = N_DIRECTIONS // 4
     widths = seen.outline + np.roll(seen.outline, -2 * quarter)
@@ -77,7 +85,7 @@ def _box_starts(seen: Sample) -> list[Vector]:
     return [np.array([*middle, k * 2.0 * np.pi / N_DIRECTIONS, widths[k], widths[k + quarter], seen.top])]
 
 
-def _lying_starts(seen: Sample) -> list[Vector]:
+def _lying_starts(seen: PointSample) -> list[Vector]:
     """At every 30 degrees; as wide as the top is high, and narrower, for something may stand out above it."""
     found = []
     for angle in np.pi / 6 * np.arange(6):
@@ -90,12 +98,12 @@ def _lying_starts(seen: Sample) -> list[Vector]:
     return found
 
 
-def _with_outline(seen: Sample) -> Vector:
+def _with_outline(seen: PointSample) -> Vector:
     n = len(seen.points)
     return np.concatenate([np.ones(n), np.full(N_DIRECTIONS, _OUTLINE * n / N_DIRECTIONS)])
 
 
-def _with_ends(seen: Sample) -> Vector:
+def _with_ends(seen: PointSample) -> Vector:
     return np.concatenate([np.ones(len(seen.points)), np.full(2, _END * len(seen.points))])
 
 
@@ -119,6 +127,6 @@ def _box_of(p: Vector, error: float) -> Solid:
     )
 
 
-STANDING_CYLINDER = Model(_upright_starts, _upright, _with_outline, _upright_of)
-LYING_CYLINDER = Model(_lying_starts, _lying, _with_ends, _lying_of)
-BOX = Model(_box_starts, _box, _with_outline, _box_of)
+STANDING_CYLINDER = SolidModel(_upright_starts, _upright, _with_outline, _upright_of)
+LYING_CYLINDER = SolidModel(_lying_starts, _lying, _with_ends, _lying_of)
+BOX = SolidModel(_box_starts, _box, _with_outline, _box_of)

@@ -10,7 +10,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Limits, Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, Topic
 from allegro_twin.errors import ProtocolError
-from allegro_twin.hands.description.calibration import Calibration, Version
+from allegro_twin.hands.description.calibration import HandCalibration, Version
 
 Decoder: TypeAlias = Callable[[Frame], Message]
 Encoder: TypeAlias = Callable[[Any], Frame]
@@ -37,7 +37,7 @@ class Codec(Protocol):
         ...
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> HandCalibration:
         """What is particular of this very hand."""
         ...
 

@@ -23,7 +23,7 @@ class Frame(NamedTuple):
 class JointFrames(NamedTuple):
     """The frames of all joints, a finger's each, index to thumb, that stand on the bus one after the other."""
 
-    id: tuple[int, int, int, int]
+    id: tuple[int, ...]
     """Of each."""
     data: bytes
     """Of all four, 32 bytes."""

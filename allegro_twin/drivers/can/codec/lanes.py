@@ -18,7 +18,7 @@ from allegro_twin.errors import ProtocolError
 from allegro_twin.types import Vector, frozen
 
 Limits: TypeAlias = Vector
-Identifiers: TypeAlias = tuple[int, int, int, int]
+Identifiers: TypeAlias = tuple[int, ...]
 _EPSILON = 1e-9  # As in counts.truncated.
 _new = tuple.__new__  # A NamedTuple's own constructor takes four times as long.
 _TURNED = [4 * finger + joint for finger in range(4) for joint in (3, 2, 1, 0)]

@@ -1,7 +1,8 @@
 """Versions 1 to 3 (SAH010, SAH020, SAH030): one protocol, in which torques go out big-endian and from the tip to the
 palm, and encoders come back little-endian and from the palm to the tip.
 
-Identifier = command << 6 | destination << 3 | source. The source of every id and layout: docs/protocol.md.
+Identifier = command << 6 | destination << 3 | source. The source of every id and layout:
+docs/reference/can_protocol.md.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, Topic
 from allegro_twin.errors import ProtocolError
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.types import frozen
 
 EVERYONE, HOST, FIRST_FINGER = 1, 2, 3  # ID_COMMON, ID_DEVICE_MAIN, ID_DEVICE_SUB_01 of L canDef.h.
@@ -37,7 +38,7 @@ class V1To3:
     rad_per_count: ClassVar[float] = _RAD_PER_COUNT
     servo_answer: ClassVar[None] = None
 
-    def __init__(self, version: Literal["v1", "v2", "v3"], calibration: Calibration) -> None:
+    def __init__(self, version: Literal["v1", "v2", "v3"], calibration: HandCalibration) -> None:
         self.version: Version = version
         self.calibration = calibration
         self.identifies = version == "v3"
@@ -127,7 +128,7 @@ class V1To3:
         return lambda frame: m.FingerPosition(finger, read(finger, exactly(frame, 8)))
 
 
-def _torques(version: Version, calibration: Calibration) -> Torques:
+def _torques(version: Version, calibration: HandCalibration) -> Torques:
     """The motor's direction is its joint's, so it goes on before the order is reversed (R :417, L main:230); by the C
     driver's convention after it (C :340)."""
     full, constant, direction = FULL_SCALE[version], calibration.torque_constant, calibration.motor_direction
@@ -135,11 +136,11 @@ def _torques(version: Version, calibration: Calibration) -> Torques:
     if calibration.convention == "c" and backwards:
         direction = tuple(sign for finger in range(4) for sign in direction[4 * finger : 4 * finger + 4][::-1])
     scale = [sign * full / value for sign, value in zip(direction, constant, strict=True)]
-    identifiers = [_from_host(SET_TORQUE + finger) for finger in range(4)]
+    identifiers = tuple(_from_host(SET_TORQUE + finger) for finger in range(4))
     return Torques(identifiers, ">", scale, int(full), backwards=backwards)
 
 
-def _positions(calibration: Calibration) -> Positions:
+def _positions(calibration: HandCalibration) -> Positions:
     """(count · direction - 32768 - offset) · scale; by the C driver's convention direction · (count - 32768 - offset) ·
     scale (C :376). Drivers look at command and source and ignore the destination."""
     k = _RAD_PER_COUNT
@@ -151,7 +152,7 @@ def _positions(calibration: Calibration) -> Positions:
         for destination in range(8)
         for finger in range(4)
     }
-    return Positions([_POSITION + finger for finger in range(4)], "H", scale, at, reports)
+    return Positions(tuple(_POSITION + finger for finger in range(4)), "H", scale, at, reports)
 
 
 def _from_host(command: int) -> int:

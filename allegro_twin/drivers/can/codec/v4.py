@@ -1,6 +1,7 @@
 """Version 4 (SAH040): every message of the manual, with the manufacturer's code where the two disagree.
 
-Identifier = message << 2 | device; all words are little-endian. The source of every id and layout: docs/protocol.md.
+Identifier = message << 2 | device; all words are little-endian. The source of every id and layout:
+docs/reference/can_protocol.md.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from allegro_twin.drivers.can.codec.counts import LITTLE, nearest, word
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version, geared
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version, double_geared_joints
 from allegro_twin.types import frozen
 
 STATUS, POSITION, IMU, TEMPERATURE = 0x10, 0x20, 0x30, 0x38
@@ -40,20 +41,20 @@ class V4:
     """Counts that a torque on the wire is cut at. L4 main:169."""
     identifies: ClassVar[bool] = True
 
-    def __init__(self, calibration: Calibration, device: int = 0) -> None:
+    def __init__(self, calibration: HandCalibration, device: int = 0) -> None:
         self.device, self.calibration = device, calibration
         self.pwm_limits = frozen(calibration.pwm_limits(self.version))
-        full, doubled = FULL_SCALE[self.version], geared(self.version)
+        full, doubled = FULL_SCALE[self.version], double_geared_joints(self.version)
         scale = [
             full / (2.0 * constant if joint in doubled else constant)
             for joint, constant in enumerate(calibration.torque_constant)
         ]
-        self.torques = Torques([self._id(SET_TORQUE + k) for k in range(4)], "<", scale, self.count_limit)
+        self.torques = Torques(tuple(self._id(SET_TORQUE + k) for k in range(4)), "<", scale, self.count_limit)
         k, offset = self.rad_per_count, calibration.encoder_offset
         angles = [k] * len(offset), [-count * k for count in offset]
-        self.positions = Positions([self._id(POSITION + finger) for finger in range(4)], "h", *angles)
+        self.positions = Positions(tuple(self._id(POSITION + finger) for finger in range(4)), "h", *angles)
         self.servo_answer = ServoAnswer(Frame(self._id(INFORMATION), remote=True), 6, int(StatusBits.SERVO_ON))
-        self._goals = Positions([self._id(SET_POSITION + finger) for finger in range(4)], "h", *angles)
+        self._goals = Positions(tuple(self._id(SET_POSITION + finger) for finger in range(4)), "h", *angles)
         self._decoders = self._decoding()
         self._encoders = self._encoding()
 

@@ -1,6 +1,6 @@
 """Version 5 and version 5 Plus: the messages of v4 with other scales, and what only a v5 hand says.
 
-Identifier = message << 2: there is no device id. The source of every id and layout: docs/protocol.md.
+Identifier = message << 2: there is no device id. The source of every id and layout: docs/reference/can_protocol.md.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, StatusBits, Topic
 from allegro_twin.drivers.can.codec.v4 import INFORMATION, V4
 from allegro_twin.errors import ProtocolError
-from allegro_twin.hands.description.calibration import Calibration, Version
+from allegro_twin.hands.description.calibration import HandCalibration, Version
 from allegro_twin.spec import Side
 
 PICK, PLACE, MOTOR_ERROR, CALIBRATE, CALIBRATION_DONE = 0x11, 0x12, 0xEE, 0x89, 0x92
@@ -37,7 +37,7 @@ class V5(V4):
     count_limit: ClassVar[int] = 240
     """mA. V5R :272-278, V5R2 :230-235."""
 
-    def __init__(self, calibration: Calibration, pressures: Literal[0xF0, 0x50] = 0xF0) -> None:
+    def __init__(self, calibration: HandCalibration, pressures: Literal[0xF0, 0x50] = 0xF0) -> None:
         self._pressures = pressures
         super().__init__(calibration)
 

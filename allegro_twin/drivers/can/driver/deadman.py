@@ -11,7 +11,7 @@ class Deadman:
     """A thread that calls `strike` once when `feed` was not called for `patience` seconds, where no keeper can.
 
     It runs beside a controller that spins or sleeps in Python, for the interpreter changes threads every 5 ms. It
-    cannot run when the process is killed, or when native code holds the interpreter: docs/safety.md.
+    cannot run when the process is killed, or when native code holds the interpreter: docs/explanation/safety.md.
     """
 
     def __init__(self, patience: float, strike: Callable[[], None]) -> None:

@@ -79,7 +79,7 @@ class Interpreter:
         """Take in all frames of a queue, which is empty then, as `hear` does one after the other."""
         while queue:
             came = queue.popleft()
-            if type(came) is Stamped:
+            if isinstance(came, Stamped):
                 self.hear(*came)
             elif came[0].id == self._identifiers and not self._assembler.group:
                 whole = self._assembler.add_all(came[0].data, came[1])

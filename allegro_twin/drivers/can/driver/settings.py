@@ -16,7 +16,8 @@ class HostSettings:
     timeout: float = 0.05
     """Without a whole state for so long the hand has fallen silent, s."""
     deadman: float | None = 0.3
-    """Cut the hand off when its program does not call for so long, s; None: never. docs/safety.md has why 0.3."""
+    """Cut the hand off when its program does not call for so long, s; None: never. docs/explanation/safety.md has why
+    0.3."""
     keeper: bool = True
     """Have a process of its own do so, which also does it when the program dies; where the bus can be shared."""
     velocity_cutoff: float = 30.0

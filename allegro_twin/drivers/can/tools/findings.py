@@ -131,7 +131,7 @@ def joints(positions: Array, spec: HandSpec, version: str) -> Finding:
         return Finding("joints", f"all read {last[0]:.3f} rad", "switch the hand off and on", LinkError)
     excess = np.maximum(spec.lower - BEYOND - last, last - spec.upper - BEYOND)
     beyond = [
-        f"{spec.readable[k]} {last[k]:+.2f} rad (range {spec.lower[k]:+.2f} to {spec.upper[k]:+.2f})"
+        f"{spec.joint_labels[k]} {last[k]:+.2f} rad (range {spec.lower[k]:+.2f} to {spec.upper[k]:+.2f})"
         for k in np.flatnonzero(excess > 0.0)
     ]
     if beyond:
@@ -139,7 +139,7 @@ def joints(positions: Array, spec: HandSpec, version: str) -> Finding:
     jumps = np.abs(np.diff(positions, axis=0)).max(axis=0) if len(positions) > 1 else np.zeros(len(last))
     if jumps.max() > JUMP:
         worst = int(np.argmax(jumps))
-        text = f"{spec.readable[worst]} jumps by {jumps[worst]:.2f} rad between two reports"
+        text = f"{spec.joint_labels[worst]} jumps by {jumps[worst]:.2f} rad between two reports"
         return Finding("joints", text, remedy, ConfigError)
     return Finding("joints", f"all inside their ranges; they moved {np.ptp(positions, axis=0).max():.4f} rad at most")
 

@@ -15,7 +15,7 @@ from allegro_twin.drivers.can.codec.text import Description, describe
 from allegro_twin.drivers.can.codec.versions import LAST_DEVICE, make_codec
 from allegro_twin.drivers.can.driver.adapter import received
 from allegro_twin.errors import LinkError, ProtocolError
-from allegro_twin.hands.description.calibration import Calibration, Version
+from allegro_twin.hands.description.calibration import HandCalibration, Version
 
 _ORDER: tuple[Version, ...] = ("v4", "v5", "v5plus", "v2", "v3", "v1")
 """Which version is read first where several would do."""
@@ -43,7 +43,7 @@ class Row:
 class Sniffer:
     """Keeps a row an identifier. Without a version it takes that which reads most of the identifiers seen so far."""
 
-    def __init__(self, version: Version | None = None, calibration: Calibration | None = None) -> None:
+    def __init__(self, version: Version | None = None, calibration: HandCalibration | None = None) -> None:
         versions = _ORDER if version is None else (version,)
         self._codecs: dict[Version, list[Codec]] = {
             each: [make_codec(each, calibration, device) for device in range(LAST_DEVICE[each] + 1)]

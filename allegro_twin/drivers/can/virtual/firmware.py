@@ -40,7 +40,7 @@ class Firmware:
     for ever. Frames that it cannot read it ignores, as a controller does whose filter they do not pass.
     `restart`: the backend begins anew whenever the motors are switched on, so that a scene starts with the session.
     `servo`: whether the motors must be switched on; without, they follow torques and it reports as soon as it has a
-    period, as notes on a real v4 say (docs/protocol.md).
+    period, as notes on a real v4 say (docs/reference/can_protocol.md).
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Firmware:
 
     def receive(self, frame: Frame | JointFrames) -> list[Frame]:
         """What the hand answers at once."""
-        if type(frame) is JointFrames:
+        if isinstance(frame, JointFrames):
             if frame.id != self._codec.torques.identifiers:
                 return [answer for each in frame.frames for answer in self.receive(each)]
             self._counts, self._told = frame.data, None  # Latched, as on the real hand.

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from allegro_twin.drivers.can.config import CanSettings, FaultSettings
-from allegro_twin.files.assets import find, read_yaml
-from allegro_twin.hands.description.wiring import NOTHING
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.hands.description.calibration import NOTHING
 from allegro_twin.spec import HandSpec
 
 _BLOCKS = ("actuation", "drive", "wire")
@@ -19,7 +19,7 @@ def truth_of(settings: CanSettings) -> Mapping[str, Any]:
     if truth is None:
         return NOTHING
     if isinstance(truth, str):
-        table = read_yaml(find(truth, "hand", "conf/hands"))
+        table = read_yaml(find_file(truth, "hand", "conf/hands"))
         return {name: table[name] for name in _BLOCKS if name in table}
     return truth
 
@@ -32,6 +32,6 @@ def loosened(spec: HandSpec, faults: FaultSettings | None) -> HandSpec:
     joints |= {finger.joints[-1] for finger in spec.fingers} if faults.failures else set()
     if not joints:
         return spec
-    from allegro_twin.sim.drivetrain.backlash import able
+    from allegro_twin.sim.drivetrain.backlash import allow_backlash
 
-    return able(spec, sorted(joints))
+    return allow_backlash(spec, sorted(joints))

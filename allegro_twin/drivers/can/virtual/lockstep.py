@@ -89,7 +89,7 @@ class LockstepLink(Link):
         if self._listeners:
             self._log(single(frames), sent=False)
         now, new = self._hands.now + self._time.idle, tuple.__new__
-        return [new(StampedJoints if type(f) is JointFrames else Stamped, (f, now)) for f in frames]
+        return [new(StampedJoints if isinstance(f, JointFrames) else Stamped, (f, now)) for f in frames]  # type: ignore[misc]
 
     def _close(self) -> None:
         pass

@@ -33,7 +33,7 @@ class ServoDriver:
     ) -> None:
         self._spec, self._calibration, self._settings = spec, calibration, settings
         self._joints = joints or to_joints(spec)
-        self._names = calibration.names(spec.readable)
+        self._names = calibration.names(spec.joint_labels)
         self._sdk = Sdk(line, calibration.model, self._names, settings.tries)
         self._motors = Motors(self._sdk, calibration, settings.watchdog_counts)
         self._next = 0

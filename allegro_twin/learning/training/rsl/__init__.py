@@ -1,1 +1,1 @@
-"""Learners on tensors, wherever the simulations are, a GPU or processors: PPO of rsl-rl, and imitation."""
+"""Learners on tensors, on a GPU or processors: PPO of rsl-rl, and DAgger."""

@@ -1,8 +1,9 @@
-"""PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), where the simulations are.
+"""PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), on the simulations'
+device.
 
-On a Warp device nothing leaves it but a count and what is printed. On processors a continued training cannot be told
-from one that was never cut off, to the bit: episodes go on where they were. On a Warp device, and where it changes,
-they begin anew, and two runs are not equal.
+On a Warp device only counts and printed values leave it. On processors a continued training equals an uninterrupted
+one, to the bit: episodes continue where they were. On a Warp device, and where the device changes, episodes begin anew,
+and two runs differ.
 """
 
 from __future__ import annotations
@@ -22,37 +23,43 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find
+from allegro_twin.files.assets import find_file
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
-from allegro_twin.learning.policy.card import Card
-from allegro_twin.learning.training.evaluation import keywords
-from allegro_twin.learning.training.goal_features import left, numbers_left
-from allegro_twin.learning.training.onnx_policy import Layered, layers_of
+from allegro_twin.learning.policy.card import PolicyCard
+from allegro_twin.learning.training.evaluation import env_keywords
+from allegro_twin.learning.training.goal_features import goal_difference, goal_difference_width
+from allegro_twin.learning.training.onnx_policy import PolicyNetwork, read_onnx_network
 from allegro_twin.learning.training.progress import (
     ACHIEVED,
     GOAL,
     STATE,
     Advance,
-    Progress,
-    Trained,
-    farthest_of,
-    rate_of,
+    TrainingProgress,
+    TrainingResult,
+    goal_distance,
+    learning_rate,
 )
-from allegro_twin.learning.training.rsl.rounds import Tally, in_rounds
+from allegro_twin.learning.training.rsl.rounds import EpisodeStatistics, train_in_rounds
 from allegro_twin.learning.training.settings import Recipe
 
+STILL = 0.01
+"""Factor on a policy's last weights at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
+KNOWN = 1_000_000
+"""Number of observations that the normalisation of a given policy counts as."""
+_LEFT = "left"
+
 SEEN, ALL = "policy", "critic"
-"""Groups of an observation: what the policy sees, and what the critic sees."""
+"""Groups of an observation: inputs of the policy, and of the critic."""
 
 
-class Learner:
-    """A policy and a value in training on an environment's device."""
+class PpoLearner:
+    """A policy and a value function in training on an environment's device."""
 
     def __init__(self, recipe: Recipe, env: TensorVectorEnv) -> None:
         self.recipe, self.env, self.device = recipe, env, env.xp.device
         torch.manual_seed(recipe.seed)
-        self.widths, self._turns = _widths(env.single_observation_space), env.engine.task.turns
-        self._seen = self._grouped(env.reset())
+        self.widths, self._turns = _widths(env.single_observation_space), env.engine.task.goal_is_orientation
+        self._seen = self._observation_groups(env.reset())
         groups = {"actor": [SEEN], "critic": [ALL if ALL in self._seen.keys() else SEEN]}  # noqa: SIM118  # TensorDict.
         joints = env.engine.task.spec.n_joints
         shared: dict[str, Any] = {
@@ -81,32 +88,32 @@ class Learner:
         )
         self.ppo.train_mode()
         self._settling = recipe.settle
-        start_still(actor)
+        shrink_last_layer(actor)
         if recipe.start is not None:
-            start_from(actor, find(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
-        env.spread()
-        self._tally = Tally(env)
+            start_from_policy(actor, find_file(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
+        env.stagger_episodes()
+        self._statistics = EpisodeStatistics(env)
 
     @property
-    def card(self) -> Card:
+    def card(self) -> PolicyCard:
         return self.env.engine.task.card()
 
-    def begin(self, progress: Progress) -> None:
-        if (farthest := farthest_of(self.recipe, progress)) is not None:
+    def begin(self, progress: TrainingProgress) -> None:
+        if (farthest := goal_distance(self.recipe, progress)) is not None:
             self.env.engine.task.farthest = farthest
         if self.recipe.desired_kl is None:
-            self._learn_at(rate_of(self.recipe, progress))
+            self._learn_at(learning_rate(self.recipe, progress))
 
-    def saved(self) -> Any:
-        more = {"settling": self._settling, "seen": self._seen.to_dict(), "episodes": self.env.saved()}
-        return self.ppo.save() | more | {"tally": self._tally.saved()}
+    def state_dict(self) -> Any:
+        more = {"settling": self._settling, "seen": self._seen.to_dict(), "episodes": self.env.state_dict()}
+        return self.ppo.save() | more | {"tally": self._statistics.state_dict()}
 
     def load(self, content: Any) -> None:
         self._settling = content["settling"]
         self.ppo.load(content, None, strict=True)
         if self.env.load(content["episodes"]):
             self._seen = TensorDict(content["seen"], batch_size=[self.env.num_envs])
-            self._tally.load(content["tally"])
+            self._statistics.load(content["tally"])
 
     def update(self) -> dict[str, float]:
         env, scale = self.env, self.recipe.reward_scale
@@ -114,12 +121,12 @@ class Learner:
             for _ in range(self.recipe.rollout):
                 actions = self.ppo.act(self._seen)
                 seen, reward, failed, truncated, info = env.step(actions)
-                self._seen, ended = self._grouped(seen), failed | truncated
+                self._seen, ended = self._observation_groups(seen), failed | truncated
                 more = {"time_outs": truncated & ~failed}
                 self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
-                self._tally.add(reward, ended, info["is_success"])
+                self._statistics.add(reward, ended, info["is_success"])
             self.ppo.compute_returns(self._seen)
-        with self._settled():
+        with self._fixed_policy():
             losses = self.ppo.update()
         spread = float(self.ppo.get_policy().output_std.detach().mean())
         return {f"train/{name}_loss" if name != "entropy" else "train/entropy": float(value)
@@ -127,20 +134,20 @@ class Learner:
                                                       "train/std": spread}  # fmt: skip
 
     def episodes(self) -> tuple[int, float, float, float]:
-        return self._tally.told()
+        return self._statistics.take_means()
 
-    def layers(self) -> Layered:
-        """The policy's mean action, as it is written to a file."""
+    def layers(self) -> PolicyNetwork:
+        """The policy's mean action, for a file."""
         actor = self.ppo.get_policy()
         normal = actor.obs_normalizer
         scale = 1.0 / (normal.std + normal.eps)
         mean, scale = normal.mean.cpu().numpy(), scale.cpu().numpy()
-        return Layered(self.widths, mean, scale, None, list(actor.mlp), self._turns)
+        return PolicyNetwork(self.widths, mean, scale, None, list(actor.mlp), self._turns)
 
     @contextmanager
-    def _settled(self) -> Iterator[None]:
-        """While the value of a policy that was given is not known, the policy stays as it is: a random one would
-        spoil it in a few updates."""
+    def _fixed_policy(self) -> Iterator[None]:
+        """Keep the policy fixed while the value function of a given policy is still random: it would spoil the policy
+        in a few updates."""
         if not self._settling:
             yield
             return
@@ -159,51 +166,44 @@ class Learner:
         for group in self.ppo.optimizer.param_groups:
             group["lr"] = rate
 
-    def _grouped(self, seen: Any) -> TensorDict:
-        """Flat, in the order that exported policies have."""
+    def _observation_groups(self, seen: Any) -> TensorDict:
+        """Concatenate parts in the order of exported policies."""
         parts = seen if isinstance(seen, dict) else {"observation": seen}
         flat = [parts[name] for name in self.widths] if isinstance(seen, dict) else [seen]
         if GOAL in parts:
-            flat.append(left(parts[GOAL], parts[ACHIEVED], self._turns))
+            flat.append(goal_difference(parts[GOAL], parts[ACHIEVED], self._turns))
         groups = {SEEN: torch.cat(flat, dim=-1)}
         if STATE in parts:
             groups[ALL] = torch.cat([groups[SEEN], parts[STATE]], dim=-1)
         return TensorDict(groups, batch_size=[self.env.num_envs])
 
 
-def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
-    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
+def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
+    """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
-    env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **keywords(recipe.environment))
-    return in_rounds(Learner(recipe, env), recipe, folder, advance)
+    env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **env_keywords(recipe.environment))
+    return train_in_rounds(PpoLearner(recipe, env), recipe, folder, advance)
 
 
 def _widths(space: spaces.Space[Any]) -> dict[str, int]:
-    """The inputs of a policy, in the order that they have there."""
+    """Inputs of a policy and their widths, in order."""
     if not isinstance(space, spaces.Dict):
         return {"observation": spaces.flatdim(space)}
     return {name: spaces.flatdim(part) for name, part in space.items() if name != STATE}
 
 
-STILL = 0.01
-"""Of a policy's last weights, at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
-KNOWN = 1_000_000
-"""Observations that the normalisation of the policy counts as."""
-_LEFT = "left"
-
-
-def start_still(actor: Any) -> None:
-    """Let an actor of rsl-rl do next to nothing: what a task does without action is a better beginning than chance."""
+def shrink_last_layer(actor: Any) -> None:
+    """Make an actor of rsl-rl start near zero action: the task's own script is a better beginning than chance."""
     with torch.no_grad():
         for each in actor.mlp[-1].parameters():
             each.mul_(STILL)
 
 
-def start_from(actor: Any, path: Path, widths: dict[str, int]) -> None:
-    """Take a policy over into an actor of rsl-rl that sees inputs of these `widths`: by their names, and of each the
-    first numbers; what the policy does not see counts nothing. Raises ConfigError where its layers are others, or it
-    sees what the actor does not."""
-    given = layers_of(path)
+def start_from_policy(actor: Any, path: Path, widths: dict[str, int]) -> None:
+    """Copy a policy into an actor of rsl-rl with inputs of these `widths`: by name, and of each the first numbers.
+    Inputs that the policy does not have get zero weights. Raises ConfigError for other layers, or inputs that the actor
+    does not have."""
+    given = read_onnx_network(path)
     theirs = [layer for layer in given.layers if isinstance(layer, torch.nn.Linear)]
     mine = [layer for layer in actor.mlp if isinstance(layer, torch.nn.Linear)]
     if given.bound is not None or [layer.weight.shape[0] for layer in mine] != [len(layer.weight) for layer in theirs]:
@@ -225,11 +225,11 @@ def start_from(actor: Any, path: Path, widths: dict[str, int]) -> None:
 
 
 def _columns(path: Path, theirs: dict[str, int], turns: bool, mine: dict[str, int]) -> list[int]:
-    """Where what the policy sees is among what the actor sees."""
+    """Places of the policy's inputs among the actor's."""
     given, wanted = (dict(widths) for widths in (theirs, mine))
     for widths in (given, wanted):
         if GOAL in widths and ACHIEVED in widths:
-            widths[_LEFT] = numbers_left(widths[GOAL], turns)
+            widths[_LEFT] = goal_difference_width(widths[GOAL], turns)
     firsts = dict(zip(wanted, accumulate(wanted.values(), initial=0), strict=False))
     more = [name for name, width in given.items() if width > wanted.get(name, 0)]
     if more:

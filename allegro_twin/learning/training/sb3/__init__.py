@@ -1,1 +1,1 @@
-"""PPO of Stable-Baselines3, on processors: the same policy again, to the bit."""
+"""PPO of Stable-Baselines3, on processors: reproducible to the bit."""

@@ -1,4 +1,4 @@
-"""Our vector environment as one of Stable-Baselines3."""
+"""Adapter of the vector environment for Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from allegro_twin.learning.policy.interface import Observation
 Indices = int | Iterable[int] | None
 
 
-class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
-    """Ended episodes begin anew within the step; what was seen last is in `info["terminal_observation"]`.
+class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
+    """Ended episodes begin anew within the step; their last observation is `info["terminal_observation"]`.
 
-    The first episodes after a reset are cut at random moments, so that the simulations are not all at the same place of
-    an episode; they are truncated like any other and left out of the statistics. `scale` multiplies rewards, not the
-    returns that are reported. Expects an environment with `autoreset="disabled"`.
+    The first episodes after a reset are cut at random times, so that the simulations are not all at the same place of
+    an episode. They are truncated like any other, and left out of the statistics. `scale` multiplies rewards, not the
+    reported returns. Expects an environment with `autoreset="disabled"`.
     """
 
     def __init__(self, env: HandVectorEnv, *, scale: float = 1.0) -> None:
@@ -34,7 +34,7 @@ class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """For the next reset."""
+        """Seed of the next reset."""
         self._seed = seed
         return [None if seed is None else seed + row for row in range(self.num_envs)]
 
@@ -63,7 +63,7 @@ class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
         return observation, (self._scale * reward).astype(np.float32), ended, infos
 
     def _last(self, row: int, observation: Observation, failed: bool, success: bool) -> dict[str, Any]:
-        """What is told of an episode that has just ended."""
+        """Info of an episode that has just ended."""
         if isinstance(observation, dict):
             seen: Any = {name: rows[row] for name, rows in observation.items()}
         else:

@@ -1,4 +1,4 @@
-"""From a recipe to a trained policy in a folder: rounds of PPO, a checkpoint after each, and on after a kill."""
+"""PPO of Stable-Baselines3 in rounds, with a checkpoint after each; a killed training continues from the last."""
 
 from __future__ import annotations
 
@@ -16,77 +16,79 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.policy.card import Card, write_card
-from allegro_twin.learning.training.evaluation import evaluate, keywords
+from allegro_twin.learning.policy.card import PolicyCard, write_card
+from allegro_twin.learning.training.evaluation import env_keywords, evaluate
 from allegro_twin.learning.training.onnx_policy import to_onnx
 from allegro_twin.learning.training.progress import (
     EVALUATION,
     STATE,
     Advance,
-    Curve,
-    Progress,
-    Trained,
+    LearningCurve,
+    TrainingProgress,
+    TrainingResult,
     checked_progress,
     checkpoint_content,
-    farthest_of,
-    note,
-    rate_of,
+    goal_distance,
+    learning_rate,
     round_seed,
+    training_note,
 )
-from allegro_twin.learning.training.sb3.env import StableEnv
-from allegro_twin.learning.training.sb3.network import Asymmetric, Normalised, layered
+from allegro_twin.learning.training.sb3.env import Sb3VecEnv
+from allegro_twin.learning.training.sb3.network import AsymmetricPolicy, NormalisedFeatures, policy_network
 from allegro_twin.learning.training.settings import Recipe
 
 
-def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
-    """Train in `folder`, or go on with what is there. Raises ConfigError for a folder of another training."""
+def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
+    """Train in `folder`, or continue what is there. Raises ConfigError for a folder of another training."""
     path = max(folder.glob("checkpoints/*.zip"), default=None)
-    progress = Progress() if path is None else _read(path, recipe)
-    env = HandVectorEnv(recipe.task, recipe.envs, autoreset="disabled", **keywords(recipe.environment))
+    progress = TrainingProgress() if path is None else _read(path, recipe)
+    env = HandVectorEnv(recipe.task, recipe.envs, autoreset="disabled", **env_keywords(recipe.environment))
     card = env.engine.task.card().model_copy(update={"note": f"{recipe.task}: seed {recipe.seed}"})
-    stable = StableEnv(env, scale=recipe.reward_scale)
-    # No number may depend on how many threads shared the work.
+    stable = Sb3VecEnv(env, scale=recipe.reward_scale)
+    # No number may depend on the number of threads.
     torch.set_num_threads(1)
     set_random_seed(recipe.seed)
     model = _model(recipe, stable) if path is None else PPO.load(str(path), env=stable, device="cpu")
     model.set_logger(Logger(str(folder), [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
-    curve = Curve(folder / "curve.csv", progress.steps)
+    curve = LearningCurve(folder / "curve.csv", progress.steps)
     rate = float("nan")
     while progress.rounds < recipe.rounds:
-        watching = Watching(curve, progress.seconds, advance)
+        watching = TrainingCallback(curve, progress.seconds, advance)
         _round(model, stable, recipe, progress, watching)
         policy = _deterministic(model)
         rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
-        progress = Progress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
+        progress = TrainingProgress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
         curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
         model.logger.record("evaluation/success_rate", rate)
         model.logger.dump(progress.steps)
         _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
     if rate != rate:  # Nothing was left to do.
         rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
-    to_onnx(layered(model), folder / "policy.onnx", card.model_copy(update={"note": note(recipe, progress)}))
-    with whole_file(folder / "recipe.json") as temporary:
+    to_onnx(
+        policy_network(model), folder / "policy.onnx", card.model_copy(update={"note": training_note(recipe, progress)})
+    )
+    with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     stable.close()
-    return Trained(folder / "policy.onnx", progress, rate)
+    return TrainingResult(folder / "policy.onnx", progress, rate)
 
 
-def _model(recipe: Recipe, env: StableEnv) -> Any:
+def _model(recipe: Recipe, env: Sb3VecEnv) -> Any:
     layers = list(recipe.hidden)
     parts = getattr(env.observation_space, "spaces", {})
     critic = STATE in parts
     chosen = {
-        "features_extractor_class": Normalised,
-        "features_extractor_kwargs": {"turns": env.env.engine.task.turns},
+        "features_extractor_class": NormalisedFeatures,
+        "features_extractor_kwargs": {"turns": env.env.engine.task.goal_is_orientation},
         "share_features_extractor": not critic,
         "net_arch": {"pi": layers, "vf": layers},
         "activation_fn": {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation],
         "log_std_init": recipe.log_spread,
     }
     return PPO(
-        Asymmetric if critic else "MultiInputPolicy" if parts else "MlpPolicy",
+        AsymmetricPolicy if critic else "MultiInputPolicy" if parts else "MlpPolicy",
         env,
         learning_rate=recipe.learning_rate,
         n_steps=recipe.rollout,
@@ -102,12 +104,12 @@ def _model(recipe: Recipe, env: StableEnv) -> Any:
     )
 
 
-def _round(model: Any, env: StableEnv, recipe: Recipe, progress: Progress, watching: Watching) -> None:
-    """One round. Everything random in it follows from the recipe's seed and its number, so that a training that was
-    continued cannot be told from one that was not."""
-    if (farthest := farthest_of(recipe, progress)) is not None:
+def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgress, watching: TrainingCallback) -> None:
+    """One round. All its random numbers follow from the recipe's seed and its own number, so a continued training
+    equals an uninterrupted one."""
+    if (farthest := goal_distance(recipe, progress)) is not None:
         env.env.engine.task.farthest = farthest
-    model.lr_schedule = ConstantSchedule(rate_of(recipe, progress))
+    model.lr_schedule = ConstantSchedule(learning_rate(recipe, progress))
     seed = round_seed(recipe.seed, progress.rounds)
     set_random_seed(seed)
     env.seed(seed)
@@ -119,10 +121,11 @@ def _deterministic(model: Any) -> Any:
     return lambda observation: model.predict(observation, deterministic=True)[0]
 
 
-class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
-    """For one round of learning that begins `seconds` after the training did."""
+class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
+    """Updates the normalisation and writes the curve during one round, which begins `seconds` after the training
+    did."""
 
-    def __init__(self, curve: Curve, seconds: float, advance: Advance) -> None:
+    def __init__(self, curve: LearningCurve, seconds: float, advance: Advance) -> None:
         super().__init__()
         self._curve, self._advance = curve, advance
         self._began = monotonic() - seconds
@@ -131,7 +134,7 @@ class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is unty
 
     @property
     def seconds(self) -> float:
-        """Of training so far."""
+        """Training time so far, s."""
         return monotonic() - self._began
 
     def _on_step(self) -> bool:
@@ -140,7 +143,8 @@ class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is unty
         return True
 
     def _on_rollout_start(self) -> None:
-        """An observation means the same while it is acted on and while it is learned from, hence only now."""
+        """Update the normalisation here only: an observation must mean the same while it is acted on and learned
+        from."""
         self._learn()
 
     def _on_rollout_end(self) -> None:
@@ -168,17 +172,19 @@ class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is unty
 MEMBER = "training.json"
 
 
-def _save(model: Any, path: Path, recipe: Recipe, card: Card, progress: Progress) -> None:
-    """A checkpoint is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
-    with whole_file(path) as temporary:
+def _save(model: Any, path: Path, recipe: Recipe, card: PolicyCard, progress: TrainingProgress) -> None:
+    """Write a checkpoint: the model with its optimiser, the policy's card and the progress, in one file that is whole
+    or not there. It is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
+    with atomic_file(path) as temporary:
         model.save(str(temporary))
         with zipfile.ZipFile(temporary, "a") as archive:
             archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))
         write_card(temporary, card)
 
 
-def _read(path: Path, recipe: Recipe) -> Progress:
-    """How far a checkpoint is. Raises ConfigError for one of another version, of another recipe, or none at all."""
+def _read(path: Path, recipe: Recipe) -> TrainingProgress:
+    """Read the progress of a checkpoint. Raises ConfigError for one of another version, of another recipe, or none at
+    all."""
     try:
         with zipfile.ZipFile(path) as archive:
             content = json.loads(archive.read(MEMBER)) if MEMBER in archive.namelist() else None

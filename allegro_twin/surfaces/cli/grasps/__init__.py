@@ -1,1 +1,1 @@
-"""The commands that find grasps, make them better and say what they are worth."""
+"""Commands that plan, improve, evaluate and compare grasps."""

@@ -1,1 +1,1 @@
-"""The page's process: viser behind the front door. It has no hand; it sends wishes and shows what it is told."""
+"""The page of the panel: viser behind the panel's server. It has no hand; it sends requests and shows frames."""

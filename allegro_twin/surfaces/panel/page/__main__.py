@@ -1,8 +1,10 @@
-"""`python -m allegro_twin.surfaces.panel.page NEWS FRAMES LISTENING`: three descriptors that `panel.pages` opened."""
+"""The page's process: `python -m allegro_twin.surfaces.panel.page LINK FRAMES LISTENING`, three descriptors that
+`page_process` opened. It serves viser behind the panel's own server."""
 
 from __future__ import annotations
 
 import asyncio
+import secrets
 import socket
 import sys
 import threading
@@ -13,72 +15,81 @@ from pathlib import Path
 import viser
 
 from allegro_twin.surfaces.panel import overlay
-from allegro_twin.surfaces.panel.access import Gate
-from allegro_twin.surfaces.panel.cell import Place
-from allegro_twin.surfaces.panel.page.cell_board import CellBoard
-from allegro_twin.surfaces.panel.page.shared_state import Board
-from allegro_twin.surfaces.panel.page.viser_app import hidden_server
-from allegro_twin.surfaces.panel.page_process import Setup
-from allegro_twin.surfaces.panel.requests import Stop, Wish
-from allegro_twin.surfaces.panel.server import Door
-from allegro_twin.surfaces.panel.stream import received
+from allegro_twin.surfaces.panel.access import TokenGate
+from allegro_twin.surfaces.panel.page.session_page import SessionPage
+from allegro_twin.surfaces.panel.page_process import PageSetup
+from allegro_twin.surfaces.panel.requests import Request, StopMotion
+from allegro_twin.surfaces.panel.server import PanelServer
+from allegro_twin.surfaces.panel.stream import receive_frame
 
 
 def main() -> None:
-    """Serve until the hand's process has ended."""
-    news, frames, listening = (int(number) for number in sys.argv[1:4])
-    link = Connection(news)
+    """Serve until the session's process has ended."""
+    number, frames, listening = (int(argument) for argument in sys.argv[1:4])
+    link = Connection(number)
     setup = link.recv()
-    assert isinstance(setup, Setup)
+    assert isinstance(setup, PageSetup)
     sending = threading.Lock()
 
-    def wish(what: Wish | Place | None) -> None:
+    def send(request: Request | None) -> None:
         with sending:
-            link.send(what)
+            link.send(request)
 
     server = hidden_server()
-    board: Board | CellBoard = CellBoard(server, wish) if setup.cell else Board(server, wish, setup.gone)
+    page = SessionPage(server, send)
     ready = threading.Event()
     threading.Thread(
-        target=lambda: asyncio.run(_serve(listening, server, setup, lambda: wish(Stop()), ready)), daemon=True
+        target=lambda: asyncio.run(_serve(listening, server, setup, lambda: send(StopMotion()), ready)), daemon=True
     ).start()
-    threading.Thread(target=lambda: _draw(frames, board), daemon=True).start()
+    threading.Thread(target=lambda: _draw(frames, page), daemon=True).start()
     ready.wait()
-    wish(None)
+    send(None)
     try:
         while True:
-            board.hear(link.recv())
+            page.hear(link.recv())
     except (EOFError, OSError):
         return
 
 
+def hidden_server() -> viser.ViserServer:
+    """viser on one of this computer's sixteen million addresses of its own, drawn anew each time: a page in somebody's
+    browser, which may try any port, has to find it first. Its tunnel to the internet is taken away."""
+    host = ".".join(str(part) for part in (127, *(1 + secrets.randbelow(254) for _ in range(3))))
+    server = viser.ViserServer(host=host, port=0, verbose=False)
+    server.request_share_url = lambda verbose=True: None  # Any client could ask for it.
+    server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+    server.gui.main_panel.dock_right()
+    server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.configure_environment_map(None)  # Half of the time of a picture where no GPU draws it.
+    return server
+
+
 async def _serve(
-    listening: int, server: viser.ViserServer, setup: Setup, stop: Callable[[], None], ready: threading.Event
+    listening: int, server: viser.ViserServer, setup: PageSetup, stop: Callable[[], None], ready: threading.Event
 ) -> None:
     index = Path(viser.__file__).parent / "client" / "build" / "index.html"
-    gate = Gate(setup.token, asyncio.get_running_loop().time)
-    door = Door(
-        overlay.page(index.read_text()), (server.get_host(), server.get_port()), gate, stop, setup.names
-    )  # fmt: skip
-    outside = await asyncio.start_server(door, sock=socket.socket(fileno=listening), limit=1 << 14)
+    gate = TokenGate(setup.token, asyncio.get_running_loop().time)
+    page, behind = overlay.page(index.read_text()), (server.get_host(), server.get_port())
+    panel = PanelServer(page, behind, gate, stop, setup.names)
+    outside = await asyncio.start_server(panel, sock=socket.socket(fileno=listening), limit=1 << 14)
     ready.set()
     await outside.serve_forever()
 
 
-def _draw(frames: int, board: Board | CellBoard) -> None:
+def _draw(frames: int, page: SessionPage) -> None:
     pipe = socket.socket(fileno=frames)
     pipe.settimeout(1.0)
     while True:
         try:
-            frame = received(pipe)
+            frame = receive_frame(pipe)
         except TimeoutError:
-            board.silence()
+            page.silence()
             continue
         except OSError:
             return
         if frame is None:
             return
-        board.show(frame)
+        page.show(frame)
 
 
 if __name__ == "__main__":

@@ -1,171 +1,170 @@
-"""One browser: its buttons, its bars, and what it is told."""
+"""One browser's page: its banner, its buttons, and its tabs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Protocol
 
 import viser
 
-from allegro_twin.surfaces.panel import requests as w
-from allegro_twin.surfaces.panel.page.bars import banner
-from allegro_twin.surfaces.panel.page.controller_view import Choosing
-from allegro_twin.surfaces.panel.page.health_view import Health
+from allegro_twin.surfaces.panel import requests
+from allegro_twin.surfaces.panel.page.controller_view import ControllerView
+from allegro_twin.surfaces.panel.page.fingertips import TipHandles
+from allegro_twin.surfaces.panel.page.html import BAD, CALM, GOOD, banner, health
 from allegro_twin.surfaces.panel.page.joints import JointSliders
-from allegro_twin.surfaces.panel.page.library_view import Shelves
+from allegro_twin.surfaces.panel.page.library_view import LibraryView
+from allegro_twin.surfaces.panel.page.page_state import Browser, PageState, Section, update
+from allegro_twin.surfaces.panel.page.palm_marker import PalmMarker
 from allegro_twin.surfaces.panel.page.plots import Plots
 from allegro_twin.surfaces.panel.page.timeline import Timeline
-from allegro_twin.surfaces.panel.page.tip_handles import Tips
-from allegro_twin.surfaces.panel.stream import Frame, Notice
-
-if TYPE_CHECKING:
-    from allegro_twin.surfaces.panel.page.parts import Board
-
-_GOOD, _BAD, _CALM = "#0a7d38", "#c8102e", "#555"
+from allegro_twin.surfaces.panel.stream import Notice, StreamFrame
 
 
-class Section(Protocol):
-    """A part of what one browser sees."""
+class ClientPage:
+    """Everything in it is this browser's own: nobody else sees what one who only looks on clicks at. `changed` is
+    called when the browser begins or ends to drive."""
 
-    def refresh(self, frame: Frame) -> None:
-        """Show a moment, some six times a second."""
-        ...
-
-    def enable(self, on: bool) -> None:
-        """Whether it takes wishes."""
-        ...
-
-
-class Tab:
-    """Everything in it is this browser's own: what one who only looks clicks at, nobody else sees."""
-
-    def __init__(self, board: Board, client: viser.ClientHandle) -> None:
-        self._board, self._client, self.who = board, client, client.client_id
+    def __init__(self, state: PageState, client: viser.ClientHandle, changed: Callable[[], None]) -> None:
+        self._state, self._client, self._changed = state, client, changed
+        self._browser = Browser(state, client, self._ask)
         self._sections: list[Section] = []
         self._enabled: bool | None = None
-        gui = client.gui
-        gui.set_panel_label("A hand" if board.opened is None else board.opened.title)
+        gui, info = client.gui, state.info
+        self._cell = info is not None and info.arm is not None
+        gui.set_panel_label("Opening …" if info is None else info.title)
         self._banner = gui.add_html("")
-        self._wheel = gui.add_button("Drive", icon=viser.Icon.STEERING_WHEEL)
-        self._free = gui.add_button("Release the stop", color="red", visible=False)
+        self._drive = gui.add_button("Drive", icon=viser.Icon.STEERING_WHEEL)
+        self._release = gui.add_button("Release the stop", color="red", visible=False)
         self._again = gui.add_button("Open the hand again", color="orange", visible=False)
-        self._hold = gui.add_button("Hold here", icon=viser.Icon.HAND_STOP)
-        self._wheel.on_click(self._take)
-        self._hold.on_click(self._wishing(w.Hold()))
-        self._free.on_click(self._wishing(w.Release()))
-        self._again.on_click(self._reopen)
-        if board.opened is not None:
+        self._hold = gui.add_button("Stay here" if self._cell else "Hold here", icon=viser.Icon.HAND_STOP)
+        self._drive.on_click(self._drive_or_let_go)
+        self._hold.on_click(self._asking(requests.HoldHere()))
+        self._release.on_click(self._asking(requests.ReleaseStop()))
+        self._again.on_click(self._asking(requests.Reopen()))
+        if info is not None:
             self._build(gui)
         self._show_state()
 
-    def anew(self) -> Tab:
-        """The same browser, for another opening of the hand."""
+    def rebuilt(self) -> ClientPage:
+        """The page of the same browser for another session."""
         for section in self._sections:
-            if isinstance(section, Tips):
+            if isinstance(section, TipHandles):
                 section.remove()
         self._client.gui.reset()
-        return Tab(self._board, self._client)
-
-    def ask(self, wish: w.Wish) -> None:
-        self._board.ask(self.who, wish)
+        return ClientPage(self._state, self._client, self._changed)
 
     def tell(self, notice: Notice) -> None:
-        """Something to read, for a while."""
+        """A sentence to read, for a while."""
+        whose = "The cell" if self._cell else "The hand"
         self._client.add_notification(
-            "The hand" if not notice.bad else "Not done", notice.text, auto_close_seconds=6.0,
+            "Not done" if notice.bad else whose, notice.text, auto_close_seconds=6.0,
             color="red" if notice.bad else "blue",
         )  # fmt: skip
 
     def fill(self) -> None:
         """The library is there, or has changed."""
         for section in self._sections:
-            if isinstance(section, Shelves):
+            if isinstance(section, LibraryView):
                 section.fill()
 
-    def refresh(self, frame: Frame | None) -> None:
+    def refresh(self) -> None:
+        """Show the newest state, some six times a second."""
         self._show_state()
-        if frame is not None:
+        if self._state.frame is not None:
             for section in self._sections:
-                section.refresh(frame)
+                section.refresh(self._state.frame)
 
     def _build(self, gui: viser.GuiApi) -> None:
-        board, tabs = self._board, gui.add_tab_group()
+        browser = self._browser
+        if self._cell:
+            self._sections.append(PalmMarker(browser))
+            return
+        tabs = gui.add_tab_group()
         with tabs.add_tab("Joints"):
-            self._sections += [Tips(self, board, self._client), JointSliders(self, board, gui)]
-        with tabs.add_tab("Library"):
-            self._sections.append(Shelves(self, board, gui))
-        with tabs.add_tab("Control"):
-            self._sections.append(Choosing(self, board, gui))
-        with tabs.add_tab("Time"):
-            self._sections.append(Timeline(self, board, gui))
-        with tabs.add_tab("Plots"):
-            self._sections.append(Plots(board, gui))
-        with tabs.add_tab("Health"):
-            self._sections.append(Health(board, gui))
+            self._sections += [TipHandles(browser), JointSliders(browser)]
+        for name, section in (("Library", LibraryView), ("Control", ControllerView), ("Time", Timeline),
+                              ("Plots", Plots), ("Health", HealthView)):  # fmt: skip
+            with tabs.add_tab(name):
+                self._sections.append(section(browser))
 
     def _show_state(self) -> None:
-        board, drives = self._board, self._board.wheel.drives(self.who)
-        nobody, frame = board.wheel.driver is None, board.frame
-        lines = [self._who_drives(drives=drives, nobody=nobody)]
+        state, drives = self._state, self._browser.drives
+        frame = state.frame
         stopped = frame is not None and frame.stopped
-        if board.opened is None:
-            lines.append((_CALM, "The hand is being opened …"))
-        elif board.ended:
-            lines.append((_BAD, f"The hand has ended: {board.ended}"))
-        elif board.quiet:
-            lines.append((_BAD, "No news from the hand for a second"))
-        elif frame is not None:
-            what = "STOPPED: limp until the stop is released" if stopped else f"Controller: {_kind(frame)}"
-            lines.append((_BAD if stopped else _CALM, f"{what} · {frame.t:.1f} s"))
-        if board.ago is not None:
-            lines.append((_BAD, f"The picture is {board.ago:.1f} s old; the hand goes on"))
-        if board.notice.text:
-            lines.append((_BAD if board.notice.bad else _CALM, board.notice.text))
-        content = banner(lines)
-        if self._banner.content != content:
-            self._banner.content = content
-        _put(self._wheel, label="Let go" if drives else "Drive", disabled=not (drives or nobody))
-        _put(self._free, visible=stopped and not board.ended, disabled=not drives)
-        _put(self._again, visible=bool(board.ended), disabled=not drives)
-        able = drives and not stopped and not board.ended
-        _put(self._hold, disabled=not able)
+        lines = [self._who_drives(), self._what_happens(frame)]
+        if state.shown is not None:
+            old = f"{state.age:.1f} s old" if state.age >= 0.1 else "paused"
+            lines.append((BAD, f"The picture is {old}; the hand goes on"))
+        if state.notice.text:
+            lines.append((BAD if state.notice.bad else CALM, state.notice.text))
+        update(self._banner, content=banner([line for line in lines if line[1]]))
+        update(self._drive, label="Let go" if drives else "Drive", disabled=not (drives or state.lock.driver is None))
+        update(self._release, visible=stopped and not state.ended, disabled=not drives)
+        update(self._again, visible=bool(state.ended), disabled=not drives)
+        able = drives and not stopped and not state.ended and (frame is not None or not self._cell)
+        update(self._hold, disabled=not able)
         if self._enabled is not able:
             self._enabled = able
             for section in self._sections:
                 section.enable(able)
 
-    def _who_drives(self, *, drives: bool, nobody: bool) -> tuple[str, str]:
-        others = self._board.wheel.count - 1
-        if drives:
+    def _who_drives(self) -> tuple[str, str]:
+        lock = self._state.lock
+        others = lock.count - 1
+        if self._browser.drives:
             watching = "" if not others else f"; {others} more look{'s' if others == 1 else ''} on"
-            return _GOOD, f"You drive{watching}"
-        if nobody:
-            return _BAD, "Nobody drives: press Drive"
-        return _CALM, "You look on; somebody else drives. STOP is for everybody"
+            return GOOD, f"You drive{': drag the marker' if self._cell else ''}{watching}"
+        if lock.driver is None:
+            return BAD, "Nobody drives: press Drive"
+        return CALM, "You look on; somebody else drives. STOP is for everybody"
 
-    async def _take(self, event: object) -> None:
-        if self._board.wheel.drives(self.who):
-            self._board.release(self.who)
+    def _what_happens(self, frame: StreamFrame | None) -> tuple[str, str]:
+        state, whose = self._state, "cell" if self._cell else "hand"
+        if state.info is None:
+            return CALM, "The session is being opened …"
+        if state.ended:
+            return BAD, f"The hand has ended: {state.ended}"
+        if state.silent:
+            return BAD, f"No news from the {whose} for a second"
+        if frame is None:
+            return CALM, ""
+        if frame.stopped:
+            what = "arm and fingers stay" if self._cell else "limp"
+            return BAD, f"STOPPED: {what} until the stop is released · {frame.t:.1f} s"
+        if self._cell:
+            x, y, z = frame.look["palm"][:3]
+            return CALM, f"Palm at {x:+.3f}, {y:+.3f}, {z:+.3f} m · {frame.t:.1f} s"
+        kind = "off, the hand is limp" if frame.kind in ("torque", "limp") else frame.kind
+        return CALM, f"Controller: {kind} · {frame.t:.1f} s"
+
+    def _ask(self, request: requests.Request) -> None:
+        if self._browser.drives:
+            self._state.request(request)
         else:
-            self._board.wheel.take(self.who)
-            self._board.changed()
+            self.tell(Notice("you look on; somebody else drives, or nobody: press Drive", bad=True))
 
-    async def _reopen(self, event: object) -> None:
-        self.ask(w.Again())
+    async def _drive_or_let_go(self, event: object) -> None:
+        who = self._client.client_id
+        if self._browser.drives:
+            self._state.let_go(who)
+        else:
+            self._state.lock.take(who)
+        self._changed()
 
-    def _wishing(self, wish: w.Wish) -> Callable[[object], Coroutine[None, None, None]]:
+    def _asking(self, request: requests.Request) -> Callable[[object], Coroutine[None, None, None]]:
         async def click(event: object) -> None:
-            self.ask(wish)
+            self._ask(request)
 
         return click
 
 
-def _kind(frame: Frame) -> str:
-    return "off, the hand is limp" if frame.kind in ("torque", "limp") else frame.kind
+class HealthView:
+    """Lost periods, warnings of the link, and temperatures of the motors."""
 
+    def __init__(self, browser: Browser) -> None:
+        self._browser, self._text = browser, browser.client.gui.add_html("")
 
-def _put(handle: object, **properties: object) -> None:
-    """Set what is not so already: everything that is set is sent."""
-    for name, value in properties.items():
-        if getattr(handle, name) != value:
-            setattr(handle, name, value)
+    def refresh(self, frame: StreamFrame) -> None:
+        update(self._text, content=health(self._browser.info.spec, frame, self._browser.state.history.rate))
+
+    def enable(self, on: bool) -> None:
+        """There is nothing to press."""

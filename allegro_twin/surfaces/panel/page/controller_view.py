@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import viser
 
-from allegro_twin.surfaces.panel import requests as w
-from allegro_twin.surfaces.panel.stream import Frame
-
-if TYPE_CHECKING:
-    from allegro_twin.surfaces.panel.page.parts import Board, Tab
+from allegro_twin.surfaces.panel import requests
+from allegro_twin.surfaces.panel.page.page_state import Browser, update
+from allegro_twin.surfaces.panel.stream import SessionInfo, StreamFrame
 
 _NONE, _OWN = "no scenario", "the scenario's own"
 _KINDS = {
@@ -22,86 +21,88 @@ _KINDS = {
 _DOWN = (0.0, 0.0, -9.81)  # m/s², palm frame: fingers up.
 
 
-class Choosing:
-    """What is chosen here counts at once, but for the scene, which opens the hand anew."""
+class ControllerView:
+    """A choice counts at once, but for the scene, which opens the hand anew."""
 
-    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
-        self._tab, self._gui = tab, gui
-        opened = board.opened
-        assert opened is not None
-        with gui.add_folder("Controller"):
-            hint = ". ".join(f"{kind}: {_KINDS[kind]}" for kind in opened.kinds if kind in _KINDS)
-            kinds = gui.add_button_group("", opened.kinds, hint=hint)
-            kinds.on_click(self._asking(lambda value: w.Control(value)))
-            self._inputs: list[Any] = []
-            if len(opened.gains) > 1:
-                gains = gui.add_dropdown("Gains", opened.gains, initial_value=opened.used)
-                gains.on_update(self._asking(lambda value: w.UseGains(value)))
+    def __init__(self, browser: Browser) -> None:
+        self._browser, self._gui, info = browser, browser.client.gui, browser.info
+        self._kinds: dict[str, Any] = {}
+        self._inputs: list[Any] = []
+        with self._gui.add_folder("Controller"):
+            for kind in info.kinds:
+                self._kinds[kind] = self._gui.add_button(kind, color="gray", hint=_KINDS.get(kind))
+                self._kinds[kind].on_click(self._choosing(kind))
+            if len(info.gains) > 1:
+                gains = self._gui.add_dropdown("Gains", info.gains, initial_value=info.used)
+                gains.on_update(self._asking(requests.ChooseGains))
                 self._inputs.append(gains)
-        if "gravity" in opened.kinds:  # Else no controller carries the hand's weight: it does so itself.
-            self._weight(gui)
-        if opened.scenarios:
-            self._scene(gui, opened.scenarios, opened.things, opened.scenario, opened.thing)
+        self._inputs += self._kinds.values()
+        if "gravity" in info.kinds:  # Else no controller carries the hand's weight: it does so itself.
+            self._add_gravity()
+        if info.scenarios:
+            self._add_scene(info)
 
-    def _weight(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Gravity"):
-            self._reported = gui.add_checkbox("As the hand reports", initial_value=True)
-            self._vector = gui.add_vector3("m/s², palm", _DOWN, step=0.01, visible=False)
+    def _add_gravity(self) -> None:
+        with self._gui.add_folder("Gravity"):
+            self._reported = self._gui.add_checkbox("As the hand reports", initial_value=True)
+            self._vector = self._gui.add_vector3("m/s², palm", _DOWN, step=0.01, visible=False)
         self._inputs += [self._reported, self._vector]
-        self._reported.on_update(self._gravity)
-        self._vector.on_update(self._gravity)
+        self._reported.on_update(self._set_gravity)
+        self._vector.on_update(self._set_gravity)
 
-    def _scene(
-        self,
-        gui: viser.GuiApi,
-        scenarios: tuple[str, ...],
-        things: tuple[str, ...],
-        scenario: str | None,
-        thing: str | None,
-    ) -> None:
+    def _add_scene(self, info: SessionInfo) -> None:
+        gui, scenario, thing = self._gui, info.scenario, info.thing
         with gui.add_folder("Scene"):
-            chosen = gui.add_dropdown("Scenario", _with(_NONE, scenarios, scenario), initial_value=scenario or _NONE)
-            other = gui.add_dropdown("Object", _with(_OWN, things, thing), initial_value=thing or _OWN)
+            chosen = gui.add_dropdown("Scenario", choices(_NONE, info.scenarios, scenario),
+                                      initial_value=scenario or _NONE)  # fmt: skip
+            other = gui.add_dropdown("Object", choices(_OWN, info.things, thing), initial_value=thing or _OWN)
             place = gui.add_button("Set the scene", hint="Opens the simulated hand anew, limp, at its beginning")
             perform = gui.add_button("Perform it", hint="From its beginning to the verdict, by its own controller")
 
-        def wish(*, perform: bool) -> w.Scene:
-            named = None if chosen.value == _NONE else chosen.value
-            return w.Scene(named, None if other.value == _OWN or named is None else other.value, perform)
+        def asking(*, perform: bool) -> Callable[[Any], Any]:
+            async def click(event: Any) -> None:
+                named = None if chosen.value == _NONE else chosen.value
+                thing = None if other.value == _OWN or named is None else other.value
+                self._browser.ask(requests.OpenScene(named, thing, perform))
 
-        async def set_it(event: Any) -> None:
-            self._tab.ask(wish(perform=False))
+            return click
 
-        async def do_it(event: Any) -> None:
-            self._tab.ask(wish(perform=True))
-
-        place.on_click(set_it)
-        perform.on_click(do_it)
+        place.on_click(asking(perform=False))
+        perform.on_click(asking(perform=True))
         self._inputs += [chosen, other, place, perform]
 
-    def refresh(self, frame: Frame) -> None:
-        """Nothing here changes with time."""
+    def refresh(self, frame: StreamFrame) -> None:
+        """Mark the active controller."""
+        for kind, button in self._kinds.items():
+            active = kind == frame.kind
+            update(button, color="blue" if active else "gray", icon=viser.Icon.CHECK if active else None)
 
     def enable(self, on: bool) -> None:
         for each in self._inputs:
             each.disabled = not on
 
-    async def _gravity(self, event: Any) -> None:
+    async def _set_gravity(self, event: Any) -> None:
         if event.client_id is None:
             return
         self._vector.visible = not self._reported.value
         x, y, z = self._vector.value
-        self._tab.ask(w.Gravity(None if self._reported.value else (x, y, z)))
+        self._browser.ask(requests.SetGravity(None if self._reported.value else (x, y, z)))
 
-    def _asking(self, wish: Any) -> Any:
+    def _choosing(self, kind: str) -> Callable[[Any], Any]:
+        async def click(event: Any) -> None:
+            self._browser.ask(requests.ChooseController(kind))
+
+        return click
+
+    def _asking(self, request: Callable[[Any], requests.Request]) -> Callable[[Any], Any]:
         async def changed(event: Any) -> None:
             if event.client_id is not None:
-                self._tab.ask(wish(event.target.value))
+                self._browser.ask(request(event.target.value))
 
         return changed
 
 
-def _with(first: str, names: tuple[str, ...], chosen: str | None) -> tuple[str, ...]:
-    """The choices; what was chosen by a path is one of them."""
+def choices(first: str, names: tuple[str, ...], chosen: str | None) -> tuple[str, ...]:
+    """The choices; one that was chosen by a path is among them."""
     more = () if chosen is None or chosen in names else (chosen,)
     return (first, *more, *names)

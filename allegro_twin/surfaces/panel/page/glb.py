@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.viewing.surfaces import Surface
+from allegro_twin.viewing.surfaces import TriangleSurface
 
 _FLOAT, _BYTE = 5126, 5121
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
@@ -19,7 +19,7 @@ _GAMMA = 2.2  # Vertex colours are linear.
 _ROUGH = 0.65
 
 
-def glb(surface: Surface) -> bytes:
+def glb(surface: TriangleSurface) -> bytes:
     """One mesh."""
     colors = surface.colors.copy()
     colors[:, :3] = np.round(255.0 * (colors[:, :3] / 255.0) ** _GAMMA)

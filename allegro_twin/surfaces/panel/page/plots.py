@@ -2,44 +2,40 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import viser
 from viser import uplot
 
-from allegro_twin.hands.description.appearance import LIMIT, lighter, of_series
-from allegro_twin.surfaces.panel.page.bars import name_of
-from allegro_twin.surfaces.panel.page.groups import Group, groups, units
-from allegro_twin.surfaces.panel.stream import Frame
-
-if TYPE_CHECKING:
-    from allegro_twin.surfaces.panel.page.parts import Board
+from allegro_twin.hands.description.appearance import LIMIT, Color, lighten, series_color
+from allegro_twin.surfaces.panel.page.html import JointGroup, hexed, joint_groups, units
+from allegro_twin.surfaces.panel.page.page_state import Browser
+from allegro_twin.surfaces.panel.stream import StreamFrame
 
 _SECONDS, _ROWS = 10.0, 150
 _HEIGHT = 210  # Pixels.
+_EVERY = 3  # Refreshes: curves change twice a second, a small part of what a browser without a GPU can take.
 
 
 class Plots:
-    """Positions with where they should be, and torques with their limits: the newest ten seconds."""
+    """Positions with their goals, and torques with their limits: the newest ten seconds."""
 
-    def __init__(self, board: Board, gui: viser.GuiApi) -> None:
-        opened = board.opened
-        assert opened is not None
-        self._board, self._gui, self._spec = board, gui, opened.spec
-        self._groups = {group.name: group for group in groups(self._spec)}
-        self._on = gui.add_checkbox("Live", initial_value=False, hint="They cost the browser and the link their share")
-        self._finger = gui.add_dropdown("Finger", tuple(self._groups))
-        self._place = gui.add_folder("Curves")
+    def __init__(self, browser: Browser) -> None:
+        self._browser, self._gui, self._spec = browser, browser.client.gui, browser.info.spec
+        self._groups = {group.name: group for group in joint_groups(self._spec)}
+        self._on = self._gui.add_checkbox("Live", initial_value=True, hint="Off: the curves stand still")
+        self._finger = self._gui.add_dropdown("Finger", tuple(self._groups))
+        self._place = self._gui.add_folder("Curves")
         self._charts: tuple[Any, Any] | None = None
-        self._shown = ""
+        self._shown, self._count = "", 0
 
-    def refresh(self, frame: Frame) -> None:
-        if not self._on.value:
-            return
+    def refresh(self, frame: StreamFrame) -> None:
+        self._count += 1
         group = self._groups[self._finger.value]
+        if not self._on.value or (self._shown == group.name and self._count % _EVERY):
+            return
         joints = list(group.joints)
-        t, position, target, torque = self._board.history.rows(_SECONDS, _ROWS)
+        t, position, target, torque = self._browser.state.history.rows(_SECONDS, _ROWS)
         if len(t) < 2:
             return
         target = np.where(np.isnan(target), position, target)  # uPlot never comes back from a NaN.
@@ -55,14 +51,13 @@ class Plots:
     def enable(self, on: bool) -> None:
         """Who looks on may look at curves."""
 
-    def _draw(self, group: Group, rows: Any, limits: int) -> None:
+    def _draw(self, group: JointGroup, rows: Any, limits: int) -> None:
         for chart in self._charts or ():
             chart.remove()
-        names = [name_of(self._spec, joint) for joint in group.joints]
-        color = [_css(of_series(k)) for k in range(len(names))]
-        goals = [_series(f"{n} goal", _css(lighter(of_series(k))), 1) for k, n in enumerate(names)]
+        names = [self._spec.joint_labels[joint] for joint in group.joints]
+        goals = [_series(f"{n} goal", _css(lighten(series_color(k))), 1) for k, n in enumerate(names)]
         ends = [_series("limit", _css(LIMIT), 1) for _ in range(2 * limits)]
-        measured = [_series(name, c, 2) for name, c in zip(names, color, strict=True)]
+        measured = [_series(name, hexed(k), 2) for k, name in enumerate(names)]
         with self._place:  # Else they would stand below every tab.
             self._charts = (self._chart(f"position, {units(self._spec)}", rows[0], [*measured, *goals]),
                             self._chart("torque, N·m", rows[1], [*measured, *ends]))  # fmt: skip
@@ -83,5 +78,5 @@ def _series(label: str, color: str, width: int) -> Any:
     return uplot.Series(label=label, stroke=color, width=width)
 
 
-def _css(color: tuple[float, float, float]) -> str:
+def _css(color: Color) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in color)

@@ -1,4 +1,4 @@
-"""The hand and its scene in viser: the same shapes, colours and arrows as in Rerun."""
+"""The scene in viser: hand, arm and objects, with the shapes, colours and arrows that Rerun has."""
 
 from __future__ import annotations
 
@@ -9,85 +9,106 @@ from typing import Any
 import numpy as np
 import viser
 
-from allegro_twin.hands.description.appearance import of_series
-from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.hands.description.appearance import VisualShape, series_color
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.glb import glb
-from allegro_twin.surfaces.panel.stream import Frame, Opened
+from allegro_twin.surfaces.panel.stream import SessionInfo, StreamFrame
 from allegro_twin.types import Array, Vector
-from allegro_twin.viewing.scenery import Scenery
+from allegro_twin.viewing.scenery import ArmScenery, Scenery
 from allegro_twin.viewing.skeleton import Skeleton
-from allegro_twin.viewing.surfaces import joined, surface
-from allegro_twin.viewing.views import seen
+from allegro_twin.viewing.surfaces import join_surfaces, surface_of
+from allegro_twin.viewing.views import aimed_view
 
-PALM = "/palm"
+PALM, ARM = "/palm", "/arm"
+EYE, AT = (0.95, -1.05, 0.75), (-0.15, 0.0, 0.2)
+"""The first view of a cell: the place of the eye, and the point that it looks at, m, world."""
 _ARROW = 0.012  # m for each newton of contact force.
 _BELOW, _WIDE, _LINES = 0.14, 0.3, 13  # m under the palm, half its edge, and lines each way of the floor.
 _NOWHERE = np.array([[0.0, 0.0, -50.0], [0.0, 0.0, -50.001]])  # m. An arrow needs a length.
-_STILL = 1e-5  # m, and of a quaternion: what moves by less is not sent.
+_STILL, _ARM_STILL = 1e-5, 1e-4
+"""m, and of a quaternion: what moves by less is not sent. An arm with its force sensor is never quite still."""
 _ASIDE, _CLOSER = 35.0, 1.0
-"""Degrees that one looks past the palm, and parts of the distance of pictures."""
+"""Degrees that the first view of a hand is turned past the palm, and the part of the distance of pictures."""
 
 
-class Stage:
-    """What is drawn of one opening of a hand, for everybody who looks."""
+class SceneView:
+    """The picture of one session, for all browsers."""
 
-    def __init__(self, server: viser.ViserServer, opened: Opened) -> None:
-        scene, scenery = server.scene, opened.scenery
+    def __init__(self, server: viser.ViserServer, info: SessionInfo) -> None:
+        scene, scenery = server.scene, info.scenery
         scene.reset()
         scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(160, 160, 170), intensity=1.6)
-        self._server, self._skeleton = server, Skeleton(scenery.bodies, opened.spec)
-        self._parts = [*(finger.name for finger in opened.spec.fingers), "palm"]
-        self._placed: dict[str, Vector] = {}
-        palm = np.array(scenery.palm)
-        self._nodes: dict[str, Any] = {PALM: scene.add_frame(PALM, show_axes=False)}
-        for body in scenery.bodies:
-            name = PALM if body.parent < 0 else f"{PALM}/{body.name}"
-            if body.parent >= 0:
-                self._nodes[name] = scene.add_frame(name, show_axes=False)
-            self._mesh(f"{name}/look", body.shapes)
+        self._server, self._placed = server, dict[str, Vector]()
+        self._nodes: dict[str, Any] = {}
+        self._still = _STILL if info.arm is None else _ARM_STILL
+        self._parts = [*(finger.name for finger in info.spec.fingers), "palm"]
+        self._chains = {PALM: Skeleton(scenery.bodies, info.spec)}
+        if info.arm is not None and scenery.arm is not None:
+            self._chains[ARM] = Skeleton(scenery.arm.bodies, info.arm)
+        for root, chain in self._chains.items():
+            self._node(root)
+            for body in chain.bodies:
+                name = root if body.parent < 0 else f"{root}/{body.name}"
+                self._node(name)
+                self._mesh(f"{name}/look", body.shapes)
         for number, (thing, shapes) in enumerate(scenery.objects.items()):
-            name = f"/object_{number}"
-            self._nodes[name] = scene.add_frame(name, show_axes=False)
-            self._mesh(f"{name}/{thing}", shapes)
+            self._node(f"/object_{number}")
+            self._mesh(f"/object_{number}/{thing}", shapes)
         self._mesh("/fixed", scenery.fixed)
-        if not scenery.fixed:
-            lines = _floor(palm[:3] - np.array([0.0, 0.0, _BELOW]))
-            scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
         self._arrows: Any = None
-        self._place(PALM, palm)
-        _aim(server, opened, scenery)
+        self._place(PALM, np.array(scenery.palm))
+        if scenery.arm is not None:
+            self._add_arm(scenery.arm)
+        elif not scenery.fixed:
+            lines = _floor(np.array(scenery.palm)[:3] - np.array([0.0, 0.0, _BELOW]))
+            scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
+        camera = server.initial_camera
+        camera.position, camera.look_at = eye(info.spec, scenery)
+        camera.up = np.array([0.0, 0.0, 1.0])
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: StreamFrame) -> None:
         """Put everything where it is."""
         with self._server.atomic():
             look = frame.look
-            if "palm" in look:
-                self._place(PALM, look["palm"])
+            for name in ("palm", "flange"):
+                if name in look:
+                    self._place(f"/{name}", look[name])
             if "object" in look:
                 self._place("/object_0", look["object"])
             for number, pose in enumerate(look.get("others", ())):
                 self._place(f"/object_{number + 1}", pose)
-            places = self._skeleton.places(frame.position[None])
-            for body, (place, rotation) in zip(self._skeleton.bodies, places, strict=True):
-                if body.parent >= 0:
-                    turn = quaternion_from_matrix(rotation[0])
-                    self._place(f"{PALM}/{body.name}", np.concatenate([place[0], turn]))
+            self._bend(PALM, frame.position)
+            if ARM in self._chains:
+                self._bend(ARM, frame.arm)
             self._press(look)
+
+    def _add_arm(self, arm: ArmScenery) -> None:
+        self._node("/flange")
+        self._mesh("/flange/look", arm.adapter)
+        self._place(ARM, np.array([*arm.base, 1.0, 0.0, 0.0, 0.0]))
+
+    def _bend(self, root: str, position: Vector) -> None:
+        chain = self._chains[root]
+        for body, (place, rotation) in zip(chain.bodies, chain.places(position[None]), strict=True):
+            if body.parent >= 0:
+                self._place(f"{root}/{body.name}", np.concatenate([place[0], quaternion_from_matrix(rotation[0])]))
+
+    def _node(self, name: str) -> None:
+        if name not in self._nodes:
+            self._nodes[name] = self._server.scene.add_frame(name, show_axes=False)
 
     def _place(self, name: str, pose: Vector) -> None:
         before, node = self._placed.get(name), self._nodes.get(name)
-        if node is None or (before is not None and np.abs(pose - before).max() < _STILL):
+        if node is None or (before is not None and np.abs(pose - before).max() < self._still):
             return
         self._placed[name] = np.array(pose)
         node.position, node.wxyz = pose[:3], pose[3:]
 
-    def _mesh(self, name: str, shapes: Sequence[Shape]) -> None:
-        if not shapes:
-            return
-        whole = joined([surface(shape) for shape in shapes])
-        self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
+    def _mesh(self, name: str, shapes: Sequence[VisualShape]) -> None:
+        if shapes:
+            whole = join_surfaces([surface_of(shape) for shape in shapes])
+            self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
 
     def _press(self, look: Mapping[str, Array]) -> None:
         """An arrow for each part that presses on the object, towards where it does."""
@@ -102,7 +123,7 @@ class Stage:
         rows = np.stack([ends - _ARROW * np.where(there[:, None], vectors, 0.0), ends], axis=1)
         rows[~there] = _NOWHERE
         if self._arrows is None:
-            colors = np.array([[round(255 * c) for c in of_series(k)] for k in range(len(rows))], dtype=np.uint8)
+            colors = np.array([[round(255 * c) for c in series_color(k)] for k in range(len(rows))], dtype=np.uint8)
             self._arrows = self._server.scene.add_arrows(
                 "/contact", rows, colors,
                 shaft_radius=0.0015, head_radius=0.004, head_length=0.009,
@@ -120,17 +141,13 @@ def _floor(middle: Vector) -> Array:
     return found
 
 
-def _aim(server: viser.ViserServer, opened: Opened, scenery: Scenery) -> None:
-    camera = server.initial_camera
-    camera.position, camera.look_at = eye(opened.spec, scenery)
-    camera.up = np.array([0.0, 0.0, 1.0])
-
-
 def eye(spec: HandSpec, scenery: Scenery) -> tuple[Vector, Vector]:
-    """Where one begins to look from, and at what, (3,), m, world: on the palm, from aside."""
+    """The place of the eye in the first view, and the point that it looks at, (3,), m, world."""
+    if scenery.arm is not None:
+        return np.array(EYE), np.array(AT)
     palm = np.array(scenery.palm)
     turn = matrix_from_quaternion(palm[3:])
-    target, palm_on = seen("palm", spec.side, *Skeleton(scenery.bodies, spec).tips(), turn)
+    target, palm_on = aimed_view("palm", spec.side, *Skeleton(scenery.bodies, spec).tips(), turn)
     view = replace(palm_on, azimuth=palm_on.azimuth + _ASIDE)
     middle = palm[:3] + turn @ target.middle
     return middle - _CLOSER * view.distance * view.direction(spec.side), middle

@@ -1,4 +1,4 @@
-"""Where a fingertip that is dragged can be, and with which joints."""
+"""Inverse kinematics of a fingertip that is dragged: where it can be, and with which joints."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 
-class Dragged(NamedTuple):
-    """What becomes of a fingertip's wish."""
+class DraggedTip(NamedTuple):
+    """The answer to a fingertip that is dragged."""
 
     posture: Vector | None
     """All joints, (n,), rad; None: it cannot be there."""
     nearest: Vector
     """The place in reach that is nearest, (3,), m, palm frame."""
     distance: float
-    """From there to the wish, m."""
+    """From there to the point that was asked for, m."""
 
 
-class Reach:
+class TipIK:
     """Inverse kinematics of every finger of a hand. Raises ConfigError for a finger that cannot be moved alone."""
 
     def __init__(self, spec: HandSpec) -> None:
@@ -31,17 +31,17 @@ class Reach:
         self._solvers = {name: hand.finger(name) for name in self._fingers}
 
     def tip(self, finger: str, position: Vector) -> Vector:
-        """Of a posture, (n,), rad: the tip's centre, (3,), m, palm frame."""
+        """The tip's centre in a posture, (n,), rad: (3,), m, palm frame."""
         joints = list(self._fingers[finger].joints)
         return np.asarray(self._solvers[finger].fk(position[joints]).position)
 
-    def drag(self, finger: str, point: Vector, near: Vector) -> Dragged:
-        """To a point, (3,), m, palm frame, by the posture nearest to `near`, (n,), rad; other fingers stay."""
+    def drag(self, finger: str, point: Vector, near: Vector) -> DraggedTip:
+        """Move a tip to a point, (3,), m, palm frame, by the posture nearest to `near`, (n,), rad."""
         joints, solver = list(self._fingers[finger].joints), self._solvers[finger]
         held = np.clip(near[joints], solver.lower, solver.upper)
         best = solver.ik(point, near=held).best(held)
         if best.reached:
             posture = near.copy()
             posture[joints] = np.clip(best.posture, solver.lower, solver.upper)
-            return Dragged(posture, point, 0.0)
-        return Dragged(None, np.asarray(solver.fk(best.posture).position), float(best.distance))
+            return DraggedTip(posture, point, 0.0)
+        return DraggedTip(None, np.asarray(solver.fk(best.posture).position), float(best.distance))

@@ -1,1 +1,1 @@
-"""From recordings to a drive: a regression, then output error, and how far that may be off."""
+"""Fits a drive to recordings: a regression, then output error, and the uncertainty of both."""

@@ -1,4 +1,4 @@
-"""Output error: the drive with which the model, given the recorded commands, moves as the hand did."""
+"""Output error fit: the drive with which the model, given the recorded commands, moves as the hand did."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import STEP, Player
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing
+from allegro_twin.sim.open_loop import STEP, DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing_cost
 from allegro_twin.twin.identify.fitting.parameterisation import index
-from allegro_twin.twin.identify.fitting.problem import Masses, Problem, at_model
+from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
 from allegro_twin.twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.twin.identify.fitting.spread import Spread, mass_variance, spread
-from allegro_twin.twin.identify.motions.motion import Motion, noise_floor
+from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
@@ -23,167 +22,170 @@ FEW = 30
 """Times 0.3 s: the motion to begin with."""
 
 
-class Stage(NamedTuple):
+class FitStage(NamedTuple):
     """A part of the descent, on some pieces of the motions."""
 
     every: int
-    """Of how many pieces one is used; 0: of so many that FEW × 0.3 s are."""
+    """Uses one of this many pieces; 0: as many pieces as make FEW × 0.3 s."""
     length: int
-    """Of pieces, periods."""
+    """Length of the pieces, periods."""
     step: float
-    """Of time, s."""
+    """Time step, s."""
     rounds: int
-    """Of new derivatives, at most."""
+    """Most rounds of new derivatives."""
     enough: float
-    """The share of its cost that a round must gain some finger for another one."""
+    """Share of its cost that some finger must gain in a round for another round."""
 
 
-ROUGH = {False: Stage(0, LONG, STEP[False], 2, 0.1), True: Stage(0, SHORT, 0.00075, 6, 0.1)}
-"""By whether friction breaks away or links are loose."""
+ROUGH = {False: FitStage(0, LONG, STEP[False], 2, 0.1), True: FitStage(0, SHORT, 0.00075, 6, 0.1)}
+"""First stage, by whether friction breaks away or links are loose."""
 
 
-class Kind(NamedTuple):
-    """Of a model."""
+class ModelKind(NamedTuple):
+    """Kind of model."""
 
     bristly: bool
     """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
-    """There is backlash."""
+    """Links have backlash."""
 
 
-COULOMB = Kind(bristly=False, loose=False)
+COULOMB = ModelKind(bristly=False, loose=False)
 FINE = {
-    False: (Stage(1, LONG, STEP[False], 1, 0.05),),
-    True: (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
+    False: (FitStage(1, LONG, STEP[False], 1, 0.05),),
+    True: (FitStage(2, SHORT, STEP[True], 2, 0.1), FitStage(1, LONG, STEP[True], 2, 0.05)),
 }
-"""Then, by whether friction breaks away or links are loose. Coulomb's rough solution is near enough for a round. Where
-friction breaks away long pieces tell most, but only of a joint that is nearly right: another slips in them where it
-should stick, and no derivative knows that. Loose links take 2.3 times the time a step, but of half the pieces three
-hands were two times as far off in the open loop."""
+"""Later stages, by whether friction breaks away or links are loose. Coulomb's rough solution is near enough for one
+round. With breakaway friction long pieces say most, but only of a joint that is nearly right: a wrong one slips in them
+where it should stick, and no derivative shows that. Loose links take 2.3 times the time per step; with half the pieces
+three hands were twice as far off in the open loop."""
 PLAIN = 1.3
-"""Times the noise: with so much left over nothing more is to be explained."""
+"""Times the noise: with this much left over there is nothing more to explain."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
 
 PLAYS = (0.001, 0.004)
-"""rad, tried in all joints at once: half of the first is the least that is seen."""
+"""rad, tried in all joints at once: half of the first is the least that is visible."""
 GAIN = 0.1
-"""The share of the cost that backlash must take away before it is descended to. Ours."""
+"""Share of the cost that backlash must remove before the fit includes it. Ours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """What came out of it."""
+class DriveFit:
+    """A fitted drive."""
 
-    drive: Parameters
-    start: Parameters
-    """Of the regression."""
+    drive: DriveParameters
+    start: DriveParameters
+    """From the regression."""
     spread: Spread
     shorter: Spread | None
-    """Of the stage before the last, on shorter pieces, which tell less and are misled less; where there was one."""
+    """From the stage before the last, on shorter pieces, which say less and are misled less; where there was one."""
     covariance: Array
-    """(p, p), in the order of `index`; that of masses which were only assumed is in it."""
+    """(p, p), in the order of `index`; includes the uncertainty of masses that were only assumed."""
     floor: Vector
     """Noise of the reported positions, (n,), rad."""
     masses: Masses
     pieces: int
     bristly: bool
-    """Whether friction breaks away; otherwise it is Coulomb's."""
+    """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
-    """Whether there is backlash."""
+    """Links have backlash."""
 
-    def player(self, motion: Motion) -> Player:
-        """What plays a motion with this drive."""
-        return Player(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
+    def player(self, motion: RecordedMotion) -> OpenLoopPlayer:
+        """The model that plays a motion with this drive."""
+        return OpenLoopPlayer(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
 
     def columns(self, name: str) -> slice:
         return index(name, len(self.floor))
 
 
-def fit(
-    motions: list[Motion],
-    start: Parameters,
-    slow: Parameters,
-    nominal: Parameters,
+def fit_drive(
+    motions: list[RecordedMotion],
+    start: DriveParameters,
+    slow: DriveParameters,
+    nominal: DriveParameters,
     masses: Masses,
     friction: Friction = "auto",
-) -> Fit:
-    """From where the regression ended, for friction that breaks away from `slow`; first roughly on some pieces, with
-    either friction, with backlash where that tells more, then on all."""
+) -> DriveFit:
+    """Fit a drive, from the regression's result `start`, or `slow` for friction that breaks away. The fit is first
+    rough, on some pieces, with either friction, and with backlash where that explains more; then on all pieces."""
     floor = np.median([noise_floor(motion.position) for motion in motions], axis=0)
-    center, spec, period = at_model(nominal, start), motions[0].spec, motions[0].period
+    center, spec, period = prior_center(nominal, start), motions[0].spec, motions[0].period
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
-    def problem(kind: Kind, stage: Stage) -> Problem:
-        player = Player(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
+    def problem(kind: ModelKind, stage: FitStage) -> Problem:
+        player = OpenLoopPlayer(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
-    drive, kind = _roughly(problem, start, slow, friction)
+    drive, kind = _rough_fit(problem, start, slow, friction)
     spreads = []
     for stage in FINE[kind.bristly or kind.loose]:
         whole = problem(kind, stage)
-        # What a joint takes from others changes with the teeth that touch.
+        # What a joint takes from others changes with the teeth in contact.
         last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
         spreads.append(spread(whole, last, drive, masses))
         drive = last.drive
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
     shorter = spreads[-2] if len(spreads) > 1 else None
-    return Fit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
+    return DriveFit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
 
 
-Problems: TypeAlias = Callable[[Kind, Stage], Problem]
+Problems: TypeAlias = Callable[[ModelKind, FitStage], Problem]
 
 
-class _Tried(NamedTuple):
-    """A model that was descended with, on short pieces."""
+class _Candidate(NamedTuple):
+    """A model that was fitted on short pieces."""
 
     information: float
-    """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move; the least is the best."""
+    """Schwarz's criterion: n ln(mean square) + p ln n, of n residuals and p free parameters; the least is the best."""
     left: float
-    drive: Parameters
-    kind: Kind
+    drive: DriveParameters
+    kind: ModelKind
 
     def least(self) -> float:
         return self.information
 
 
-def _roughly(problem: Problems, start: Parameters, slow: Parameters, friction: Friction) -> tuple[Parameters, Kind]:
-    """A drive by some of the motion, and of which kind its model is. By itself (`auto`) friction breaks away where
-    Coulomb's leaves more than SUSPICIOUS, and links are loose where more than PLAIN is left and backlash would take
-    away some of that; among what was tried, on the same pieces, Schwarz's criterion (1978) chooses."""
+def _rough_fit(
+    problem: Problems, start: DriveParameters, slow: DriveParameters, friction: Friction
+) -> tuple[DriveParameters, ModelKind]:
+    """A drive from some of the motion, and the kind of its model. With `auto`, breakaway friction is tried where
+    Coulomb's leaves more than SUSPICIOUS. Backlash is tried where more than PLAIN is left and backlash would remove
+    some of that. Schwarz's criterion (1978) chooses among the models, on the same pieces."""
     stage = ROUGH[False]
     first = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough)
     if first.left <= PLAIN and friction != "lugre":
         return first.drive, COULOMB
     begun = [(first.drive, COULOMB)] if friction != "lugre" else []
     if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
-        begun.append((slow, Kind(True, False)))
-    tried = [_tried(problem, drive, kind) for drive, kind in begun]
-    best = min(tried, key=_Tried.least)
-    if best.left > PLAIN and (play := _play(problem, best)):
+        begun.append((slow, ModelKind(True, False)))
+    tried = [_try(problem, drive, kind) for drive, kind in begun]
+    best = min(tried, key=_Candidate.least)
+    if best.left > PLAIN and (play := _find_backlash(problem, best)):
         row = np.full(len(best.drive.backlash), play)
-        loose = [_tried(problem, replace(o.drive, backlash=row), Kind(o.kind.bristly, True)) for o in tried]
-        best = min(best, *loose, key=_Tried.least)
+        loose = [_try(problem, replace(o.drive, backlash=row), ModelKind(o.kind.bristly, True)) for o in tried]
+        best = min(best, *loose, key=_Candidate.least)
     return best.drive, best.kind
 
 
-def _tried(problem: Problems, drive: Parameters, kind: Kind) -> _Tried:
+def _try(problem: Problems, drive: DriveParameters, kind: ModelKind) -> _Candidate:
     stage = ROUGH[True]
     own = problem(kind, stage)
     last = descend(own, drive, stage.rounds, stage.enough)
     n = own.cuts.measured.size // MEAN
     information = 2.0 * n * float(np.log(last.left)) + len(own.active) * float(np.log(n))
-    return _Tried(information, last.left, last.drive, kind)
+    return _Candidate(information, last.left, last.drive, kind)
 
 
-def _play(problem: Problems, best: _Tried) -> float:
-    """The one of PLAYS, rad, with which a drive that was fitted without is off least; 0 where none makes it better."""
+def _find_backlash(problem: Problems, best: _Candidate) -> float:
+    """The one of PLAYS, rad, with which a drive that was fitted without backlash fits best; 0 where none fits
+    better."""
     stage, costs = ROUGH[True], {}
-    before, scale = standing(problem(best.kind, stage), best.drive)
+    before, scale = standing_cost(problem(best.kind, stage), best.drive)
     for play in PLAYS:
         drive = replace(best.drive, backlash=np.full(len(best.drive.backlash), play))
-        costs[play], _ = standing(problem(best.kind._replace(loose=True), stage), drive, scale)
+        costs[play], _ = standing_cost(problem(best.kind._replace(loose=True), stage), drive, scale)
     least = min(costs, key=lambda play: costs[play])
     return least if costs[least] < (1.0 - GAIN) * before else 0.0

@@ -1,10 +1,10 @@
-"""Levenberg and Marquardt's method finger by finger: one that is stuck does not hold up the others.
+"""Levenberg-Marquardt method, finger by finger: one that is stuck does not hold up the others.
 
-Fingers share nothing but the delay. A step is solved for all at once, each finger damped by itself; where a finger's
-cost rises its old parameters stay. A piece in which a finger slips where the model sticks is off by tens of the noise
-for reasons that no derivative knows; its weight is w = 1 / (1 + c / (LARGE² median c)), c: its mean square (Cauchy's).
-A piece that is about to slip answers to the smallest change, so also to all in which the model is not the hand: it has
-a weight of 1 / (1 + s / (LARGE² median s)) besides, s: the mean square of its derivatives, parameters in their units.
+Fingers share nothing but the delay. A step is solved for all at once, with damping for each finger; where a finger's
+cost rises its old parameters stay. A piece in which a finger slips where the model sticks is off by tens of the noise,
+which no derivative shows. Its weight is w = 1 / (1 + c / (LARGE² median c)), c: its mean square (Cauchy's). A piece
+that is about to slip responds to the smallest change, so also to every error of the model. It has a further weight of 1
+/ (1 + s / (LARGE² median s)), s: the mean square of its derivatives, parameters in their units.
 """
 
 from __future__ import annotations
@@ -15,43 +15,43 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
 LARGE = 3.0
 """Times the root mean square of the median piece: a piece that is off by more counts less."""
 STEPS = 5
-"""With the same derivatives: near the solution they hardly change, and they cost all the time."""
+"""Steps with the same derivatives: near the solution they hardly change, and they cost most of the time."""
 LONGEST = 1.0
-"""Of a step, in the units of the parameters: further than that derivatives say little, and a narrow valley is left."""
-_FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Damping, and what becomes of it after a step that was worse, or better.
+"""Longest step, in the units of the parameters: further away derivatives say little, and a narrow valley is left."""
+_FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Initial damping, and its factor after a worse or a better step.
 
 
-class Descended(NamedTuple):
-    """Where it ended."""
+class DescentResult(NamedTuple):
+    """Result of a descent."""
 
-    drive: Parameters
+    drive: DriveParameters
     jacobian: Array
-    """Of the residuals, (rows, p), where the last steps began; rows of a piece that counts less are as much smaller."""
+    """Of the residuals, (rows, p), where the last steps began, times `weight`."""
     residuals: Vector
-    """As they are, (rows,)."""
+    """Without weights, (rows,)."""
     weight: Vector
-    """What each row of the jacobian was multiplied with, (rows,)."""
+    """Weight of each row of the jacobian, (rows,)."""
     left: float
-    """Root mean square of what is left over, in standard deviations of the noise, pieces weighted."""
+    """Weighted root mean square of the residuals, in standard deviations of the noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Costs:
-    """Of residuals: mean squares of a piece's fingers, and the scale above which they count less."""
+    """Mean squares of each piece's fingers, and the scale above which they count less."""
 
     pieces: tuple[Vector, ...]
-    """A finger each, (w,)."""
+    """One row per finger, (w,)."""
     scale: Vector
     """(fingers,)"""
     calm: tuple[Vector, ...]
-    """The weights of pieces that are about to slip, (w,) each."""
+    """Weights of pieces that are about to slip, (w,) each."""
 
     @property
     def weights(self) -> list[Vector]:
@@ -59,7 +59,7 @@ class _Costs:
         return [calm / (1.0 + mean / scale) for mean, scale, calm in each]
 
     def total(self) -> Vector:
-        """(fingers,)"""
+        """Cost of each finger, (fingers,)."""
         each = zip(self.pieces, self.scale, self.calm, strict=True)
         return np.array([float((scale * calm * np.log1p(mean / scale)).mean()) for mean, scale, calm in each])
 
@@ -69,15 +69,17 @@ class _Costs:
         return float(np.sqrt((weight * np.concatenate(self.pieces)).sum() / weight.sum()))
 
 
-def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> Descended:
-    """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
-    share `enough` of its cost. `anew`: derivatives by one joint of a finger after the other in every round."""
+def descend(
+    problem: Problem, drive: DriveParameters, rounds: int, enough: float, *, anew: bool = False
+) -> DescentResult:
+    """Descend for at most `rounds` rounds of new derivatives and new starts of the pieces; stop where a round gains no
+    finger the share `enough` of its cost. `anew`: derivatives joint by joint in every round."""
     damping = np.full(len(problem.fingers), _FIRST)
     for number in range(rounds):
         if anew:
-            problem.shooting.forget()
+            problem.shooting.reset_sensitivities()
         problem.shooting.prepare(drive)
-        problem.shooting.better_starts(drive)
+        problem.shooting.improve_starts(drive)
         x = problem.x_of(drive)
         J, r = problem.jacobian(x), problem.residuals(x)
         costs = _costs(problem, r, _calm(problem, J))
@@ -87,14 +89,14 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, 
         if number + 1 == rounds or not (costs.total() < (1.0 - enough) * before).any():
             break
     weight = _rows(problem, costs)
-    return Descended(drive, J * weight[:, None], r, weight, costs.left)
+    return DescentResult(drive, J * weight[:, None], r, weight, costs.left)
 
 
-def standing(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
-    """The cost of a drive as it is, with the best starts of the pieces; and the scale, of each finger, above which its
-    pieces count less: what is to be compared must have the same."""
+def standing_cost(problem: Problem, drive: DriveParameters, scale: Vector | None = None) -> tuple[float, Vector]:
+    """The cost of a drive as it is, with the best starts of the pieces; and each finger's scale above which its pieces
+    count less. Costs are comparable with the same scale only."""
     problem.shooting.prepare(drive)
-    problem.shooting.better_starts(drive)
+    problem.shooting.improve_starts(drive)
     problem.shooting.prepare(drive)
     residuals = problem.residuals(problem.x_of(drive))
     costs = _costs(problem, residuals, tuple(np.ones((len(problem.fingers), len(problem.cuts.recording)))), scale)
@@ -104,7 +106,8 @@ def standing(problem: Problem, drive: Parameters, scale: Vector | None = None) -
 def _steps(
     problem: Problem, x: Vector, r: Vector, J: Array, weight: Vector, costs: _Costs, damping: Vector
 ) -> tuple[Vector, Vector, _Costs]:
-    """STEPS of them from `x`, with the weights and derivatives of its beginning. `damping`, of each finger, goes on."""
+    """STEPS steps from `x`, with the weights and derivatives of its beginning. `damping`, of each finger, is
+    updated."""
     normal, now = _normal(problem, J), costs.total()
     for _ in range(STEPS):
         gradient = J.T @ (weight * r)
@@ -137,7 +140,8 @@ def _normal(problem: Problem, J: Array) -> Array:
 
 
 def _step(problem: Problem, x: Vector, normal: Array, gradient: Vector, damping: Vector) -> Vector:
-    """Of all that moves; what would leave its range goes to its end, and the others are solved for again."""
+    """Step of all free parameters. A parameter that would leave its range goes to its bound, and the others are solved
+    for again."""
     more = np.zeros(len(x))
     for finger, own in enumerate(damping):
         more[problem.columns(finger)] = own
@@ -162,7 +166,7 @@ def _step(problem: Problem, x: Vector, normal: Array, gradient: Vector, damping:
 
 
 def _calm(problem: Problem, J: Array) -> tuple[Vector, ...]:
-    """The weight of each finger's pieces, (w,) each, by how much they answer to its parameters."""
+    """Weights of each finger's pieces, (w,) each, by how much they respond to its parameters."""
     w, found = len(problem.cuts.recording), []
     for number, rows in problem.parts():
         lever = np.square(J[rows][:, problem.columns(number)]).sum(axis=1).reshape(w, -1).mean(axis=1)
@@ -179,13 +183,13 @@ def _costs(problem: Problem, r: Vector, calm: tuple[Vector, ...], scale: Vector 
 
 
 def _usual(pieces: Vector) -> float:
-    """The mean square of the median piece that can be trusted at all."""
+    """Mean square of the median piece that is trusted at all."""
     trusted = pieces[pieces > 0.0]
     return float(np.median(trusted)) if len(trusted) else 1.0
 
 
 def _rows(problem: Problem, costs: _Costs) -> Vector:
-    """The square root of its piece's weight for every row, priors' included."""
+    """Square root of the piece's weight for every row, prior rows included."""
     w = len(problem.cuts.recording)
     found = []
     for weight, (number, _) in zip(costs.weights, problem.parts(), strict=True):

@@ -1,9 +1,9 @@
-"""A drive as the descent has it: one row of numbers of about the same size.
+"""Scaled parameters of a drive: one row of numbers of about the same size.
 
-In the place of k, the torque constant, stands K = k (1 − μ), μ: what a motor's torque adds to friction; in those of
-armature, damping and friction stand A / K, B / K, F / K. A joint whose motor drives and hardly ever brakes tells K and
-not μ; one whose link weighs little tells what is divided by K and not K. A descent by k, A, B and F would have to
-follow a narrow curved valley.
+K = k (1 − μ) replaces the torque constant k, μ: friction added by a motor's torque. A / K, B / K and F / K replace
+armature, damping and friction. A joint whose motor drives and hardly ever brakes determines K and not μ; a joint whose
+link weighs little determines what is divided by K and not K. A descent in k, A, B and F would have to follow a narrow
+curved valley.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.types import Array, Vector
 
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
 PULLED = NAMES[1:4]
-"""Of which a recording tells what they are per torque constant."""
+"""Parameters that a recording determines per torque constant."""
 SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
-"""Of friction that breaks away and grows with the motor's torque."""
+"""Parameters of friction that breaks away and grows with the motor's torque."""
 PLAY = ("backlash",)
-"""Of links that are loose."""
+"""Parameters of loose links."""
 ALL = (*NAMES, *SHAPE, *PLAY)
-"""Of every joint."""
+"""All parameters that every joint has."""
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
     "load_friction": 0.02, "backlash": 5e-4,
 }  # fmt: skip
-"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad."""
+"""How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad."""
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
     "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
@@ -37,7 +37,7 @@ _LEAST = {
 
 
 def index(name: str, n: int) -> slice:
-    """Where one kind of parameter stands: n values each, the delay last."""
+    """Place of one kind of parameter: n values each, the delay last."""
     if name == "delay":
         return slice(len(ALL) * n, len(ALL) * n + 1)
     first = ALL.index(name) * n
@@ -45,36 +45,36 @@ def index(name: str, n: int) -> slice:
 
 
 def units(n: int) -> Vector:
-    """What each number is in, (p,)."""
+    """Unit of each number, (p,)."""
     return np.concatenate([np.full(n, _UNITS[name]) for name in ALL] + [[_UNITS["delay"]]])
 
 
-def least(n: int) -> Vector:
-    """What each number may be at least, (p,)."""
+def lower_bounds(n: int) -> Vector:
+    """Lower bound of each number, (p,)."""
     return np.concatenate([np.full(n, _LEAST[name]) for name in ALL] + [[0.0]]) / units(n)
 
 
-def scaled(drive: Parameters) -> Vector:
-    """(p,), in the order of `index`."""
+def to_scaled(drive: DriveParameters) -> Vector:
+    """Scaled parameters, (p,), in the order of `index`."""
     values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
     values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
     values[1:4] = [value / pulls for value in values[1:4]]
     return np.asarray(np.concatenate(values) / units(len(pulls)))
 
 
-def unscaled(x: Vector) -> Parameters:
-    """What `scaled` made."""
+def from_scaled(x: Vector) -> DriveParameters:
+    """Inverse of `to_scaled`."""
     n = len(x) // len(ALL)
     values = x * units(n)
     rows = {name: values[index(name, n)] for name in ALL}
     pulls = rows["torque_constant"]
     rows |= {name: rows[name] * pulls for name in PULLED}
     rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
-    return Parameters(**rows, delay=np.full(n, values[-1]))
+    return DriveParameters(**rows, delay=np.full(n, values[-1]))
 
 
-def slope(drive: Parameters) -> Array:
-    """The derivative of a drive's values, in the order of `index`, by the numbers, (p, p)."""
+def scaling_jacobian(drive: DriveParameters) -> Array:
+    """Derivative of a drive's values, in the order of `index`, by the scaled parameters, (p, p)."""
     n = len(drive.torque_constant)
     unit = units(n)
     found = np.diag(unit)

@@ -1,4 +1,4 @@
-"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
+"""Least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
 
 from __future__ import annotations
 
@@ -9,72 +9,79 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import (
     ALL,
     PLAY,
     PULLED,
     SHAPE,
+    from_scaled,
     index,
-    least,
-    scaled,
+    lower_bounds,
+    to_scaled,
     units,
-    unscaled,
 )
 from allegro_twin.twin.identify.fitting.regress import LOAD
-from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut_pieces
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 Masses: TypeAlias = Literal["known", "assumed", "weighed"]
-"""Of the links: as given; as in the model, for want of better; or found with a known weight at a fingertip."""
+"""Link masses: as given; as in the model, for want of better; or found with a known weight at a fingertip."""
 MASS_SPREAD, MASS_SCALE = 0.06, 0.16
-"""Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
-for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
+"""Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources for
+a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, differ by 16 %."""
 PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
     "load_friction": LOAD[1], "backlash": 5e-3,
 }  # fmt: skip
-"""Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
-_KNOWN = 1e-4  # Of masses that do not move.
+"""Standard deviations about the nominal drive, so wide that any informative data outweigh them."""
+_KNOWN = 1e-4  # Of masses that are fixed.
 
 
 class Problem:
-    """Of some motions, of which every `every`-th piece of `length` periods is used."""
+    """The problem of some motions, with every `every`-th piece of `length` periods."""
 
-    x_of, drive_of = staticmethod(scaled), staticmethod(unscaled)
-    """The descent's numbers of a drive, and back."""
+    x_of, drive_of = staticmethod(to_scaled), staticmethod(from_scaled)
+    """Scaled parameters of a drive, and back."""
 
     def __init__(
-        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
+        self,
+        motions: list[RecordedMotion],
+        player: OpenLoopPlayer,
+        floor: Vector,
+        nominal: DriveParameters,
+        masses: Masses,
+        every: int = 1,
         length: int = LONG,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
-        self.cuts = cut(motions, player.spec, length, every * length)
+        self.cuts = cut_pieces(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
-        self.unit, self.least = units(self.n), least(self.n)
+        self.unit, self.least = units(self.n), lower_bounds(self.n)
         moving = [name for name in ALL if self._moves(name)] + ["delay"]
         self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
-        """Parameters that move."""
-        self._center = scaled(nominal)
+        """Indices of free parameters."""
+        self._center = to_scaled(nominal)
         self.prior = self._prior_rows()
 
     def residuals(self, x: Vector) -> Vector:
-        return np.concatenate([self.flat(self.shooting.raw(unscaled(x)), start=True), self.prior @ (x - self._center)])
+        return np.concatenate(
+            [self.flat(self.shooting.residuals(from_scaled(x)), start=True), self.prior @ (x - self._center)]
+        )
 
     def jacobian(self, x: Vector) -> Array:
-        """The derivatives of `residuals`; those by masses that do not move are left zero."""
-        drive = unscaled(x)
-        base = self.shooting.raw(drive)
+        """Derivatives of `residuals`; those by fixed masses are zero."""
+        drive = from_scaled(x)
+        base = self.shooting.residuals(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
         for name in ALL:
             if self._moves(name):
-                self.by(drive, base, name, found)
+                self.write_derivatives(drive, base, name, found)
         data = len(found) - len(self.prior)
-        found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
+        found[:data, -1] = self.flat(self.shooting.delay_derivative(drive, base)) * self.unit[-1]
         found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
         for name in PULLED:
             found[:data, index(name, self.n)] *= drive.torque_constant * (1.0 - drive.load_friction)
@@ -88,21 +95,21 @@ class Problem:
             return self.player.loose
         return name != "mass_scale" or self._masses == "weighed"
 
-    def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
-        """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
+    def write_derivatives(self, drive: DriveParameters, base: Array, name: str, into: Array) -> None:
+        """Write the derivatives by one kind of parameter into their rows and columns."""
         for place, change in enumerate(self.shooting.derivatives(drive, base, name)):
             for finger, rows in self.parts():
                 if place < len(self.fingers[finger]):
                     column = index(name, self.n).start + self.fingers[finger][place]
-                    into[rows, column] = self.shooting.projected(change, finger).ravel() * self.unit[column]
+                    into[rows, column] = self.shooting.project(change, finger).ravel() * self.unit[column]
 
     def columns(self, finger: int) -> NDArray[np.int_]:
         """A finger's own parameters, all but the delay."""
         return np.concatenate([index(name, self.n).start + np.array(self.fingers[finger]) for name in ALL])
 
     def flat(self, values: Array, *, start: bool = False) -> Vector:
-        """Residuals (w, rows, n) as `residuals` has them: of the first finger all pieces, of the second, …"""
-        parts = [self.shooting.projected(values, f, start=start).ravel() for f in range(len(self.fingers))]
+        """Residuals (w, rows, n) in the order of `residuals`: all pieces of the first finger, of the second, …"""
+        parts = [self.shooting.project(values, f, start=start).ravel() for f in range(len(self.fingers))]
         return np.concatenate(parts)
 
     def parts(self) -> Iterator[tuple[int, slice]]:
@@ -125,15 +132,14 @@ class Problem:
 
 
 def mass_covariance(problem: Problem) -> Array:
-    """Of what the masses of the links may be, as factors, (n, n)."""
+    """Covariance of the links' masses, as factors, (n, n)."""
     found = np.eye(problem.n) * MASS_SPREAD**2
     for finger in problem.fingers:
         found[np.ix_(finger, finger)] += MASS_SCALE**2
     return found
 
 
-def at_model(nominal: Parameters, start: Parameters) -> Parameters:
-    """Where the prior is centred: the nominal drive, with the masses of the start, the shape of friction there, and no
-    offsets."""
+def prior_center(nominal: DriveParameters, start: DriveParameters) -> DriveParameters:
+    """Center of the prior: the nominal drive, with the masses and the friction shape of the start, and no offsets."""
     shape = {name: getattr(start, name) for name in ("mass_scale", *SHAPE)}
     return replace(nominal, offset=np.zeros(len(start.offset)), **shape)

@@ -1,10 +1,10 @@
-"""The linear fit: what a drive is, from positions alone, by one regression a joint. A start for the nonlinear one.
+"""Linear fit of a drive from positions alone, one regression per joint: the start for the nonlinear fit.
 
     k u = τ(q, v, a) + A a + B v + F sgn(v)
 
-u: fraction of full PWM, k: torque constant, τ: torque that moves the links (known masses), A: armature, B: damping,
-F: dry friction. Divided by k it is linear in 1/k, A/k, B/k and F/k. Positions are filtered forwards and backwards, so
-that speeds and accelerations are not late; both sides of the equation pass the same filter.
+u: fraction of full PWM, k: torque constant, τ: torque that moves the links (known masses), A: armature, B: damping, F:
+dry friction. Divided by k it is linear in 1/k, A/k, B/k and F/k. Positions are filtered forwards and backwards, so that
+speeds and accelerations have no delay; both sides of the equation pass the same filter.
 """
 
 from __future__ import annotations
@@ -16,21 +16,20 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.
 DELAYS = np.arange(0.0, 0.0125, 0.0005)  # s
 STILL = 0.02  # rad/s. Slower than this a joint may stick, and friction has any value.
-LOAD = (0.03, 0.03)  # Of friction per torque: what spur gears lose, and how far that may be off.
-KIN = 10.0  # Rows that are off by the same, since a model is, and not by noise.
+LOAD = (0.03, 0.03)  # Of friction per torque: loss of spur gears, and its standard deviation.
+KIN = 10.0  # Neighbouring rows with the same error, since it is the model's and not noise.
 STRIBECK = np.array([0.07, 0.1, 0.14, 0.2])  # rad/s, tried.
-THIN = 5  # Rows: after the filter they tell the same.
+THIN = 5  # Rows: after the filter they say the same.
 
 
-class Smoothed(NamedTuple):
+class SmoothedMotion(NamedTuple):
     """A motion without its noise, (k, n) each: rad, rad/s, rad/s²."""
 
     position: Array
@@ -38,30 +37,30 @@ class Smoothed(NamedTuple):
     acceleration: Array
 
 
-def smoothed(motion: Motion) -> Smoothed:
-    position = _filtered(motion.position, motion.period, SMOOTH)
+def smooth_motion(motion: RecordedMotion) -> SmoothedMotion:
+    position = _filter(motion.position, motion.period, SMOOTH)
     velocity = np.gradient(position, motion.period, axis=0)
-    return Smoothed(position, velocity, np.gradient(velocity, motion.period, axis=0))
+    return SmoothedMotion(position, velocity, np.gradient(velocity, motion.period, axis=0))
 
 
-def pushes(motion: Motion) -> Array:
-    """What acted around each row, as fractions of full PWM, as smooth as `smoothed`, (k, n)."""
-    return _filtered(_shifted(motion.duty, 0.0), motion.period, SMOOTH)
+def smooth_duty(motion: RecordedMotion) -> Array:
+    """Duty around each row, as fractions of full PWM, filtered as `smooth_motion` does, (k, n)."""
+    return _filter(_shift(motion.duty, 0.0), motion.period, SMOOTH)
 
 
-def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parameters:
-    """The best straight line for every joint, with one delay for all."""
-    parts = [_sides(motion, player, mass_scale) for motion in motions]
+def regress(motions: list[RecordedMotion], player: OpenLoopPlayer, mass_scale: Vector) -> DriveParameters:
+    """The linear fit of every joint, with one delay for all."""
+    parts = [_link_torques(motion, player, mass_scale) for motion in motions]
     best: tuple[float, float, Array] | None = None
     for delay in DELAYS:
-        solved, left = _solved(motions, parts, float(delay))
+        solved, left = _solve(motions, parts, float(delay))
         if best is None or left.sum() < best[0]:
             best = (float(left.sum()), float(delay), solved)
     assert best is not None
     _, delay, x = best
     constant = 1.0 / np.clip(x[:, 0], 0.2, 5.0)
     spec = motions[0].spec
-    return Parameters(
+    return DriveParameters(
         torque_constant=constant,
         armature=np.clip(x[:, 1] * constant, 3e-4, 3e-2),
         damping=np.clip(x[:, 2] * constant, 3e-3, 1.0),
@@ -77,12 +76,12 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
     )
 
 
-def breaking(motions: list[Motion], player: Player, start: Parameters) -> Parameters:
-    """The same line with friction that is larger when slow and grows with the motor's torque, (n,) each:
-    F sgn(v) (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
+def regress_breakaway(motions: list[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters) -> DriveParameters:
+    """The linear fit with friction that is larger at low speed and grows with the motor's torque, (n,) each: F sgn(v)
+    (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
     delay = float(start.delay[0])
-    parts = [_sides(motion, player, start.mass_scale) for motion in motions]
-    tried = [_solved(motions, parts, delay, speed) for speed in STRIBECK]
+    parts = [_link_torques(motion, player, start.mass_scale) for motion in motions]
+    tried = [_solve(motions, parts, delay, speed) for speed in STRIBECK]
     best = np.argmin([left for _, left in tried], axis=0)
     x = np.stack([tried[which][0][joint] for joint, which in enumerate(best)])
     constant = 1.0 / np.clip(x[:, 0], 0.2, 5.0)
@@ -99,22 +98,22 @@ def breaking(motions: list[Motion], player: Player, start: Parameters) -> Parame
     )
 
 
-def _sides(motion: Motion, player: Player, mass_scale: Vector) -> tuple[Smoothed, Array]:
-    """The motion, and the torque that its links take, (k, n), N·m."""
-    smooth = smoothed(motion)
+def _link_torques(motion: RecordedMotion, player: OpenLoopPlayer, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
+    """The smoothed motion, and the torque that its links take, (k, n), N·m."""
+    smooth = smooth_motion(motion)
     player.links_only(mass_scale, motion.weight)
     torque = [player.link_torque(*row, motion.gravity) for row in zip(*smooth, strict=True)]
     return smooth, np.array(torque)
 
 
-def _solved(
-    motions: list[Motion], parts: list[tuple[Smoothed, Array]], delay: float, stribeck: float = 0.0
+def _solve(
+    motions: list[RecordedMotion], parts: list[tuple[SmoothedMotion, Array]], delay: float, stribeck: float = 0.0
 ) -> tuple[Array, Vector]:
-    """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the share that is left unexplained, (n,); with a Stribeck speed
-    [1/k, A/k, B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
+    """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the unexplained share, (n,); with a Stribeck speed [1/k, A/k,
+    B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
     n = motions[0].spec.n_joints
     solved, left = np.zeros((n, 6 if stribeck else 4)), np.zeros(n)
-    late = [_filtered(_shifted(m.duty, delay / m.period), m.period, BAND) for m in motions]
+    late = [_filter(_shift(m.duty, delay / m.period), m.period, BAND) for m in motions]
     for joint in range(n):
         rows, right = [], []
         for motion, (smooth, torque), duty in zip(motions, parts, late, strict=True):
@@ -125,7 +124,7 @@ def _solved(
                 terms += [side * np.exp(-np.square(v / stribeck)), side * np.abs(duty[:, joint])]
             columns = np.stack(terms, axis=1)
             kept = (np.abs(v) > STILL) & (motion.good[:, joint] > 0)
-            rows.append(_filtered(columns, motion.period, BAND)[kept][::THIN])
+            rows.append(_filter(columns, motion.period, BAND)[kept][::THIN])
             right.append(duty[kept, joint][::THIN])
         a, b = np.concatenate(rows), np.concatenate(right)
         if len(a) < 8:
@@ -133,15 +132,15 @@ def _solved(
             continue
         found = np.linalg.lstsq(a, b)[0]
         if stribeck:
-            found = _held(a, b, float(np.sqrt(np.square(a @ found - b).mean())))
+            found = _solve_near_likely(a, b, float(np.sqrt(np.square(a @ found - b).mean())))
         solved[joint] = found
         left[joint] = np.square(a @ found - b).sum() / max(np.square(b).sum(), 1e-12)
     return solved, left
 
 
-def _held(a: Array, b: Vector, left: float) -> Vector:
-    """The least squares, with 1/k and the share that a load adds held near what is likely: in a distal joint weight,
-    load and friction look alike. `left`: root mean square of what is unexplained."""
+def _solve_near_likely(a: Array, b: Vector, left: float) -> Vector:
+    """Least squares with 1/k and load friction held near likely values: in a distal joint weight, load and friction
+    look alike. `left`: root mean square of the unexplained rest."""
     likely, spread, about = np.zeros((2, a.shape[1])), np.array([0.15, LOAD[1]]), np.array([1.0, LOAD[0]])
     likely[[0, 1], [0, 5]] = 1.0
     weight = KIN * left / spread
@@ -149,8 +148,8 @@ def _held(a: Array, b: Vector, left: float) -> Vector:
     return np.asarray(np.linalg.lstsq(rows, np.concatenate([b, about * weight]))[0])
 
 
-def _shifted(duty: Array, periods: float) -> Array:
-    """What acted around each row, (k, n): the mean of the periods before and after it, `periods` earlier."""
+def _shift(duty: Array, periods: float) -> Array:
+    """Duty around each row, (k, n): the mean of the periods before and after it, `periods` earlier."""
     k = len(duty)
     ahead = np.concatenate([duty[1:], duty[-1:]])
     middle = (duty + ahead) / 2.0
@@ -158,6 +157,6 @@ def _shifted(duty: Array, periods: float) -> Array:
     return np.stack([np.interp(at, np.arange(k), column) for column in middle.T], axis=1)
 
 
-def _filtered(values: Array, period: float, cut: float) -> Array:
+def _filter(values: Array, period: float, cut: float) -> Array:
     b, a = butter(2, cut * 2.0 * period)
     return np.asarray(filtfilt(b, a, values, axis=0))

@@ -1,8 +1,8 @@
-"""Multiple shooting: recorded commands played into the model from many starts, and what is left of the measurement.
+"""Multiple shooting: plays recorded commands into the model from many starts, and compares with the measurement.
 
-A piece lasts some periods; its start (positions and speeds) is unknown and is eliminated linearly, finger by finger:
-with r the residuals of one finger in one piece, S their derivative by its start and Λ how far a start may be off,
-Q from [S; Λ] = QR takes away what a better start would explain, r ← r − QQᵀr, and the same from the derivatives.
+A piece lasts some periods. Its start (positions and speeds) is unknown and is eliminated linearly, finger by finger.
+Let r be the residuals of one finger in one piece, S their derivative by its start and Λ the uncertainty of a start.
+Then Q from [S; Λ] = QR removes what a better start would explain, r ← r − QQᵀr, and the same from the derivatives.
 """
 
 from __future__ import annotations
@@ -13,35 +13,39 @@ from functools import partial
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.fitting.regress import pushes, smoothed
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.regress import smooth_duty, smooth_motion
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 
-class Answers:
-    """Derivatives by kinds of nudges, as they were found last."""
+class Sensitivities:
+    """Derivatives by finite differences, joint by joint the first time, then all joints at once.
+
+    A joint responds mostly to its own parameters. What it takes from its finger's other joints, through the links,
+    hardly changes on a descent. So the second time all joints are changed together, and the others' part of the first
+    time is subtracted: one play of the model instead of four.
+    """
 
     def __init__(self, fingers: list[list[int]]) -> None:
         longest = max(map(len, fingers))
         self._places = [[finger[place] for finger in fingers if place < len(finger)] for place in range(longest)]
         self._known: dict[str, list[Array]] = {}
 
-    def of(self, name: str, nudged: Callable[[list[int]], Array]) -> Iterator[Array]:
-        """Derivatives (w, rows, n) by what is called `name` of the first joint of each finger, the second, …; `nudged`
-        gives the one by that of some joints together."""
+    def derivatives(self, name: str, nudged: Callable[[list[int]], Array]) -> Iterator[Array]:
+        """Yield derivatives (w, rows, n) by the parameter `name` of the first joint of each finger, of the second, …
+        `nudged` gives the derivative by some joints together."""
         known = self._known.get(name)
         if known is None:
             self._known[name] = [nudged(joints) for joints in self._places]
         else:
             together = nudged([joint for joints in self._places for joint in joints])
-            self._known[name] = [self._renewed(known, place, together) for place in range(len(known))]
+            self._known[name] = [self._update(known, place, together) for place in range(len(known))]
         yield from self._known[name]
 
-    def _renewed(self, known: list[Array], place: int, together: Array) -> Array:
-        """By one place: its own joints' answer anew, the others' as it was."""
+    def _update(self, known: list[Array], place: int, together: Array) -> Array:
+        """Derivative by one place of all fingers: its own joints' part anew, the others' as it was."""
         own = self._places[place]
         others = sum((known[other][:, :, own] for other in range(len(known)) if other != place), np.float64(0.0))
         found = known[place].copy()
@@ -50,16 +54,16 @@ class Answers:
 
 
 LONG, SHORT = 99, 33
-"""Periods of a piece: 0.3 s, long enough, since a wrong start is forgotten after armature / damping = 40 ms; and 0.1 s,
-in which a joint whose model is still wrong has hardly slipped where it should have stuck: for where that is so."""
+"""Periods of a piece. 0.3 s is long enough, since a wrong start is forgotten after armature / damping = 40 ms. In 0.1 s
+a joint whose model is still wrong has hardly slipped where it should have stuck."""
 MEAN = 3  # Periods whose residuals are averaged.
-TRUSTED = 0.9  # Of the rows of a piece.
+TRUSTED = 0.9  # Share of a piece's rows.
 START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
-"""rad, rad/s, rad: how far a smoothed start may be off; the last where friction has bristles."""
+"""rad, rad/s, rad: standard deviation of a smoothed start; the last where friction has bristles."""
 FURTHEST = 4.0
-"""Times that: a model that is still wrong would explain itself by starts."""
+"""Times START: otherwise a model that is still wrong would explain itself by its starts."""
 SHARES = (1.0, 0.4, 0.15)
-"""Of a step of the starts, tried one after the other: friction is not linear."""
+"""Shares of a step of the starts, tried one after the other: friction is not linear."""
 NUDGE = {
     "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
     "mass_scale": 0.03,
@@ -71,27 +75,29 @@ rad, 1, rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cuts:
+class MotionPieces:
     """Motions cut into pieces, w in all."""
 
     position: Array
     """Where each starts, as reported and smoothed, (w, n), rad."""
     velocity: Array
     """(w, n), rad/s."""
-    pieces: Pieces
+    pieces: Segments
     measured: Array
     """(w, k, n), rad."""
     trust: Array
-    """1 for fingers whose every joint can be trusted during a piece, (w, fingers)."""
+    """1 for fingers whose joints can all be trusted during a piece, (w, fingers)."""
     recording: Array
-    """Which motion each is of, (w,)."""
+    """Index of each piece's motion, (w,)."""
 
 
-def cut(motions: list[Motion], spec: HandSpec, length: int = LONG, stride: int | None = None) -> Cuts:
-    """All whole pieces, `stride` rows apart; by default one after the other."""
+def cut_pieces(
+    motions: list[RecordedMotion], spec: HandSpec, length: int = LONG, stride: int | None = None
+) -> MotionPieces:
+    """Cut motions into all whole pieces, `stride` rows apart; by default one after the other."""
     parts: list[list[Array]] = [[] for _ in range(10)]
     for number, motion in enumerate(motions):
-        smooth, push = smoothed(motion), pushes(motion)
+        smooth, push = smooth_motion(motion), smooth_duty(motion)
         for first in range(BEFORE, len(motion.position) - length, stride or length):
             rows = slice(first + 1, first + 1 + length)
             good = motion.good[rows].mean(axis=0)
@@ -104,31 +110,31 @@ def cut(motions: list[Motion], spec: HandSpec, length: int = LONG, stride: int |
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    return Cuts(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
+    return MotionPieces(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
-    """The residuals of some cuts, and their derivatives."""
+    """Residuals of motion pieces, and their derivatives."""
 
-    def __init__(self, player: Player, cuts: Cuts, sigma: Vector) -> None:
+    def __init__(self, player: OpenLoopPlayer, cuts: MotionPieces, sigma: Vector) -> None:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
         self.moments: int = cuts.measured.shape[1] // MEAN
         """Rows of a piece's residuals."""
         self._states = ("position", "velocity", "bend") if player.bristly else ("position", "velocity")
-        self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
+        self._off = np.zeros((3, *cuts.position.shape))  # Displacement of the starts, as in START.
         self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
         self._bases: list[Array] = []
-        self._answers = Answers(self._fingers)
+        self._answers = Sensitivities(self._fingers)
 
-    def raw(self, drive: Parameters, player: Player | None = None) -> Array:
+    def residuals(self, drive: DriveParameters, player: OpenLoopPlayer | None = None) -> Array:
         """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
         return self._means(self._play(drive, self._off, player) - self._cuts.measured)
 
-    def prepare(self, drive: Parameters) -> None:
-        """Find out what the starts do, near `drive`."""
-        base = self.raw(drive)
+    def prepare(self, drive: DriveParameters) -> None:
+        """Derive the residuals by the starts, near `drive`."""
+        base = self.residuals(drive)
 
         def nudged(which: int, joints: list[int]) -> Array:
             off, name = self._off.copy(), self._states[which]
@@ -136,7 +142,7 @@ class Shooting:
             change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
             return np.asarray(change / NUDGE[name] * START[name])
 
-        each = [self._answers.of(name, partial(nudged, which)) for which, name in enumerate(self._states)]
+        each = [self._answers.derivatives(name, partial(nudged, which)) for which, name in enumerate(self._states)]
         starts = [answer for place in zip(*each, strict=True) for answer in place]
         self._bases, self._solvers = [], []
         for finger in self._fingers:
@@ -147,21 +153,21 @@ class Shooting:
             self._bases.append(Q)
             self._solvers.append(np.linalg.inv(R))
 
-    def forget(self) -> None:
-        """Derivatives are to be found by one joint of a finger after the other again."""
-        self._answers = Answers(self._fingers)
+    def reset_sensitivities(self) -> None:
+        """Find derivatives joint by joint again, the next time."""
+        self._answers = Sensitivities(self._fingers)
 
-    def better_starts(self, drive: Parameters) -> None:
-        """Move the starts to where the residuals are least, each finger's in each piece only as far as that is so."""
-        residual, before = self.raw(drive), self._off.copy()
+    def improve_starts(self, drive: DriveParameters) -> None:
+        """Move the starts to where the residuals are least, for each finger and piece only as far as that helps."""
+        residual, before = self.residuals(drive), self._off.copy()
         costs, steps = self._costs(residual), self._steps(residual)
-        left = np.ones(costs.shape, dtype=bool)  # Of which pieces and fingers a step is still looked for.
+        left = np.ones(costs.shape, dtype=bool)  # Pieces and fingers whose step is not found yet.
         for share in SHARES:
             for number, finger in enumerate(self._fingers):
                 rows = np.ix_(np.arange(3), np.flatnonzero(left[:, number]), np.array(finger))
                 self._off[rows] = (before + share * steps)[rows]
             self._off = np.clip(self._off, -self._furthest, self._furthest)
-            left &= self._costs(self.raw(drive)) > costs
+            left &= self._costs(self.residuals(drive)) > costs
             if not left.any():
                 return
         for number, finger in enumerate(self._fingers):
@@ -169,7 +175,7 @@ class Shooting:
             self._off[rows] = before[rows]
 
     def _steps(self, residual: Array) -> Array:
-        """What linear starts would be moved by, (3, w, n)."""
+        """Steps of the starts in the linear model, (3, w, n)."""
         found = np.zeros_like(self._off)
         for finger, Q, inverse in zip(self._fingers, self._bases, self._solvers, strict=True):
             step = -np.einsum("wij,wj->wi", inverse, _within(Q, self._augmented(residual, finger)))  # (w, starts)
@@ -182,29 +188,31 @@ class Shooting:
         """Σ r² of every finger in every piece, (w, fingers)."""
         return np.stack([np.square(self._augmented(residual, f)).sum(axis=1) for f in self._fingers], axis=1)
 
-    def projected(self, values: Array, finger: int, *, start: bool = False) -> Array:
-        """What no start explains of residuals or of a derivative (w, rows, n), for one finger, (w, m). `start`: the
-        distance of the starts from the smoothed ones counts, too."""
+    def project(self, values: Array, finger: int, *, start: bool = False) -> Array:
+        """The part of residuals or of a derivative (w, rows, n) that no start explains, for one finger, (w, m).
+        `start`: include the distance of the starts from the smoothed ones."""
         joints, Q = self._fingers[finger], self._bases[finger]
         r = self._augmented(values, joints, start)
         return np.asarray(r - np.matmul(Q, _within(Q, r)[..., None])[..., 0])
 
     def rows(self, finger: list[int]) -> int:
-        """Of a finger's residuals in one piece."""
+        """Number of a finger's residuals in one piece."""
         return (self.moments + len(self._states)) * len(finger)
 
-    def derivatives(self, drive: Parameters, base: Array, name: str) -> Iterator[Array]:
-        """By one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the second, …; by
-        `torque_constant` with armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it
-        is. `base`: of the same drive."""
-        return self._answers.of(name, lambda joints: (self.raw(_nudged(drive, name, joints)) - base) / NUDGE[name])
+    def derivatives(self, drive: DriveParameters, base: Array, name: str) -> Iterator[Array]:
+        """Derivatives by one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the
+        second, … By `torque_constant`: with armature, damping and friction in proportion. By `load_friction`: with k (1
+        − μ) constant. `base`: residuals of the same drive."""
+        return self._answers.derivatives(
+            name, lambda joints: (self.residuals(_nudge(drive, name, joints)) - base) / NUDGE[name]
+        )
 
-    def late(self, drive: Parameters, base: Array) -> Array:
-        """By the delay, likewise."""
+    def delay_derivative(self, drive: DriveParameters, base: Array) -> Array:
+        """Derivative by the delay, likewise."""
         everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
-        return (self.raw(everywhere) - base) / NUDGE["delay"]
+        return (self.residuals(everywhere) - base) / NUDGE["delay"]
 
-    def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
+    def _play(self, drive: DriveParameters, off: Array, player: OpenLoopPlayer | None) -> Array:
         cuts = self._cuts
         played = (player or self._player).play
         return played(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces, off[2])
@@ -227,7 +235,7 @@ class Shooting:
         return np.concatenate([own, off], axis=1)
 
 
-def _nudged(drive: Parameters, name: str, joints: list[int]) -> Parameters:
+def _nudge(drive: DriveParameters, name: str, joints: list[int]) -> DriveParameters:
     nudged = drive.changed(name, joints, NUDGE[name])
     if name == "torque_constant":
         by = nudged.torque_constant / drive.torque_constant

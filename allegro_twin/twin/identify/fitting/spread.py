@@ -1,4 +1,4 @@
-"""How far a fit may be off: over pieces, over recordings, over time steps, and over masses that were only assumed."""
+"""Uncertainty of a fit: over pieces, over recordings, over time steps, and over masses that were only assumed."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import Descended
-from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope
+from allegro_twin.sim.open_loop import DriveParameters
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import DescentResult
+from allegro_twin.twin.identify.fitting.parameterisation import index, scaling_jacobian, to_scaled
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance
 from allegro_twin.types import Array, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Of the parameters in the order of `index`, in their own units, p in all."""
+    """Uncertainties of the p parameters in the order of `index`, in their own units."""
 
     covariance: Array
-    """(p, p): the larger of what the noise says and what the pieces say of themselves."""
+    """(p, p): the larger of what the noise and what the scatter of the pieces gives."""
     by_recording: Array
-    """What leaving each recording out would change, (recordings, p)."""
+    """Change by leaving each recording out, (recordings, p)."""
     step: Vector
-    """What halving the time step would change, (p,)."""
+    """Change by halving the time step, (p,)."""
     path: Vector
-    """What going from the rough solution to the last one changed, (p,): where steps were short of their end, or valleys
-    lie next to each other, a linear estimate at the last one says too little."""
+    """Change from the rough solution to the last one, (p,). Where steps ended early, or valleys lie next to each other,
+    a linear estimate at the last one is too small."""
     rest: Vector
-    """What one more step, undamped, would change, (p,): where the descent stopped short of its end."""
+    """Change by one more step, undamped, (p,): where the descent ended early."""
     mass: Array
-    """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
+    """Derivative by the masses of the links, as factors, (p, n); zero where they are known or found."""
     correlation: Array
-    """Of the data alone, as the descent has the parameters, (p, p)."""
+    """Of the data alone, in scaled parameters, (p, p)."""
     residual: Vector
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
-def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses) -> Spread:
-    """From the last derivatives and residuals, weighted as they were; those of the prior are at their end. `rough`:
+def spread(problem: Problem, last: DescentResult, rough: DriveParameters, masses: Masses) -> Spread:
+    """Uncertainties from the last derivatives and residuals with their weights; prior rows are at their end. `rough`:
     where the descent on all pieces began."""
     drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)
     J, weight = last.jacobian[:data], last.weight[:data]
@@ -49,20 +49,20 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
-    by = slope(drive)
+    by = scaling_jacobian(drive)
     still = np.setdiff1d(np.arange(len(by)), problem.active)
-    by[np.ix_(problem.active, still)] = 0.0  # What does not move makes nothing doubtful that does.
-    raw = problem.shooting.raw(drive)
-    fine = problem.shooting.raw(drive, problem.player.finer())
+    by[np.ix_(problem.active, still)] = 0.0  # A fixed parameter adds no uncertainty to a free one.
+    raw = problem.shooting.residuals(drive)
+    fine = problem.shooting.residuals(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
     recordings = np.unique(problem.cuts.recording)
-    without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
+    without = np.array([_without_recording(problem, J, r, information, int(k)) for k in recordings])
     sd = np.sqrt(np.diag(inverse))
     return Spread(
         covariance=by @ (by_noise * np.outer(larger, larger)) @ by.T,
         by_recording=without @ by.T,
         step=by @ step,
-        path=by @ (scaled(drive) - scaled(rough)),
+        path=by @ (to_scaled(drive) - to_scaled(rough)),
         rest=-by @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
         mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(by), problem.n)),
         correlation=inverse / np.outer(sd, sd),
@@ -79,8 +79,8 @@ def _by_piece(problem: Problem, J: Array, r: Vector) -> Array:
     return total
 
 
-def _without(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
-    """The change of the parameters when one recording is left out, to first order."""
+def _without_recording(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
+    """Change of the parameters when one recording is left out, to first order."""
     w, chosen = len(problem.cuts.recording), problem.cuts.recording == number
     left, gradient = information.copy(), np.zeros(J.shape[1])
     for _, rows in problem.parts():
@@ -90,15 +90,15 @@ def _without(problem: Problem, J: Array, r: Vector, information: Array, number: 
     return np.asarray(np.linalg.solve(left, gradient))
 
 
-def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) -> Array:
+def _mass_effect(problem: Problem, last: DescentResult, inverse: Array, raw: Array) -> Array:
     """How the best parameters follow the masses: -(JᵀJ)⁻¹ Jᵀ ∂r/∂m."""
     data = len(last.residuals) - len(problem.prior)
     J, by_mass = last.jacobian[:data], np.zeros((data, len(inverse)))
-    problem.by(last.drive, raw, "mass_scale", by_mass)
+    problem.write_derivatives(last.drive, raw, "mass_scale", by_mass)
     by_mass *= last.weight[:data, None]
     part = index("mass_scale", problem.n)
     effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
-    return np.asarray(slope(last.drive) @ effect)
+    return np.asarray(scaling_jacobian(last.drive) @ effect)
 
 
 def mass_variance(problem: Problem, found: Spread) -> Array:

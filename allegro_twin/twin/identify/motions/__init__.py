@@ -1,1 +1,1 @@
-"""What a hand is made to do to be known, and the recordings of it."""
+"""Excitations of a hand, and their recordings."""

@@ -1,4 +1,5 @@
-"""Motions that tell what a drive is made of: slow and fast, every joint, inside the limits and without self-contact."""
+"""Excitation motions for identification: poses of the hand, slow and fast motions of every joint, and their rehearsal
+in simulation."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.control import laws
-from allegro_twin.control.controllers import Following, Gravity
+from allegro_twin.control.controllers import GravityFeedforward, ReferenceMemory
 from allegro_twin.control.time_scaling import minimum_jerk
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.errors import ConfigError, unknown
@@ -20,24 +21,37 @@ from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.twin.identify.motions.limits import alike
+from allegro_twin.twin.identify.motions.limits import alike_joints
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
+
+KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Low, so that torques are not all spent on holding a path.
+SWING = np.array([0.40, 0.5, 0.5, 0.5])  # rad, about the middle, from the palm outward.
+KEEP = 0.06  # rad from the joint limits.
+SLOW = np.array([0.09, 0.23, 0.41, 0.73, 1.1])  # Hz, each drawn ± 10 %.
+SLOW_SHARE = np.array([0.30, 0.22, 0.20, 0.16, 0.12])
+FAST = (2.0, 14.0)  # Hz. The inertia of a drive shows above damping / armature, some 4 Hz.
+N_FAST, SHARE = 6, 0.35  # Torque sines, and their sum as a share of the torque limit.
+CYCLE, CREEP, RATE = 8.0, 0.3, 0.08  # s; its share of slow motion; the slow pace. Friction shows there.
+APPROACH = 1.5  # s from wherever the hand is.
+
+NEAR = 0.003  # m between two links that count as touching: the real hand differs from the nominal one.
+SCALES, TRIES = (1.0, 0.85, 0.7), 6
 
 G = 9.81  # m/s²
 TILT = np.radians(15.0)  # rad. A stand that leans more is another pose.
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
-    """One way to lay the hand."""
+class ExcitationPose:
+    """A way to place the hand. Three of these together show every joint its weight."""
 
     name: str
     facing: tuple[float, float, float]
     """Where the palm looks, world axes; z is up."""
     fingers: tuple[float, float, float]
     """Where stretched fingers point."""
-    words: str
-    """For a person."""
+    instruction: str
+    """Instruction for a person."""
 
     @property
     def gravity(self) -> tuple[float, float, float]:
@@ -48,7 +62,7 @@ class Pose:
         return a, b, c
 
     def check(self, measured: Vector) -> None:
-        """Raise ConfigError where gravity in the palm frame (3,), m/s², says that the hand lies otherwise."""
+        """Raise ConfigError where measured gravity in the palm frame, (3,), m/s², shows another pose."""
         known = np.array(self.gravity)
         length = float(np.linalg.norm(measured))
         if not np.isfinite(length) or length < 0.1 * G:
@@ -56,19 +70,19 @@ class Pose:
         lean = float(np.arccos(np.clip(measured @ known / length / G, -1.0, 1.0)))
         if lean > TILT:
             raise ConfigError(
-                f"the hand's IMU is {np.degrees(lean):.0f}° off the pose {self.name!r}: {self.words}, or name the pose "
-                "that it has"
+                f"the hand's IMU is {np.degrees(lean):.0f}° off the pose {self.name!r}: {self.instruction}, or name "
+                "the pose that it has"
             )
 
 
-def pose(name: str, side: Side) -> Pose:
+def find_pose(name: str, side: Side) -> ExcitationPose:
     """A pose by its name, for a hand of that side. Raises ConfigError with the nearest names."""
     thumb = 1.0 if side == "right" else -1.0
     known = (
-        Pose("up", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "stand the hand upright, its fingers pointing up"),
-        Pose("palm-up", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), "lay the hand on its back, the palm looking up"),
-        Pose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "lay the hand on its edge, the thumb's side up"),
-        Pose("palm-down", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), "hold the hand out, the palm looking down"),
+        ExcitationPose("up", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "stand the hand upright, its fingers pointing up"),
+        ExcitationPose("palm-up", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), "lay the hand on its back, the palm looking up"),
+        ExcitationPose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "lay the hand on its edge, the thumb's side up"),
+        ExcitationPose("palm-down", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), "hold the hand out, the palm looking down"),
     )
     for each in known:
         if each.name == name:
@@ -76,19 +90,8 @@ def pose(name: str, side: Side) -> Pose:
     raise ConfigError(unknown("pose", name, [each.name for each in known]))
 
 
-KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Loose, so that torques are not all spent on holding a path.
-SWING = np.array([0.40, 0.5, 0.5, 0.5])  # rad, about the middle, from the palm outward.
-KEEP = 0.06  # rad from the joint limits.
-SLOW = np.array([0.09, 0.23, 0.41, 0.73, 1.1])  # Hz, each drawn ± 10 %.
-SLOW_SHARE = np.array([0.30, 0.22, 0.20, 0.16, 0.12])
-FAST = (2.0, 14.0)  # Hz. The inertia of a drive shows above damping / armature, some 4 Hz.
-N_FAST, SHARE = 6, 0.35  # Torque sines, and what they add up to of the clip.
-CYCLE, CREEP, RATE = 8.0, 0.3, 0.08  # s; the share of it spent slowly; how slowly. Friction shows there.
-APPROACH = 1.5  # s from wherever the hand is.
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Waves:
+class SineSum:
     """Σ aₖ sin(2π fₖ t + φₖ), (n joints, k)."""
 
     amplitude: Array
@@ -104,11 +107,12 @@ class Waves:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A controller that plays one excitation. `scale` shrinks its swing; equal seeds are equal motions."""
+    """A controller that plays one excitation, within the joint limits. `scale` shrinks its swing; equal seeds give
+    equal motions."""
 
     spec: HandSpec
     seed: int
-    gravity: Gravity
+    gravity: GravityFeedforward
     scale: float = 1.0
 
     @cached_property
@@ -117,26 +121,26 @@ class Excitation:
         return frozen((self.spec.lower + self.spec.upper) / 2.0)
 
     @cached_property
-    def path(self) -> Waves:
-        """About the middle; fingers beside each other spread and close in parallel."""
+    def path(self) -> SineSum:
+        """Path about the middle; adjacent fingers spread and close in parallel."""
         n, draw = self.spec.n_joints, np.random.default_rng(self.seed)
         room = np.minimum(self.spec.upper - self.middle, self.middle - self.spec.lower) - KEEP
         swing = np.minimum(room, np.concatenate([SWING[: len(f.joints)] for f in self.spec.fingers])) * self.scale
         frequency = SLOW * draw.uniform(0.9, 1.1, (n, len(SLOW)))
         phase = draw.uniform(0.0, 2.0 * np.pi, (n, len(SLOW)))
-        spread = alike(self.spec)[0]
+        spread = alike_joints(self.spec)[0]
         frequency[spread], phase[spread] = frequency[spread[0]], phase[spread[0]]
-        return Waves(swing[:, None] * SLOW_SHARE, frequency, phase)
+        return SineSum(swing[:, None] * SLOW_SHARE, frequency, phase)
 
     @cached_property
-    def shaking(self) -> Waves:
-        """Torques on top, N·m."""
+    def shaking(self) -> SineSum:
+        """Additional torques, N·m."""
         n, draw = self.spec.n_joints, np.random.default_rng((self.seed, 1))
         band = np.geomspace(*FAST, N_FAST) * draw.uniform(0.9, 1.1, (n, N_FAST))
         share = SHARE * self.scale * self.spec.actuation.torque_limit[:, None] / N_FAST
-        return Waves(np.broadcast_to(share, band.shape), band, draw.uniform(0.0, 2.0 * np.pi, band.shape))
+        return SineSum(np.broadcast_to(share, band.shape), band, draw.uniform(0.0, 2.0 * np.pi, band.shape))
 
-    def start(self, state: HandState) -> Following:
+    def start(self, state: HandState) -> ReferenceMemory:
         self.gravity.check(state)
         first, travel = frozen(state.position), self.middle + self.path(0.0)[0] - state.position
 
@@ -148,9 +152,9 @@ class Excitation:
             swing, speed = self.path(warped)
             return SetPoint(self.middle + swing, pace * speed)
 
-        return Following(path, state.t)
+        return ReferenceMemory(path, state.t)
 
-    def __call__(self, state: HandState, memory: Following) -> tuple[TorqueCommand, Following]:
+    def __call__(self, state: HandState, memory: ReferenceMemory) -> tuple[TorqueCommand, ReferenceMemory]:
         t = state.t - memory.began
         target = memory.path(t)
         more = self.gravity(state)
@@ -170,25 +174,21 @@ def warp(t: float) -> tuple[float, float]:
     return whole * lap + fast + RATE * (part - fast), RATE
 
 
-NEAR = 0.003  # m between two links that count as touching: the real hand is not quite the nominal one.
-SCALES, TRIES = (1.0, 0.85, 0.7), 6
-
-
-class Rehearsed(NamedTuple):
-    """An excitation that touches nothing, and what it does."""
+class Rehearsal(NamedTuple):
+    """An excitation without contact, and its speeds."""
 
     excitation: Excitation
     speed: Array
     """Of each joint at the end of every period, (k, n), rad/s."""
 
 
-def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearsed:
-    """The first of a few excitations, each smaller than the one before it, in which the nominal hand meets neither
-    itself nor a joint limit. Raises ConfigError where none does."""
+def rehearse(spec: HandSpec, pose: ExcitationPose, seed: int, seconds: float) -> Rehearsal:
+    """Play excitations with the nominal hand in simulation, each smaller than the one before it. Returns the first that
+    meets neither the hand itself nor a joint limit. Raises ConfigError where none does."""
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
     model.geom_margin[:] = NEAR / 2.0
     model.geom_gap[:] = NEAR / 2.0
-    carried = Gravity(hand_kinematics(spec).gravity_torque)
+    carried = GravityFeedforward(hand_kinematics(spec).gravity_torque)
     for scale, number in product(SCALES, range(TRIES)):
         excitation = Excitation(spec, seed + 1000 * number, carried, scale)
         backend = SimBackend(spec, model, posture=excitation.middle)
@@ -198,5 +198,5 @@ def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearse
                 break
             speed.append(sample.state.velocity)
         else:
-            return Rehearsed(excitation, np.array(speed))
+            return Rehearsal(excitation, np.array(speed))
     raise ConfigError(f"no excitation of {spec.name} found that does not touch itself: give another --seed")

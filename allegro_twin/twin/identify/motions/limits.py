@@ -1,4 +1,4 @@
-"""The real ends of every joint: a sweep that finds them, what was found, and what follows for the encoders."""
+"""Joint limits of a real hand: a sweep that finds them, and the encoder offsets that follow."""
 
 from __future__ import annotations
 
@@ -15,25 +15,32 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, Vector, frozen
 
-BEYOND = 0.35  # rad past the model's limits: what published hands differ by, and room to press against the stop.
-TORQUE = 0.25  # N·m at most while sweeping: more than any joint's weight and friction, less than any clip but one.
+_MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
+_NOTHING = bytes(32)  # A report of sixteen positions; any one will do.
+
+BEYOND = (
+    0.35  # rad past the model's limits: published hands differ by this much, and the joint must press against its stop.
+)
+TORQUE = (
+    0.25  # N·m at most while sweeping: more than any joint's weight and friction, less than any torque limit but one.
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundLimits:
-    """Lowest and highest joint positions that were seen, (n,) each, rad."""
+    """Lowest and highest joint positions, (n,) each, rad."""
 
     lower: Vector
     upper: Vector
 
 
-def sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
-    """From `rest` (n,), rad, every joint to both ends and back, the same joint of all alike fingers at once.
+def limit_sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
+    """Moves from `rest` (n,), rad, of every joint to both ends and back, the same joint of all alike fingers at once.
 
     In between, the others stay at rest, where no finger is in the way of another.
     """
     waypoints = [Waypoint(rest, speed=speed)]
-    for group in alike(spec):
+    for group in alike_joints(spec):
         for end in (spec.lower - BEYOND, spec.upper + BEYOND, rest):
             goal = rest.copy()
             goal[group] = end[group]
@@ -41,8 +48,8 @@ def sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
     return Moves(waypoints)
 
 
-def observed(samples: Iterable[Sample]) -> FoundLimits:
-    """The ends that a sweep, or a person, has brought the joints to. Raises ConfigError when there were no samples."""
+def limits_in_samples(samples: Iterable[Sample]) -> FoundLimits:
+    """The ends that a sweep, or a person, has brought the joints to. Raises ConfigError without samples."""
     lower, upper = None, None
     for sample in samples:
         position = sample.state.position
@@ -54,13 +61,13 @@ def observed(samples: Iterable[Sample]) -> FoundLimits:
 
 
 def centring_offsets(found: FoundLimits, spec: HandSpec) -> Vector:
-    """What to subtract from every joint position, (n,), rad, so that the found range has the model's middle: the
-    proposal for the encoder offsets of hands of versions 1 to 3."""
+    """Shift of every joint position, (n,), rad, to subtract so that the found range has the model's middle. It gives
+    the encoder offsets of hands of versions 1 to 3."""
     return frozen((found.lower + found.upper - spec.lower - spec.upper) / 2.0)
 
 
-def alike(spec: HandSpec) -> list[list[int]]:
-    """Joints that can move together: the same place in fingers whose limits are the same."""
+def alike_joints(spec: HandSpec) -> list[list[int]]:
+    """Joints that can move together: the same place in fingers with the same limits."""
     groups: dict[tuple[int, float, float], list[int]] = {}
     for finger in spec.fingers:
         for place, joint in enumerate(finger.joints):
@@ -68,21 +75,18 @@ def alike(spec: HandSpec) -> list[list[int]]:
     return list(groups.values())
 
 
-_MET = 0.03  # rad. Nearer to where the sweep ends than this, a joint did not stop at its stop, but where it was sent.
-_NOTHING = bytes(32)  # A report of sixteen positions; which, does not matter.
-
-
-class Centred(NamedTuple):
-    """What follows from the ends of the joints."""
+class EncoderOffsets(NamedTuple):
+    """Encoder offsets from the ends of the joints."""
 
     offset: tuple[int, ...]
     """Encoder offsets, counts, n values."""
     limits: FoundLimits
-    """What was found, as the hand reads it with these offsets."""
+    """The found limits, as the hand reads them with these offsets."""
 
 
-def centred(found: FoundLimits, model: HandSpec, codec: Codec) -> Centred:
-    """The offsets that put the middle of each found range where the model has it, beginning with the codec's own.
+def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> EncoderOffsets:
+    """The offsets that put the middle of each found range where the model has it, on a hand of any version, starting
+    from the codec's own.
 
     `model` has the joint limits of the description, not those that were measured. Raises ConfigError for a joint that
     was not brought to both its ends.
@@ -90,16 +94,16 @@ def centred(found: FoundLimits, model: HandSpec, codec: Codec) -> Centred:
     _check(found, model)
     old = codec.calibration.encoder_offset
     more = replace(codec.calibration, encoder_offset=tuple(count + 1 for count in old))
-    # What one more count of offset does to a position, rad; each version has its own.
+    # Change of a position by one count of offset, rad; each version has its own.
     step = make_codec(codec.version, more).positions.values(_NOTHING) - codec.positions.values(_NOTHING)
     counts = np.rint(-centring_offsets(found, model) / step)
     shift = counts * step
     limits = FoundLimits(frozen(found.lower + shift), frozen(found.upper + shift))
-    return Centred(tuple(count + int(more) for count, more in zip(old, counts, strict=True)), limits)
+    return EncoderOffsets(tuple(count + int(more) for count, more in zip(old, counts, strict=True)), limits)
 
 
 def _check(found: FoundLimits, model: HandSpec) -> None:
-    for k, name in enumerate(model.readable):
+    for k, name in enumerate(model.joint_labels):
         low, high = found.lower[k], found.upper[k]
         short = model.upper[k] - model.lower[k] - (high - low)
         if short > BEYOND or min(low - model.lower[k], model.upper[k] - high) < _MET - BEYOND:

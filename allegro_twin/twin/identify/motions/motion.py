@@ -1,4 +1,4 @@
-"""A recording as motion: joint positions, and the share of full PWM that made them."""
+"""Recordings as motions: joint positions, and the share of full PWM that made them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.recording.reader import load
-from allegro_twin.sim.open_loop.segments import BEFORE
+from allegro_twin.sim.open_loop import BEFORE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 FEWEST = 3.0
 """s of motion that a recording needs."""
 EDGE = 0.02
-"""rad. Nearer to a joint limit its stop may push."""
+"""rad. Closer to a joint limit its stop may push."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class RecordedMotion:
     """One recording, rows a period apart; where periods are missing the row before is repeated and marked."""
 
     name: str
@@ -37,12 +37,12 @@ class Motion:
     duty: Array
     """Fraction of full PWM over the period that ends at the row, (k, n)."""
     good: Array
-    """1 where a row and its joint can be trusted, (k, n): no gap, no limit reached, by driver or joint."""
+    """1 where a row and its joint can be trusted, (k, n): no gap, and no limit reached by driver or joint."""
     gravity: Vector
     """In the palm frame, (3,), m/s²."""
     weight: Vector
     """At the fingertips, (n,), kg."""
-    calibration: Calibration
+    calibration: HandCalibration
     """With which counts became rad and N·m."""
 
     @property
@@ -56,12 +56,13 @@ class Motion:
 
     @property
     def saturated(self) -> float:
-        """The share of rows and joints that cannot be trusted."""
+        """Share of rows and joints that cannot be trusted."""
         return 1.0 - float(self.good.mean())
 
 
-def read_motion(path: Path, weight: Vector | None = None) -> Motion:
-    """A recording. Raises ConfigError or RecordingError, with what to do, for one that tells nothing about a drive."""
+def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
+    """Read a recording. Raises ConfigError or RecordingError, with the remedy, for one that says nothing about a
+    drive."""
     recording = load(path)
     spec, columns = recording.spec, recording.columns
     table = recording.meta.get("calibration")
@@ -79,25 +80,25 @@ def read_motion(path: Path, weight: Vector | None = None) -> Motion:
     if not np.isfinite(gravity).all() or np.ptp(columns["gravity"], axis=0).max() > 2.0:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
         raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
-    calibration = calibration_of(table)
-    rows, missing = _filled(columns["tick"])
+    calibration = recorded_calibration(table)
+    rows, missing = _fill_gaps(columns["tick"])
     duty = torque[rows] / np.array(calibration.torque_constant)
     limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
     position = columns["position"][rows]
     lower, upper = spec.lower + EDGE, spec.upper - EDGE
     good = (np.abs(duty) < limits - 1e-6) & (position > lower) & (position < upper) & ~missing[:, None]
-    return Motion(
+    return RecordedMotion(
         path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, table["version"], recording.period, position, duty,
         good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, calibration,
     )  # fmt: skip
 
 
-def calibration_of(table: Mapping[str, Any]) -> Calibration:
-    """What a recording's metadata say of how counts became rad and N·m."""
-    return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+def recorded_calibration(table: Mapping[str, Any]) -> HandCalibration:
+    """The calibration in a recording's metadata."""
+    return HandCalibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
 
 
-def same_hand(motions: list[Motion]) -> None:
+def check_same_hand(motions: list[RecordedMotion]) -> None:
     """Raise ConfigError for recordings of different hands, versions or periods."""
     for other in motions[1:]:
         for what in ("name", "serial"):
@@ -124,8 +125,8 @@ def noise_floor(position: Array) -> Vector:
     return np.where(moving, np.minimum(spread, np.maximum(robust, 1e-5)), 1e-5)
 
 
-def _filled(tick: Array) -> tuple[Any, Any]:
-    """For every period the row that tells of it, or the one before; and whether the commands around it are unknown."""
+def _fill_gaps(tick: Array) -> tuple[Any, Any]:
+    """For every period its row, or the one before; and whether the commands around it are unknown."""
     first, last = int(tick[0]), int(tick[-1])
     rows = np.searchsorted(tick, np.arange(first, last + 1), side="right") - 1
     absent = np.ones(last - first + 1, bool)

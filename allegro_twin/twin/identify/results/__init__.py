@@ -1,1 +1,1 @@
-"""What is known in the end: values and doubts, the gap that is left, and the hand's own file."""
+"""Results of an identification: values and uncertainties, the remaining gap, and the hand's own file."""

@@ -1,4 +1,4 @@
-"""How good a twin is: recorded commands played into the model, open loop, against what the hand did."""
+"""Gap between a hand and its twin: recorded commands played into the model, open loop, against the measured motion."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.twin.identify.fitting.shooting import Cuts, cut
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.shooting import MotionPieces, cut_pieces
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 HORIZONS = (0.1, 0.3, 1.0, 5.0)
@@ -22,19 +21,19 @@ HORIZONS = (0.1, 0.3, 1.0, 5.0)
 STARTS = 1.0  # s between two starts, at most.
 PHASES = ("creeping", "moving")
 SMALLEST = 2e-4
-"""rad, of bristles that can be simulated at 1 ms: a hand of which some joints have none gets these."""
+"""rad, of bristles that can be simulated at 1 ms. Joints without bristles get these where others have some."""
 SHORTEST = {"bristle": SMALLEST, "backlash": LEAST_PLAY}
 """What a joint has in a model in which others have more."""
-_CREEP = 0.1  # rad/s, of the fastest joint of a finger, in the mean.
+_CREEP = 0.1  # rad/s, mean of the fastest joint of a finger.
 
 
-class Side(NamedTuple):
+class GapErrors(NamedTuple):
     """Root mean square errors in rad."""
 
     joint: Array
     """(horizons, n)."""
     phase: Array
-    """Pieces of 0.3 s in which a finger creeps, and in which it moves, (2, n); NaN where there are none."""
+    """Over pieces of 0.3 s in which a finger creeps, and in which it moves, (2, n); NaN where there are none."""
 
     @property
     def all(self) -> Vector:
@@ -44,21 +43,21 @@ class Side(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gap:
-    """Of one recording."""
+    """Gap of one recording."""
 
     name: str
     horizons: tuple[float, ...]
-    before: Side
-    """The nominal hand."""
-    after: Side
-    """The hand's own file."""
+    before: GapErrors
+    """With the nominal hand."""
+    after: GapErrors
+    """With the hand's own file."""
 
 
-def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
-    """What a hand's file says. `offset`: what reported positions are too high by, (n,), rad, as the file has it."""
+def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) -> DriveParameters:
+    """Model parameters from a hand's file. `offset`: shift of reported positions, (n,), rad, by the file."""
     own, n = spec.actuation, spec.n_joints
     drive = spec.drive
-    return Parameters(
+    return DriveParameters(
         torque_constant=torque_constant if drive is None else torque_constant * drive.strength,
         armature=own.armature,
         damping=own.damping,
@@ -74,39 +73,47 @@ def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Paramet
     )
 
 
-def breaks_away(drive: Drive | None) -> bool:
-    """Whether a model of it needs bristles: its friction breaks away, or grows with the motor's torque."""
+def has_breakaway_friction(drive: Drive | None) -> bool:
+    """Whether a model needs bristles: friction breaks away, or grows with the motor's torque."""
     return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
 
 
-def player_of(spec: HandSpec, period: float, drive: Drive | None) -> Player:
-    """What plays motions of a hand whose file says so."""
-    return Player(spec, period, bristly=breaks_away(drive), loose=drive is not None and bool(drive.backlash.any()))
+def make_player(spec: HandSpec, period: float, drive: Drive | None) -> OpenLoopPlayer:
+    """The model that plays motions of a hand with this drive."""
+    return OpenLoopPlayer(
+        spec, period, bristly=has_breakaway_friction(drive), loose=drive is not None and bool(drive.backlash.any())
+    )
 
 
-def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
-    """Raises ConfigError for a recording shorter than the shortest horizon."""
+def measure_gap(
+    motion: RecordedMotion,
+    before: tuple[OpenLoopPlayer, DriveParameters],
+    after: tuple[OpenLoopPlayer, DriveParameters],
+) -> Gap:
+    """Errors of two models on a motion. Raises ConfigError for a recording shorter than the shortest horizon."""
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
         raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
-    sides = (side_of(motion, player, drive, horizons) for player, drive in (before, after))
+    sides = (gap_errors(motion, player, drive, horizons) for player, drive in (before, after))
     return Gap(motion.name, horizons, *sides)
 
 
-def side_of(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS) -> Side:
-    """How far a model is from a motion that is longer than the longest of some horizons, s."""
+def gap_errors(
+    motion: RecordedMotion, player: OpenLoopPlayer, drive: DriveParameters, horizons: tuple[float, ...] = HORIZONS
+) -> GapErrors:
+    """Errors of a model on a motion that is longer than the longest of some horizons, s."""
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
     for horizon in horizons:
         length = round(horizon / motion.period)
-        cuts = cut([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
+        cuts = cut_pieces([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
         error = player.play(drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
         rows.append(_rms(error))
         if horizon == HORIZONS[1]:
             phase = _phases(error, cuts, player.spec, motion.period)
-    return Side(np.array(rows), phase)
+    return GapErrors(np.array(rows), phase)
 
 
-def _phases(error: Array, cuts: Cuts, spec: HandSpec, period: float) -> Array:
+def _phases(error: Array, cuts: MotionPieces, spec: HandSpec, period: float) -> Array:
     speed = np.abs(np.diff(cuts.measured, axis=1)).mean(axis=1) / period  # (w, n)
     found = np.full((2, spec.n_joints), np.nan)
     for finger in spec.fingers:

@@ -1,4 +1,4 @@
-"""What was found, in the hand's own file: all of it or nothing, and with what it rests on."""
+"""Writes the identified values into a hand's own file: all or nothing, with recordings, engine and intervals."""
 
 from __future__ import annotations
 
@@ -13,20 +13,30 @@ from numpy.typing import NDArray
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
-from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.hands.description.calibration import Calibration, Version
-from allegro_twin.hands.description.hands import load_actuation
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
+from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
+from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.sim.engine.backend import ENGINE
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.fitting.fit import Fit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE, index, least, scaled, slope, unscaled
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.fitting.parameterisation import (
+    PLAY,
+    SHAPE,
+    from_scaled,
+    index,
+    lower_bounds,
+    scaling_jacobian,
+    to_scaled,
+)
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.twin.identify.results.gap import SHORTEST
-from allegro_twin.twin.identify.results.uncertainty import PER_PWM, Value
+from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedValue
 from allegro_twin.types import Vector
 from allegro_twin.version import __version__
+
+KeptValues = Mapping[str, NDArray[np.bool_]]
+"""Values that stay as they were, (n,) for each kind; one for the delay."""
 
 SCALE = {
     "known": "the link masses in this file, declared to be right",
@@ -34,38 +44,42 @@ SCALE = {
     "weighed": "a known weight at a fingertip",
 }
 _NONE = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0, "load_friction": 0.0, "backlash": 0.0}
-"""Of a joint in which none was found."""
+"""Values of a joint in which none was found."""
 _TOGETHER = ("stiction", "stribeck_speed", "bristle")
 """Friction breaks away by all three, or by none."""
 _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
 
-def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> str:
-    """Write what is determined into a hand's file, and leave everything else in it as it is; what is to be said of
-    that, or nothing. Raises ConfigError for a file that ships, for one of another hand, or one whose calibration
-    the recordings were not made with; RecordingError."""
-    with locked(path):
+def write_hand_file(
+    path: Path, found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], day: str
+) -> str:
+    """Write the determined values into a hand's file, and leave everything else in it as it is. Returns a note on that,
+    or nothing. Raises ConfigError for a file that ships, for a file of another hand, or one with another calibration
+    than the recordings; RecordingError."""
+    with lock_file(path):
         text = read_text(path)
-        content = parse_yaml(text, str(path)) if holds_anything(text) else {}
-        check(path, content, motions)
-        made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
+        content = parse_yaml(text, str(path)) if has_content(text) else {}
+        check_hand_file(path, content, motions)
+        made = replace_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
-        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
-    return " ".join(filter(None, (_weakened(path, content), _apart(path, kept, values, motions))))
+        write_text(path, set_note(made, ("identified",), _NOTE, f", {day}; docs/explanation/identification.md"))
+    return " ".join(filter(None, (_strength_note(path, content), _offset_note(path, kept, values, motions))))
 
 
-def _weakened(path: Path, content: Mapping[str, Any]) -> str:
+def _strength_note(path: Path, content: Mapping[str, Any]) -> str:
     if "strength" not in (content.get("drive") or {}):
         return ""
     return f"drive.strength is out of {path}: wire.torque_constant, which was found, holds it."
 
 
-def _apart(path: Path, kept: tuple[int, ...] | None, values: Mapping[str, Value], motions: Sequence[Motion]) -> str:
-    """How far encoder offsets that stay are from what weight says, rad; nothing where none do."""
+def _offset_note(
+    path: Path, kept: tuple[int, ...] | None, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion]
+) -> str:
+    """Difference of kept encoder offsets from those by weight, rad, as a sentence; empty where none are kept."""
     if kept is None:
         return ""
-    apart = np.abs(values["offset"].value - shift(motions[0].version, motions[0].calibration, kept))
+    apart = np.abs(values["offset"].value - offset_shift(motions[0].version, motions[0].calibration, kept))
     apart = np.where(values["offset"].determined, apart, 0.0)
     most = int(apart.argmax())
     return (
@@ -75,7 +89,7 @@ def _apart(path: Path, kept: tuple[int, ...] | None, values: Mapping[str, Value]
     )
 
 
-def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tuple[int, ...] | None:
+def _kept_offsets(path: Path, content: Mapping[str, Any], first: RecordedMotion) -> tuple[int, ...] | None:
     """Encoder offsets, counts, that the file has from elsewhere, as from `calibrate`, and the recordings were not made
     with."""
     if "encoder_offset" not in (content.get("wire") or {}):
@@ -84,7 +98,7 @@ def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tupl
     return None if written == first.calibration.encoder_offset else written
 
 
-def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> None:
+def check_hand_file(path: Path, content: Mapping[str, Any], motions: Sequence[RecordedMotion]) -> None:
     """Raise ConfigError where the recordings are not of the file's hand as the file has it, and for a file that
     ships."""
     refuse_shipped(path)
@@ -104,50 +118,55 @@ def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> 
 
 
 def _blocks(
-    path: Path, content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
+    path: Path,
+    content: Mapping[str, Any],
+    found: DriveFit,
+    values: Mapping[str, IdentifiedValue],
+    motions: Sequence[RecordedMotion],
+    day: str,
 ) -> dict[str, Any]:
     first = motions[0]
-    spec, drive, held = first.spec, dict(content.get("drive") or {}), _held(values)
-    before, kept = _before(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
+    spec, drive, kept_values = first.spec, dict(content.get("drive") or {}), _unwritten(values)
+    before, kept = _replacements(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
     if kept is not None:
-        held = dict(held) | {"offset": np.ones(spec.n_joints, dtype=bool)}
-        before = replace(before, offset=shift(first.version, first.calibration, kept))
-    strength = drive.pop("strength", 1.0)  # Has gone into what was found.
+        kept_values = dict(kept_values) | {"offset": np.ones(spec.n_joints, dtype=bool)}
+        before = replace(before, offset=offset_shift(first.version, first.calibration, kept))
+    strength = drive.pop("strength", 1.0)  # Already part of the identified values.
     before = replace(before, torque_constant=before.torque_constant * np.array(strength))
-    own = settled(found, held, before)
+    own = select_values(found, kept_values, before)
     actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
     wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
     drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY)}
-    if not held["delay"][0]:
+    if not kept_values["delay"][0]:
         drive["delay"] = float(f"{own.delay[0]:.3g}")
     for name, none in _NONE.items():
-        if name in held:
-            drive[name] = _plain(np.where(held[name], none, getattr(own, name)))
+        if name in kept_values:
+            drive[name] = _plain(np.where(kept_values[name], none, getattr(own, name)))
     if found.masses == "weighed":
         drive["mass_scale"] = _plain(own.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
     return blocks | {"identified": _basis(found, values, motions, spec, day)}
 
 
-def _held(values: Mapping[str, Value]) -> Held:
-    """What is not written: what is not determined; of friction that breaks away all three where one is not, and
-    backlash whose interval holds none."""
-    held = {name: ~value.determined for name, value in values.items()}
+def _unwritten(values: Mapping[str, IdentifiedValue]) -> KeptValues:
+    """Values that are not written: those that are not determined; all three of breakaway friction where one is not; and
+    backlash whose interval contains zero."""
+    kept_values = {name: ~value.determined for name, value in values.items()}
     if "backlash" in values:
-        held["backlash"] |= values["backlash"].value <= values["backlash"].half
+        kept_values["backlash"] |= values["backlash"].value <= values["backlash"].half
     if "stiction" in values:
-        any_of: NDArray[np.bool_] = np.logical_or.reduce([held[name] for name in _TOGETHER])
-        held |= dict.fromkeys(_TOGETHER, any_of)
-    return held
+        any_of: NDArray[np.bool_] = np.logical_or.reduce([kept_values[name] for name in _TOGETHER])
+        kept_values |= dict.fromkeys(_TOGETHER, any_of)
+    return kept_values
 
 
-def _before(first: Motion, delay: float, found: Fit) -> Parameters:
-    """What stands in the place of values that are not written."""
+def _replacements(first: RecordedMotion, delay: float, found: DriveFit) -> DriveParameters:
+    """Values that replace those that are not written."""
     n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
     none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
-    return Parameters(
+    return DriveParameters(
         torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
         frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
         mass_scale=found.drive.mass_scale, **none,
@@ -155,7 +174,7 @@ def _before(first: Motion, delay: float, found: Fit) -> Parameters:
 
 
 def _basis(
-    found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], spec: HandSpec, day: str
+    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], spec: HandSpec, day: str
 ) -> dict[str, Any]:
     """Date, recordings, engine, units, intervals."""
     missing = {
@@ -181,7 +200,7 @@ def _basis(
     }
 
 
-def doubtful(path: Path) -> str:
+def mismatch_warning(path: Path) -> str:
     """Why the values in a hand's file may not fit this program; empty where they do."""
     table = parse_yaml(read_text(path), str(path)) if path.exists() else {}
     engine = (table.get("identified") or {}).get("engine", ENGINE)
@@ -190,47 +209,51 @@ def doubtful(path: Path) -> str:
     return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
 
 
-def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
-    """What positions are too high by, (n,), rad, that were read with one calibration when other encoder offsets,
-    counts, are right."""
+def offset_shift(version: Version, used: HandCalibration, encoder_offset: tuple[int, ...]) -> Vector:
+    """Shift of positions, (n,), rad, that were read with one calibration when other encoder offsets, counts, are
+    right."""
     right = replace(used, encoder_offset=encoder_offset)
     one, other = (make_codec(version, each).positions.values(bytes(32)) for each in (used, right))
     return one - other
 
 
-def _offsets(motion: Motion, offset: Vector) -> list[int]:
-    """Encoder offsets, counts, with which positions are right that are too high by `offset`, rad."""
+def _offsets(motion: RecordedMotion, offset: Vector) -> list[int]:
+    """Encoder offsets, counts, that correct positions which are too high by `offset`, rad."""
     old = motion.calibration
-    # What one more count of offset does to a position, rad; each version has its own.
-    step = -shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
+    # Change of a position by one count of offset, rad; each version has its own.
+    step = -offset_shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
     counts = np.rint(-offset / step)
     return [count + int(added) for count, added in zip(old.encoder_offset, counts, strict=True)]
 
 
 def _joint(spec: HandSpec, number: int) -> str:
-    return spec.readable[number]
+    return spec.joint_labels[number]
 
 
 def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
 
 
-Held = Mapping[str, NDArray[np.bool_]]
-"""Which values stay as they were, (n,) for each kind; of the delay one."""
+def select_values(found: DriveFit, kept_values: KeptValues, before: DriveParameters) -> DriveParameters:
+    """The drive for a hand's file: values that are not determined stay as `before`, and the others fit them. `before`:
+    what is in the file, relative to the calibration of the recordings.
 
+    Values that look alike in the motion are uncertain each and certain together: a torque constant that was found with
+    4 % of load friction is 4 % too high in a file without any. With x the scaled values, C their covariance, h those
+    that stay as they were (x°) and r the others, the most likely r are
 
-def settled(found: Fit, held: Held, before: Parameters) -> Parameters:
-    """`before`: what is in the file, relative to the calibration of the recordings."""
+        x_r + C_rh C_hh⁻¹ (x°_h − x_h)
+    """
     drive, n = found.drive, len(found.floor)
-    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in held.items()}
-    x, there = scaled(drive), scaled(replace(drive, **stays))
+    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in kept_values.items()}
+    x, there = to_scaled(drive), to_scaled(replace(drive, **stays))
     fixed = np.zeros(len(x), dtype=bool)
-    for name, mask in held.items():
+    for name, mask in kept_values.items():
         fixed[index(name, n)] = mask
-    inverse = np.linalg.inv(slope(drive))
+    inverse = np.linalg.inv(scaling_jacobian(drive))
     C = inverse @ found.spread.covariance @ inverse.T
     moved = np.linalg.solve(C[np.ix_(fixed, fixed)], (there - x)[fixed])
     x = np.where(fixed, there, x + C[:, fixed] @ moved)
-    made = unscaled(np.maximum(x, least(n)))
-    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in held.items()}
+    made = from_scaled(np.maximum(x, lower_bounds(n)))
+    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in kept_values.items()}
     return replace(made, **stays)

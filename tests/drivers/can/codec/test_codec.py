@@ -18,7 +18,7 @@ from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits
 from allegro_twin.drivers.can.codec.v5 import V5, told_by_serial
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, ProtocolError
-from allegro_twin.hands.description.calibration import Calibration, Version
+from allegro_twin.hands.description.calibration import HandCalibration, Version
 from allegro_twin.spec import Side
 from tests.drivers.can.strategies import FINGERS, HANDS, KNOWN, LEGACY, UNEVEN, frames, messages
 
@@ -153,7 +153,7 @@ def test_what_opens_and_closes_a_session_is_said_and_understood(name: str) -> No
 @pytest.mark.parametrize("version", LEGACY)
 def test_torques_of_the_first_three_versions_carry_the_motors_direction(version: Version) -> None:
     signs = (1, -1, -1, 1) * 4
-    turned, plain = make_codec(version, Calibration(motor_direction=signs)), make_codec(version)
+    turned, plain = make_codec(version, HandCalibration(motor_direction=signs)), make_codec(version)
     torque = m.SetTorque(2, (0.1, 0.2, 0.3, 0.4))
     flipped = m.SetTorque(2, (0.1, -0.2, -0.3, 0.4))
     assert turned.encode(torque) == plain.encode(flipped)
@@ -166,7 +166,7 @@ def test_by_the_c_drivers_convention_a_hand_turns_as_that_driver_believes() -> N
     """C :376 and :296-351 by hand: the encoder's direction is about the middle of its range, and the motors' come after
     the order was reversed."""
     signs, offset = (1, -1, -1, -1) * 4, (120,) * 16
-    made = Calibration(offset, signs, signs, convention="c")
+    made = HandCalibration(offset, signs, signs, convention="c")
     codec, plain = make_codec("v2", made), make_codec("v2")
     count = 40_000
     report = Frame(plain.encode(m.FingerPosition(0, (0.0,) * 4)).id, count.to_bytes(2, "little") * 4)
@@ -184,7 +184,7 @@ def test_by_the_c_drivers_convention_a_hand_turns_as_that_driver_believes() -> N
 
 def test_torques_run_from_tip_to_palm_on_v2_and_v3_and_as_configured_on_v1() -> None:
     asked = m.SetTorque(0, (0.1, 0.2, 0.3, 0.4))
-    backwards = Calibration(torque_order="reversed")
+    backwards = HandCalibration(torque_order="reversed")
     assert make_codec("v2").encode(asked).data.hex() == "014000f000a00050"
     assert make_codec("v3").encode(asked).data.hex() == "01e0016800f00078"
     assert make_codec("v1").encode(asked).data.hex() == "005000a000f00140"
@@ -193,7 +193,7 @@ def test_torques_run_from_tip_to_palm_on_v2_and_v3_and_as_configured_on_v1() -> 
 
 def test_the_torque_constant_scales_its_own_joint_in_every_version() -> None:
     for version in FULL:
-        codec, half = make_codec(version), make_codec(version, Calibration(torque_constant=(0.5,) * 16))  # type: ignore[arg-type]  # A version.
+        codec, half = make_codec(version), make_codec(version, HandCalibration(torque_constant=(0.5,) * 16))  # type: ignore[arg-type]  # A version.
         assert half.encode(m.SetTorque(1, (0.01, 0.02, 0.03, 0.04))) == codec.encode(
             m.SetTorque(1, (0.02, 0.04, 0.06, 0.08))
         )
@@ -250,7 +250,7 @@ def test_a_serial_of_any_bytes_is_read_and_said_again() -> None:
 
 def test_fingertip_pressures_are_read_on_both_pairs_of_identifiers_and_said_on_one() -> None:
     told = m.FingertipPressure((2, 3), (120.0, -5.0))
-    new, old = V5(Calibration()), V5(Calibration(), pressures=0x50)
+    new, old = V5(HandCalibration()), V5(HandCalibration(), pressures=0x50)
     assert (new.encode(told).id, old.encode(told).id) == (0xF2 << 2, 0x52 << 2)
     for codec in (new, old):
         assert codec.decode(new.encode(told)) == codec.decode(old.encode(told)) == told
@@ -319,15 +319,15 @@ def test_short_and_long_frames_of_a_known_identifier_are_malformed() -> None:
 @pytest.mark.parametrize("limit", [0, -1])
 def test_a_limit_of_no_counts_is_refused_and_of_one_count_taken(limit: int) -> None:
     with pytest.raises(ConfigError, match="pwm_limit must be positive"):
-        Calibration(pwm_limit=(limit, *(375,) * 15))
-    assert Calibration(pwm_limit=(1,) * 16).pwm_limits("v4") == (1,) * 16
+        HandCalibration(pwm_limit=(limit, *(375,) * 15))
+    assert HandCalibration(pwm_limit=(1,) * 16).pwm_limits("v4") == (1,) * 16
     full = {"v1": 800, "v2": 800, "v3": 1200, "v4": 1200, "v5": 1430, "v5plus": 1430}
     for version, most in full.items():
-        above = Calibration(pwm_limit=(most + 1,) * 16)
+        above = HandCalibration(pwm_limit=(most + 1,) * 16)
         assert above.pwm_limits(version) == (most,) * 16  # type: ignore[arg-type]  # A version.
 
 
 @pytest.mark.parametrize("constant", [0.0, -0.1, math.inf, math.nan])
 def test_a_torque_constant_that_is_none_is_refused(constant: float) -> None:
     with pytest.raises(ConfigError, match="torque_constant must be positive"):
-        Calibration(torque_constant=(constant, *(1.0,) * 15))
+        HandCalibration(torque_constant=(constant, *(1.0,) * 15))

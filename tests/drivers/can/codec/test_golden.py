@@ -1,7 +1,8 @@
 """Frames of the manufacturer's own drivers: what they send for given commands, and what they read from given frames.
 
 can_vectors.json was recorded from those drivers, compiled against a stubbed CAN back end; `variant` names whose code
-(docs/protocol.md). Each row is compared twice: its meaning, built here from the row's inputs in SI units, must encode
+(docs/reference/can_protocol.md). Each row is compared twice: its meaning, built here from the row's inputs in SI
+units, must encode
 to exactly that frame, and the frame must decode to that meaning, positions within the row's tolerance, torques within
 the count that truncation takes. The hands' calibrations come from conf/hands.
 """
@@ -22,7 +23,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
 from allegro_twin.drivers.can.codec.v4 import V4
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import load_wiring
 
 Row = dict[str, Any]
 VECTORS: dict[str, list[Row]] = json.loads(Path(__file__).with_name("can_vectors.json").read_text())

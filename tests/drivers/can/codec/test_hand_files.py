@@ -12,9 +12,8 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.calibration import Calibration
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import HandCalibration, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import Vector
 
 SERIALS = sorted(path.stem for path in (data_root() / "conf" / "hands").glob("SAH*.yaml"))
@@ -60,10 +59,10 @@ def test_a_published_hands_encoders_were_mounted_near_mid_range_of_a_plausible_p
 
 def test_a_hands_own_file_overrides_the_nominal_one_key_by_key(tmp_path: Path) -> None:
     nominal = load_wiring()
-    assert nominal == (None, None, Calibration(torque_constant=(1.0,) * 16))
+    assert nominal == (None, None, HandCalibration(torque_constant=(1.0,) * 16))
     own = tmp_path / "mine.yaml"
     own.write_text(f"actuation: {{damping: 0.1}}\nwire: {{version: v4, torque_constant: {[0.5] * 15 + [0.7]}}}\n")
-    assert load_wiring(serial=str(own)) == ("v4", None, Calibration(torque_constant=(*(0.5,) * 15, 0.7)))
+    assert load_wiring(serial=str(own)) == ("v4", None, HandCalibration(torque_constant=(*(0.5,) * 15, 0.7)))
     assert load_spec(serial=str(own)).actuation.damping[0] == 0.1
 
 
@@ -147,7 +146,7 @@ def test_an_old_file_with_a_torque_limit_of_its_own_lowers_it_and_cannot_raise_i
 
 
 def test_a_v4_hand_takes_encoder_offsets() -> None:
-    codec = make_codec("v4", Calibration(encoder_offset=(100,) * 16))
+    codec = make_codec("v4", HandCalibration(encoder_offset=(100,) * 16))
     plain = make_codec("v4")
     report = plain.encode(m.FingerPosition(1, (0.5, 0.6, 0.7, 0.8)))
     read, without = codec.decode(report), plain.decode(report)

@@ -143,7 +143,7 @@ def test_a_hand_without_power_is_silent_and_comes_back() -> None:
 def test_a_bus_that_is_off_says_so_and_comes_back() -> None:
     bench = Bench(plan=FaultPlan(script=(Event(1.0, "bus_off"), Event(3.0, "recover"))))
     bench.reset()
-    # Nobody can tell the hand: it keeps its last torque. docs/safety.md
+    # Nobody can tell the hand: it keeps its last torque. docs/explanation/safety.md
     with pytest.raises(LinkError, match=r"is bus-off; check the wiring, then restart it: ip link set"):
         for _ in range(800):
             bench.step()

@@ -18,7 +18,7 @@ from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.errors import LinkTimeout
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.types import HandState, TorqueCommand
 

@@ -21,7 +21,7 @@ from allegro_twin.drivers.can.driver.buses import open_bus
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.virtual.slcan import TAP, SlcanDevice
 from allegro_twin.errors import LinkError
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import TorqueCommand
 from benchmarks.deaths import served
 from tests.patience import wait_for

@@ -25,7 +25,7 @@ from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError, HandFault, LinkError, LinkTimeout
 from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from tests.conftest import can_config
 

@@ -26,7 +26,7 @@ from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.calibration import FULL_SCALE, Version
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.recording.reader import Recording, load
-from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from tests.conftest import can_config
 
 V4 = make_codec("v4")
@@ -92,7 +92,7 @@ def test_an_exported_log_replays_as_a_hand(tmp_path: Path) -> None:
     assert recording.meta["log"] == "bus.log"
     assert recording.meta["calibration"]["version"] == "v4"
     assert recording.meta["calibration"]["pwm_limit"][:4] == [375, 675, 450, 285]
-    samples = list(samples_of(ReplayBackend(recording)))
+    samples = list(replay_samples(ReplayBackend(recording)))
     assert [sample.state.tick for sample in samples] == list(range(101))
 
 

@@ -18,9 +18,8 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.motors import FAULT, THROTTLE, Motors
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.calibration import Version
-from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.hands.description.calibration import Version, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import TorqueCommand, frozen
 from tests.conftest import MakeSim, can_config
 from tests.drivers.can.rigs import PERIOD, half_count

@@ -1,0 +1,289 @@
+"""Many short segments of a hand's recorded motion, played at once and open loop through one model of its drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import mujoco
+import numpy as np
+from mujoco import batch
+
+from allegro_twin.sim.drivetrain import backlash, lugre_friction
+from allegro_twin.sim.model.joints import as_slice
+from allegro_twin.sim.model.scene import hand_spec
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+BEFORE = 6
+"""Periods of commands that are still on their way when a piece begins: the longest delay."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveParameters:
+    """What is between a fraction of full PWM and a motion, (n,) each."""
+
+    torque_constant: Vector
+    """N·m at full PWM."""
+    armature: Vector
+    """kg·m²."""
+    damping: Vector
+    """N·m·s/rad."""
+    frictionloss: Vector
+    """N·m."""
+    offset: Vector
+    """What a reported position is too high by, rad."""
+    delay: Vector
+    """s."""
+    mass_scale: Vector
+    """Factor on the mass of the link that the joint moves."""
+    stiction: Vector
+    """F_s / F_c, for a player with bristles."""
+    stribeck_speed: Vector
+    """rad/s, likewise."""
+    bristle: Vector
+    """rad, likewise."""
+    load_friction: Vector
+    """What a motor's torque adds to dry friction, as a share of it, likewise."""
+
+    backlash: Vector
+    """rad, both ways together, for a player that is loose."""
+
+    def changed(self, name: str, joints: list[int], by: float) -> Self:
+        """The same, but for one of them at some joints."""
+        values = np.array(getattr(self, name))
+        values[joints] += by
+        return replace(self, **{name: values})
+
+
+class Segments(NamedTuple):
+    """Pieces of recordings, all of the same length."""
+
+    duty: Array
+    """Fractions of full PWM, (w, BEFORE + k, n): BEFORE periods before the piece, then its own."""
+    gravity: Array
+    """In the palm frame, (w, 3), m/s²."""
+    weight: Array
+    """At the fingertips, (w, n), kg, as `Drive.tip_mass`."""
+    acceleration: Array
+    """Where it begins, (w, n), rad/s²."""
+    push: Array
+    """Fractions of full PWM around the row where it begins and BEFORE rows before that, as smooth as the acceleration,
+    (w, BEFORE + 1, n)."""
+
+
+STEP = {False: 0.001, True: 0.0006}
+"""s, by whether friction breaks away or links are loose. The damping of bristles is explicit: its steps are to be short
+beside armature / σ₁, some 6 ms. A link falls through its play in 10."""
+
+
+class OpenLoopPlayer:
+    """Plays pieces without contacts: fingers on a palm that stands still, in time steps of `timestep`, s."""
+
+    def __init__(
+        self,
+        spec: HandSpec,
+        period: float,
+        timestep: float | None = None,
+        *,
+        bristly: bool = False,
+        loose: bool = False,
+    ) -> None:
+        """`bristly`: friction breaks away; otherwise it is Coulomb's. `loose`: there is backlash. The time step is the
+        longest near STEP."""
+        self.spec, self._period, self.bristly, self.loose = spec, period, bristly, loose
+        self._steps = round(period / (timestep or STEP[bristly or loose]))
+        self.timestep = period / self._steps
+        self._model = _bare(spec, self.timestep, bristly, loose)
+        model = self._model
+        joints = [model.joint(name) for name in spec.joints]
+        self.qpos = as_slice([joint.qposadr[0] for joint in joints])
+        self.dofs = as_slice([joint.dofadr[0] for joint in joints])
+        self.motors = as_slice([model.actuator(name).id for name in spec.joints])
+        self._links = [int(joint.bodyid[0]) for joint in joints]
+        self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
+        names = [lugre_friction.friction_actuator(name) for name in spec.joints] if bristly else []
+        self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
+        self.bristles = np.array(model.actuator_actadr[self._friction])
+        names = [backlash.play_joint(name) for name in spec.joints] if loose else []
+        self._plays = np.array([model.joint(name).id for name in names], dtype=int)
+        self._scratch = mujoco.MjData(model)
+        self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
+
+    def play(
+        self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, bend: Array | None = None
+    ) -> Array:
+        """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n);
+        `bend`: how much more the bristles are bent than `_bent` says, (w, n), rad."""
+        found = np.empty((len(position), pieces.duty.shape[1] - BEFORE, self.spec.n_joints))
+        for weight in np.unique(pieces.weight, axis=0):
+            rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
+            self._set(drive, weight)
+            part = Segments(*(each[rows] for each in pieces))
+            more = np.zeros_like(position[rows]) if bend is None else bend[rows]
+            found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
+        return found
+
+    def finer(self) -> OpenLoopPlayer:
+        """The same at half the time step."""
+        return OpenLoopPlayer(self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose)
+
+    def links(self, qpos: Array) -> Array:
+        """Where the links are, (…, n), rad: their motors, and how far they lie from these."""
+        motors: Array = qpos[..., self.qpos]
+        return motors + qpos[..., self._model.jnt_qposadr[self._plays]] if self.loose else motors
+
+    def prepared(self, drive: DriveParameters) -> mujoco.MjModel:
+        """This player's model with a drive, no weight at its tips."""
+        self._set(drive, np.zeros(self.spec.n_joints))
+        return self._model
+
+    def rub(self, drive: DriveParameters, duty: Vector) -> None:
+        """Set the friction that motors at a fraction of full PWM, (n,), add to their joints in the `prepared` model."""
+        if self.bristly and drive.load_friction.any():
+            dry = drive.frictionloss + drive.load_friction * drive.torque_constant * np.abs(duty)
+            shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
+            lugre_friction.set_friction(self._model, self._friction, dry, *shape, drive.armature)
+
+    def late(self, delay: Vector) -> Array:
+        """What each of the last BEFORE + 1 commands has of every time step of a period, (steps, BEFORE + 1, n)."""
+        impulses = np.eye(BEFORE + 1)[:, :, None] * np.ones(len(delay))
+        return self._late(impulses, delay)  # (steps, which command, n)
+
+    def link_torque(self, position: Vector, velocity: Vector, acceleration: Vector, gravity: Vector) -> Vector:
+        """Of the links alone, as they are set, (n,), N·m."""
+        data = self._scratch
+        data.qpos[self.qpos], data.qvel[self.dofs], data.qacc[self.dofs] = position, velocity, acceleration
+        self._model.opt.gravity[:] = gravity
+        mujoco.mj_inverse(self._model, data)
+        return np.array(data.qfrc_inverse[self.dofs])
+
+    def links_only(self, mass_scale: Vector, weight: Vector) -> None:
+        """Prepare for `link_torque`: no motors."""
+        zero, one = np.zeros(self.spec.n_joints), np.ones(self.spec.n_joints)
+        self._set(DriveParameters(zero, zero, zero, zero, zero, zero, mass_scale, one, one, one, zero, zero), weight)
+        self._scratch = mujoco.MjData(self._model)
+
+    def _set(self, drive: DriveParameters, weight: Vector) -> None:
+        model = self._model
+        model.dof_armature[self.dofs] = drive.armature
+        model.dof_damping[self.dofs] = drive.damping
+        model.dof_frictionloss[self.dofs] = 0.0 if self.bristly else drive.frictionloss
+        if self.bristly:
+            shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
+            lugre_friction.set_friction(model, self._friction, drive.frictionloss, *shape, drive.armature)
+        model.actuator_gainprm[self.motors, 0] = drive.torque_constant
+        model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
+        model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
+        if self.loose:
+            backlash.set_backlash(model, self._plays, drive.backlash)
+        for body, finger in zip(self._weights, self.spec.fingers, strict=True):
+            model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _played(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, more: Array) -> Array:
+        sims = batch.Batch(self._model, len(position), 1)
+        sims.expand("opt.gravity")[:] = pieces.gravity
+        sims.bind("qpos")[:, self.qpos] = position - drive.offset
+        sims.bind("qvel")[:, self.dofs] = velocity
+        if self.loose:
+            gap = self._gap(drive, position, velocity, pieces)
+            sims.bind("qpos")[:, self.qpos] -= gap
+            sims.bind("qpos")[:, self._model.jnt_qposadr[self._plays]] = gap
+        if self.bristly:
+            bent = self._bent(drive, position, velocity, pieces)
+            sims.bind("act")[:, self.bristles] = bent + more
+        control = self._late(pieces.duty, drive.delay)
+        ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
+        rubbing = (
+            lugre_friction.BatchedFriction(sims, self._friction) if self.bristly and drive.load_friction.any() else None
+        )
+        share = drive.load_friction * drive.torque_constant
+        found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
+        for k in range(len(found)):
+            for step in range(self._steps):
+                now = control[k * self._steps + step]
+                ctrl[:, self.motors] = now
+                if rubbing is not None:
+                    dry = drive.frictionloss + share * np.abs(now)
+                    rubbing.set(dry, drive.stiction, drive.bristle, drive.armature)
+                sims.step()
+            found[k] = self.links(qpos)
+        return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
+
+    def _gap(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
+        """How far the links lie from their motors where pieces begin, (w, n), rad: at the tooth that pushes them. Of
+        reported positions: an offset that a fit could choose would be one with which pieces begin well."""
+        motion = zip(position, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        data, found = self._scratch, []
+        for row in motion:
+            self.link_torque(*row)
+            # Of the links alone: what holds a motor's own inertia and friction does not pass the teeth.
+            links = data.qfrc_inverse + data.qfrc_passive + data.qfrc_constraint
+            found.append(links[self.dofs] - drive.armature * row[2])
+        return np.asarray(-np.maximum(drive.backlash, backlash.SMALLEST) / 2.0 * np.sign(found))
+
+    def _bent(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
+        """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and
+        by what its motor's torque leaves for them where it creeps or sticks: there steady motion says nothing, and a
+        wrong guess is a joint that breaks away at another time, or to the other side."""
+        at = BEFORE - drive.delay / self._period
+        floor = np.clip(at.astype(int), 0, BEFORE - 1)
+        joints, part = np.arange(len(at)), np.clip(at - floor, 0.0, 1.0)
+        before, after = pieces.push[:, floor, joints], pieces.push[:, floor + 1, joints]
+        push = drive.torque_constant * (before + part * (after - before))
+        motion = zip(position - drive.offset, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        # Armature is in it, and what the model itself holds against a motion: damping, and the bristles' springs at 0.
+        held = push - np.array([self.link_torque(*row) for row in motion])
+        dry = drive.frictionloss + drive.load_friction * np.abs(push)
+        sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
+        steady = lugre_friction.steady_deflection(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
+        moving = 1.0 - np.exp(-np.square(velocity / _SLIDES))
+        return np.asarray(moving * steady + (1.0 - moving) * sticking)
+
+    def _late(self, duty: Array, delay: Vector) -> Array:
+        """What acts in every time step, (steps, w, n): its mean over the step, however the delay divides it."""
+        k, h = duty.shape[1] - BEFORE, self._period / self._steps
+        whole = np.concatenate([np.zeros_like(duty[:, :1]), np.cumsum(duty, axis=1)], axis=1)  # (w, BEFORE + k + 1, n)
+        edges = np.arange(k * self._steps + 1)[:, None] * h - delay  # (steps + 1, n)
+        at = np.clip(edges / self._period + BEFORE, 0.0, BEFORE + k)
+        floor = np.minimum(at.astype(int), BEFORE + k - 1)
+        part, joints = at - floor, np.arange(duty.shape[2])
+        below, above = whole[:, floor, joints], whole[:, floor + 1, joints]
+        total = below + part * (above - below)  # The integral of the duty up to each edge, periods.
+        return np.asarray(np.swapaxes(np.diff(total, axis=1), 0, 1) * self._steps)
+
+
+_STIFF = 0.999
+"""Of dry friction: with it a joint creeps as little as with the two noslip iterations of a scene, at half their cost
+(0.3 mrad apart after 0.3 s without either; 0.01 with either; docs/explanation/identification.md)."""
+_SLIDES = 0.15
+"""rad/s. Ours: at this speed bristles of 2 mrad are bent anew in 13 ms."""
+_NOTHING = 1e-9  # kg: a body without mass cannot be given one later.
+
+
+def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool) -> mujoco.MjModel:
+    """The hand's links and joints, without anything that touches or is looked at."""
+    hand = hand_spec(replace(spec, drive=None))
+    for finger in spec.fingers:
+        tip = hand.site(finger.tip)
+        weight = tip.parent.add_body(name=f"{finger.name}_weight", pos=tip.pos)
+        weight.mass, weight.inertia, weight.explicitinertial = _NOTHING, np.full(3, 1e-5 * _NOTHING), True
+    for parts in (hand.geoms, hand.sensors, hand.excludes, hand.meshes, hand.materials):
+        for part in list(parts):
+            hand.delete(part)
+    for name in spec.joints:
+        motor, joint = hand.actuator(name), hand.joint(name)
+        joint.solimp_friction = [_STIFF, _STIFF, *joint.solimp_friction[2:]]
+        if bristly:
+            lugre_friction.add_friction(hand, name)
+        if loose:
+            backlash.add_backlash(hand, name, backlash.SMALLEST)
+        motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    hand.option.timestep, hand.option.noslip_iterations = timestep, 0
+    hand.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # With dry friction alone to solve for it ends where Newton does, to 2e-8 rad in 0.3 s, in 0.7 of the time.
+    # Teeth are harder: there Newton's is the faster one.
+    hand.option.solver = mujoco.mjtSolver.mjSOL_NEWTON if loose else mujoco.mjtSolver.mjSOL_PGS
+    hand.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    return hand.compile()

@@ -1,1 +1,0 @@
-"""Recorded commands played through a model of the drive, without feedback."""

@@ -1,0 +1,1 @@
+"""The command for the cell of arm, hand and camera."""

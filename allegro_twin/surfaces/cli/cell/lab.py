@@ -1,0 +1,212 @@
+"""The command `lab`: a cell of arm, hand and camera picks an object, or is controlled from outside."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli import options
+
+if TYPE_CHECKING:
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.journal.observers import Observer, ObserverCamera, Observers
+    from allegro_twin.cell.remote.remote_control import RemoteControl
+    from allegro_twin.cell.run import LabReport, SampleStage
+    from allegro_twin.cell.states import MachineState
+    from allegro_twin.recording.events import SessionEvent
+    from allegro_twin.surfaces.ros.bridge import RosBridge
+
+_ROS_PICTURES = 5.0  # Hz; default rate of the camera's point clouds on ROS.
+_CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
+
+
+def lab(
+    config: Annotated[Path, typer.Argument(help="Config of a cell, such as conf/lab_allegro.yaml.")],
+    thing: Annotated[
+        str | None, typer.Option("--object", help="Use this object of the catalogue, not the config's first.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise of camera and force sensor.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for pictures and a recording of everything.", callback=options.folder),
+    ] = None,
+    pictures: Annotated[float, typer.Option(help="Rate of camera pictures to record and show, Hz; 0: none.")] = 0.0,
+    view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
+    web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
+    ros: Annotated[bool, typer.Option("--ros", help="Serve the cell on ROS 2, on this machine only.")] = False,
+    namespace: Annotated[str, typer.Option(help="Namespace of the topics of --ros.")] = "/",
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Do not pick; follow the marker of --panel, or target_frame of --ros.")
+    ] = False,
+    panel: Annotated[bool, typer.Option("--panel", help="Control the palm by a marker in the browser.")] = False,
+    port: Annotated[int, typer.Option(help="TCP port of the page of --panel.", callback=options.port)] = 8080,
+) -> None:
+    """Pick an object with arm, hand and camera in simulation."""
+    from allegro_twin.cell.assembly import make_cell
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import RemoteControl
+    from allegro_twin.cell.settings import LabSettings
+    from allegro_twin.files.assets import find_file
+    from allegro_twin.files.schema import load_settings
+    from allegro_twin.surfaces.cli.console import console, hint
+
+    settings = load_settings(LabSettings, find_file(config, "config", "conf"))
+    first = settings.objects[0]
+    placed = (first.model_copy(update={"name": thing or first.name}), *settings.objects[1:])
+    settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})
+    if follow and not (ros or panel):
+        raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
+    cell = make_cell(settings)
+    with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(options.run_folder(out))
+        stack.callback(cell.close)
+        observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        if view or web:
+            observers.append(_viewer(cell, stack, web=web))
+        remote = RemoteControl(cell) if follow or panel else None
+        if ros:
+            observers.append(_open_bridge(cell, remote, namespace, stack))
+        if remote is not None:
+            _follow(remote, (observers, lens), port if panel else 0, stack)
+            return
+        report = _performed(cell, Observers(cell, observers, lens), live=view or web or ros)
+    for line in outcome_lines(report):
+        console.print(line, highlight=False, soft_wrap=True)
+    if out is not None:
+        console.print(f"In {out}/: pictures, and all of it in lab.arrow", soft_wrap=True)
+    elif not (view or web or ros):
+        hint("Next: --out FOLDER keeps pictures and a recording; --view shows it live")
+    raise typer.Exit(_CODES[report.end.word])
+
+
+def _observers(
+    cell: Cell, out: Path | None, pictures: float, stack: ExitStack
+) -> tuple[list[Observer], ObserverCamera | None]:
+    """The observers of the cell and their camera; `stack` closes them."""
+    from allegro_twin.cell.journal.observers import RECORDING, ObserverCamera, StatePictures
+    from allegro_twin.cell.journal.recording import SessionRecorder
+
+    found: list[Observer] = []
+    lens = ObserverCamera(cell, pictures) if pictures else None
+    if lens is not None:
+        stack.callback(lens.close)
+    if out is not None:
+        recorded, kept = SessionRecorder(cell, out / RECORDING), StatePictures(cell, out)
+        stack.callback(recorded.close)
+        stack.callback(kept.close)
+        found += [recorded, kept]
+    return found, lens
+
+
+def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
+    """A live Rerun viewer."""
+    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.start.view import cell_viewer
+
+    viewer = cell_viewer(cell)
+    stack.callback(viewer.close)
+    if web:
+        console.print(f"Open {viewer.serve()}", soft_wrap=True, highlight=False)
+    else:
+        viewer.spawn()
+    return viewer
+
+
+def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
+    """Run the state machine. `live`: not faster than real time."""
+    from allegro_twin.cell.run import perform
+    from allegro_twin.loop import paced
+    from allegro_twin.surfaces.cli.console import console
+
+    def entered(now: MachineState) -> None:
+        attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
+        console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
+        observers.on_state(now)
+
+    arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
+    return perform(cell, arm=arm, hand=observers.hand, on_state=entered, on_prepare=observers.on_prepare)
+
+
+def outcome_lines(report: LabReport) -> list[str]:
+    """What perception found, the results of the checks, and the verdict."""
+    lines = []
+    if report.solid is not None:
+        size = " x ".join(f"{1e3 * edge:.0f}" for edge in report.solid.size)
+        lines.append(
+            f"seen: a {report.solid.shape} of {size} mm, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}"
+        )
+    if report.checked is not None:
+        check = report.checked
+        lines.append(
+            f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
+            f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; camera: "
+            f"{_there(check.by_camera)}; in truth {report.thing} was lifted by {1e3 * report.lifted:.0f} mm"
+        )
+    lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
+    sentence = f"; {report.end.sentence}" if report.end.sentence else ""
+    return [*lines, f"{report.end}{sentence}"]
+
+
+def _there(held: bool | None) -> str:
+    if held is None:
+        return "cannot tell"
+    return "held" if held else "not held"
+
+
+def _open_bridge(cell: Cell, remote: RemoteControl | None, namespace: str, stack: ExitStack) -> RosBridge:
+    """Serve a cell on ROS 2, where `remote` carries out commands. Raises ConfigError without Cyclone DDS."""
+    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.hardware.ros import domain_of
+
+    domain = domain_of()
+    try:
+        from allegro_twin.surfaces.ros import open_cell
+
+        bridge = stack.enter_context(open_cell(cell, remote, namespace=namespace, domain=domain))
+    except ImportError as error:
+        raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
+    console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
+    return bridge
+
+
+def _follow(
+    remote: RemoteControl, looking: tuple[list[Observer], ObserverCamera | None], port: int, stack: ExitStack
+) -> None:
+    """Follow the marker of the page at `port` (0: no page), or the target on ROS, until Ctrl-C."""
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import run_remote_control
+    from allegro_twin.surfaces.cli.console import console
+
+    observers, lens = looking
+    if port:
+        from allegro_twin.surfaces.panel.cell_session import CellSession
+        from allegro_twin.surfaces.panel.host import Host
+        from allegro_twin.surfaces.panel.page_process import PageServer
+
+        session = CellSession(remote)
+        host = Host(session, PageServer("127.0.0.1", port, "hold"))
+        stack.callback(host.close)
+        observers.append(session)
+        console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+    else:
+        console.print("Ctrl-C ends it")
+    try:
+        run_remote_control(remote, Observers(remote.cell, [*observers, _PrintRefusals()], lens))
+    except KeyboardInterrupt:
+        return
+
+
+class _PrintRefusals:
+    """Observer that prints refused commands."""
+
+    def on_event(self, event: SessionEvent) -> None:
+        """Print the refusal of an event."""
+        from allegro_twin.recording.events import JournalEntry
+        from allegro_twin.surfaces.cli import console
+
+        if isinstance(event, JournalEntry) and event.track == "states" and event.row.get("sentence"):
+            console.warn(str(event.row["sentence"]))

@@ -1,0 +1,1 @@
+"""Commands that convert recordings and write file schemas."""

@@ -1,0 +1,76 @@
+"""Exit codes of the command line, one-line error messages, and signals."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import Any, NoReturn
+
+import typer
+
+from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled
+
+USAGE: type[Exception] = typer.BadParameter.__mro__[1]
+"""The parser's usage error. Not every version of typer has a public name for it."""
+_ENDS = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
+]  # Windows has the first.
+
+
+def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
+    """Run a command line and exit. Every HandError and every usage error is one line on standard error."""
+    stop_on_signals()
+    logging.getLogger("can").addHandler(logging.NullHandler())  # python-can raises what it logs.
+    try:
+        sys.exit(app(list(arguments), prog_name=program, standalone_mode=False) or 0)
+    except HandError as error:
+        sys.stderr.write(f"{program}: {error}\n")
+        sys.exit(exit_code(error))
+    except ImportError as error:
+        if error.path is None:
+            raise
+        sys.stderr.write(f"{import_error(error)}\n")
+        sys.exit(2)
+    except USAGE as error:
+        sys.stderr.write(f"{usage_error(error)}\n")
+        sys.exit(2)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.exit(130)
+
+
+def exit_code(error: HandError) -> int:
+    """3 for a link error, 4 for a fault or a blocked motion, 2 for everything the user can correct."""
+    if isinstance(error, LinkError):
+        return 3
+    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2
+
+
+def usage_error(error: Any) -> str:
+    """A usage error in one line, with the value and a pointer to the help."""
+    command = "allegro-twin" if error.ctx is None else error.ctx.command_path
+    text = " ".join(error.format_message().split()).rstrip(".").replace("Value error, ", "")
+    details = error.__cause__.errors()[:1] if hasattr(error.__cause__, "errors") else ()
+    value = "".join(f", not {detail['input']!r}" for detail in details if repr(detail["input"]) not in text)
+    return f"{command}: {text[:1].lower()}{text[1:]}{value}; `{command} --help` shows what there is"
+
+
+def import_error(error: ImportError) -> str:
+    """One line about a compiled module that is installed and cannot be loaded."""
+    return f"allegro-twin: {str(error).splitlines()[0]}; `allegro-twin doctor` says which package of the system has it"
+
+
+def stop_on_signals() -> None:
+    """Handle SIGTERM, SIGHUP and SIGQUIT as Ctrl-C."""
+    for number in _ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
+            signal.signal(number, _stop)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End as Ctrl-C does, so that the hand is left limp. Further signals are ignored."""
+    for each in (*_ENDS, signal.SIGINT):
+        signal.signal(each, signal.SIG_IGN)
+    raise KeyboardInterrupt

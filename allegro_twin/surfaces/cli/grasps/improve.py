@@ -1,0 +1,108 @@
+"""The command `improve`: a local search around a grasp."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli import completion, options
+
+if TYPE_CHECKING:
+    from allegro_twin.grasping.plan.improve import GraspImprovement, ImprovementResult
+    from allegro_twin.grasping.scenario import Scenario
+    from allegro_twin.hands.library.grasps import Grasp
+    from allegro_twin.spec import HandSpec
+
+
+def improve(
+    scenario: Annotated[str, typer.Argument(help="A scenario, by path or name.", autocompletion=completion.targets)],
+    grasp: Annotated[
+        str | None, typer.Option(help="Start from this grasp, not the scenario's.", autocompletion=completion.grasps)
+    ] = None,
+    thing: Annotated[
+        str | None,
+        typer.Option("--object", help="Use this object, not the scenario's first.", autocompletion=completion.objects),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder to write into.", callback=options.folder)] = Path("improved"),
+    rounds: Annotated[
+        int, typer.Option(min=1, max=50, help="Rounds of variations around the best.", rich_help_panel=options.TRIALS)
+    ] = 3,
+    population: Annotated[
+        int, typer.Option(min=1, max=1000, help="Variations in a round.", rich_help_panel=options.TRIALS)
+    ] = 16,
+    draws: Annotated[
+        int, typer.Option(min=1, max=1000, help="Draws for each variation.", rich_help_panel=options.TRIALS)
+    ] = 8,
+    unseen: Annotated[
+        int, typer.Option(min=1, help="Fresh draws that compare before and after.", rich_help_panel=options.TRIALS)
+    ] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.", rich_help_panel=options.TRIALS)] = 0,
+    engine: Annotated[
+        options.Engines,
+        typer.Option(help="Where trials run: this computer, or a Ray cluster.", rich_help_panel=options.COMPUTE),
+    ] = options.Engines.local,
+    address: Annotated[
+        str | None, typer.Option(help="Address of the cluster, HOST:PORT.", rich_help_panel=options.COMPUTE)
+    ] = None,
+) -> None:
+    """Improve a grasp: vary wrist, postures and squeeze.
+
+    The comparison of before and after uses draws that the search did not see."""
+    from allegro_twin.files.output_folder import defer_signals
+    from allegro_twin.grasping.plan.improve import GraspImprovement
+    from allegro_twin.grasping.plan.save import save_grasp
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.grasps.trials import engine_of
+
+    settings, begun, spec, path = _load_start(scenario, grasp, thing)
+    chosen = engine_of(engine.value, address, 1 if engine is options.Engines.local else None)
+    search = GraspImprovement(
+        settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
+        engine=chosen.engine, at_once=chosen.at_once,
+    )  # fmt: skip
+    better = _search(search, path.stem)
+    description = _print_comparison(better, unseen, path.stem, begun.name)
+    with defer_signals():  # Grasp and scenario must be of one search.
+        where = save_grasp(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, description)
+    console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
+
+
+def _load_start(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenario, Grasp, HandSpec, Path]:
+    """The scenario, the grasp to start from, the hand and the scenario's file. Raises ConfigError."""
+    from allegro_twin.grasping.scenario import load_scenario, parse_object
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.hands.library.library import load_grasp
+
+    settings, path = load_scenario(scenario)
+    spec = load_spec(settings.hand)
+    if thing is not None:
+        settings = settings.model_copy(update={"objects": (parse_object(thing), *settings.objects[1:])})
+    begun = load_grasp(grasp or settings.grasp, spec)
+    if begun.grip is not None:
+        raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
+    return settings, begun, spec, path
+
+
+def _search(search: GraspImprovement, name: str) -> ImprovementResult:
+    from allegro_twin.surfaces.cli import console
+
+    with console.progress() as bar:
+        task = bar.add_task(name, total=search.rounds)
+        return search.run(lambda number, share: bar.update(task, completed=number + 1, description=f"{share:.0%}"))
+
+
+def _print_comparison(better: ImprovementResult, unseen: int, name: str, begun: str) -> str:
+    """Print before and after. Returns a description for the file."""
+    from allegro_twin.grasping.statistics import comparison_text, wilson
+    from allegro_twin.surfaces.cli import console
+
+    pair = better.comparison
+    before, after = pair.both + pair.only_first, pair.both + pair.only_second
+    for which, held in (("before", before), ("after", after)):
+        low, high = wilson(held, unseen)
+        console.console.print(f"{which:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
+    console.console.print(comparison_text(pair, "before", "after"), soft_wrap=True)
+    return f"{name}, improved: held in {after} of {unseen} draws, {begun} in {before}"

@@ -1,0 +1,276 @@
+"""Commands that plan grasps for an object, and make a first draft of one."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli import completion, options
+
+if TYPE_CHECKING:
+    from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+    from allegro_twin.grasping.plan.validate import PlannedGrasp
+    from allegro_twin.grasping.scenario import Scenario
+    from allegro_twin.sweep.local import SweepEngine
+
+
+Thing = Annotated[
+    str,
+    typer.Argument(
+        metavar="OBJECT", help="A name of the catalogue, or a mesh (.obj, .stl).", autocompletion=completion.objects
+    ),
+]
+Hull = Annotated[
+    bool, typer.Option("--hull", help="Use the convex hull of a mesh, closed or not.", rich_help_panel=options.MESH)
+]
+Hand = Annotated[str, typer.Option(help="Model of hand, or the path of a card.", autocompletion=completion.models)]
+
+
+def plan(
+    thing: Annotated[
+        str,
+        typer.Argument(
+            metavar="OBJECT", help="A name of the catalogue, or a mesh (.obj, .stl).", autocompletion=completion.objects
+        ),
+    ],
+    n: Annotated[int, typer.Option("--n", min=1, max=100, help="Number of grasps that differ from each other.")] = 5,
+    hand: Hand = options.HAND,
+    kind: Annotated[
+        str | None, typer.Option("--type", help="Only grasps whose contacts are of this type of the GRASP taxonomy.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder to write into; default: plans/OBJECT.", callback=options.folder)
+    ] = None,
+    keep: Annotated[Path | None, typer.Option(help="Also store the grasps in this folder of your library.")] = None,
+    up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
+    scale: Annotated[
+        float, typer.Option(help="Unit of a mesh file, m.", callback=options.positive, rich_help_panel=options.MESH)
+    ] = 1.0,
+    mass: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass of a mesh, kg; default: 500 kg/m³.", callback=options.positive, rich_help_panel=options.MESH
+        ),
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Sliding friction, at most 1.", callback=options.positive)] = 0.8,
+    hull: Hull = False,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            "--by", metavar="REGION", help="Region of the object to hold, m in its own frame: x>0.045,z<0.03."
+        ),
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="table_pick; or fc: in the air, pushed along six axes.", rich_help_panel=options.TRIALS)
+    ] = "table_pick",
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--time",
+            help="Budget of the search, CPU seconds of all processes together; default: 120.",
+            callback=options.positive,
+            rich_help_panel=options.TRIALS,
+        ),
+    ] = None,
+    candidates: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Budget of the search, candidates closed in physics; repeats exactly.",
+            rich_help_panel=options.TRIALS,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.", rich_help_panel=options.TRIALS)] = 0,
+    seeds: Annotated[
+        int,
+        typer.Option(min=1, help="Number of parallel searches, from this seed on.", rich_help_panel=options.COMPUTE),
+    ] = 1,
+    engine: Annotated[
+        options.Engines,
+        typer.Option(help="Where they run: this computer, or a Ray cluster.", rich_help_panel=options.COMPUTE),
+    ] = options.Engines.local,
+    address: Annotated[
+        str | None, typer.Option(help="Address of the cluster, HOST:PORT.", rich_help_panel=options.COMPUTE)
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Make a picture of each grasp, and an overview.")] = True,
+) -> None:
+    """Find grasps for an object, validated in simulated trials."""
+    from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
+    from allegro_twin.grasping.plan.region import parse_region
+    from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
+    from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+    from allegro_twin.grasping.plan.templates import grasp_templates
+    from allegro_twin.grasping.plan.validate import judge_planned
+    from allegro_twin.grasping.scenario import load_protocol
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.grasps.trials import engine_of
+
+    chosen, spec = engine_of(engine.value, address, None), load_spec(hand)
+    scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
+        update={"protocol": protocol, "hand": hand}
+    )
+    load_protocol(protocol)
+    search = GraspSearch(
+        scenario,
+        spec,
+        grasp_templates(spec, kind),
+        seed=seed,
+        region=None if by is None else parse_region(by),
+        kind=kind,
+    )
+    name = scenario.objects[0].name
+    unlimited = candidates is not None and seconds is None
+    budget = SearchBudget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
+    if seeds == 1 and engine is options.Engines.local:
+        found = _search(search, n, budget)
+    else:
+        found = _search_parallel(search, n, budget, seeds, chosen.engine)
+    judge_planned(found, spec, search.uncertainty, seed, search.folder)
+    console.console.print(console.plan_table(name, found))
+    console.console.print(console.search_summary(search, seeds), soft_wrap=True)
+    if not found:
+        ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
+        console.errors.print(f"no grasp holds {name}: of the candidates that physics closed ended {ends}")
+        raise typer.Exit(5)
+    with ExitStack() as stack:
+        folder = out or Path("plans") / name
+        if out is None:
+            stack.enter_context(lock_folder(folder))
+        with write_run(folder) as staging:
+            made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
+            paths = [folder / path.relative_to(staging) for path in made]
+        for number, planned in enumerate(found, 1):
+            if keep is not None:
+                kept = f"{name}_{number}"
+                store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
+                       proof=make_proof(planned, search.uncertainty))  # fmt: skip
+        if pictures:
+            add_to_run(folder, _make_pictures(paths, folder))
+    console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
+
+
+def _search(search: GraspSearch, n: int, budget: SearchBudget) -> list[PlannedGrasp]:
+    """Search on all processors of this computer."""
+    from allegro_twin.surfaces.cli import console
+
+    name = search.scenario.objects[0].name
+    with console.progress() as bar:
+        task = bar.add_task(f"{name}: 0 of {n}", total=1.0)
+        return search.run(
+            n, budget, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
+        )
+
+
+def _search_parallel(
+    search: GraspSearch, n: int, budget: SearchBudget, seeds: int, engine: SweepEngine
+) -> list[PlannedGrasp]:
+    """Search with several seeds, one on each processor."""
+    from allegro_twin.grasping.plan.parallel import search_in_parallel
+    from allegro_twin.surfaces.cli import console
+
+    with console.progress() as bar:
+        task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
+        return search_in_parallel(
+            search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done)
+        )
+
+
+def new(
+    thing: Thing,
+    hand: Hand = options.HAND,
+    out: Annotated[Path, typer.Option(help="Folder to write into.", callback=options.folder)] = Path("mine"),
+    up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
+    scale: Annotated[
+        float, typer.Option(help="Unit of a mesh file, m.", callback=options.positive, rich_help_panel=options.MESH)
+    ] = 1.0,
+    mass: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass of a mesh, kg; default: 500 kg/m³.", callback=options.positive, rich_help_panel=options.MESH
+        ),
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Sliding friction, at most 1.", callback=options.positive)] = 0.8,
+    hull: Hull = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the guess.")] = 0,
+    picture: Annotated[bool, typer.Option(help="Make a picture of its trial.")] = True,
+) -> None:
+    """Write a draft of a scenario and a grasp, to edit.
+
+    The palm touches neither object nor table, and the fingers close. Nothing tests whether it holds; `plan` does."""
+    from allegro_twin.files.output_folder import defer_signals
+    from allegro_twin.grasping.plan.initial_guess import first_guess
+    from allegro_twin.grasping.plan.save import save_grasp
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.surfaces.cli import console
+
+    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
+    guessed, grasp = first_guess(scenario, spec, seed=seed)
+    name = scenario.objects[0].name
+    with defer_signals():
+        (out / f"{name}_new.png").unlink(missing_ok=True)  # The picture of an earlier draft.
+        path = save_grasp(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
+    if picture:
+        _make_pictures([path], out)
+    console.console.print(
+        f"Wrote {path} and {out}/grasps/{name}_new.yaml; try it: allegro-twin run {path}", soft_wrap=True
+    )
+
+
+def scenario_of(
+    thing: str,
+    up: Literal["x", "y", "z"],
+    scale: float,
+    mass: float | None,
+    friction: float,
+    *,
+    hull: bool = False,
+) -> Scenario:
+    """A scenario with the object on the table; the palm is a placeholder. Raises ConfigError."""
+    from allegro_twin.grasping.scenario import Scenario, parse_object
+
+    if not friction <= 1.0:
+        raise ConfigError(f"--friction is at most 1, not {friction}")
+    placed = parse_object(thing)
+    changed: dict[str, object] = {"up": up}
+    if placed.file is not None:
+        changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})
+        changed |= {"collision": "hull"} if hull else {}
+    elif scale != 1.0 or mass is not None:
+        raise ConfigError(f"--scale and --mass are for meshes; {thing} is of the catalogue")
+    elif hull:
+        raise ConfigError(f"--hull is for meshes; {thing} is of the catalogue")
+    placed = type(placed).model_validate(placed.model_dump() | changed)
+    anywhere = {"position": (0, 0, 0.2), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
+    return Scenario.model_validate(
+        {"objects": [placed.model_dump()], "friction": friction, "grasp": "planned", "wrist": anywhere}
+    )
+
+
+def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:
+    """Make a strip of pictures for each trial, and one sheet of them. Returns the files."""
+    from allegro_twin.app import assemble, scenario_config
+    from allegro_twin.app.session import Outputs, perform
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.viewing.stills import overview
+
+    strips = {}
+    with console.progress() as bar:
+        task = bar.add_task("pictures", total=len(paths))
+        for path in paths:
+            picture = path.with_suffix(".png")
+            config = scenario_config(path)
+            for note in perform(assemble(config), config, Outputs(image=picture)).notes:
+                console.errors.print(f"[yellow]{path.stem}: {note}[/]")
+            bar.advance(task)
+            if picture.exists():
+                strips[path.stem] = picture
+    if not strips:
+        return []
+    overview(strips, folder / "overview.png", columns=min(len(strips), 6))
+    return [*strips.values(), folder / "overview.png"]

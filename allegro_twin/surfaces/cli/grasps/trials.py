@@ -1,0 +1,276 @@
+"""Trials of many grasps: run them with progress, print the table, write results, pictures, recordings and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from allegro_twin.errors import ConfigError, HandError, HandFault, unknown
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.surfaces.cli import console
+from allegro_twin.surfaces.cli.options import Recordings
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from allegro_twin.grasping.evaluation.campaign import EvaluationTarget, SamplingSettings
+    from allegro_twin.sweep.jobs import Sweep
+    from allegro_twin.sweep.local import SweepEngine
+
+UNIT = 32
+"""Most trials in a unit. More in one batch gain little, and an interruption would repeat more."""
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+GONE_MARGIN = 10.0
+"""Times a limit, and GONE_DISTANCE mm: beyond these the object is gone, and the number means nothing."""
+GONE_DISTANCE = 1000.0
+
+
+_UNITS = {"position": 1e-3, "yaw": 1.0, "size": 1e-2, "mass": 1e-2, "torque": 1e-2}
+"""From mm, degrees and per cent."""
+
+
+class TrialTable(NamedTuple):
+    """A sweep of trials and its results."""
+
+    sweep: Sweep
+    table: Any
+    """A pyarrow.Table, one row for each trial."""
+    rows: list[dict[str, Any]]
+
+
+class Compute(NamedTuple):
+    """An engine, and the number of units it computes at once."""
+
+    engine: SweepEngine
+    at_once: int
+
+
+def engine_of(name: str, address: str | None, count: int | None) -> Compute:
+    """The engine `local` or `ray`. Raises ConfigError without Ray, or for an address without it;
+    LinkError if no cluster answers."""
+    from allegro_twin.sweep.local import Local, core_count
+
+    if address is not None and name != "ray":
+        raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
+    at_once = count or core_count()
+    if name == "ray":
+        from allegro_twin.sweep.cluster import RayCluster
+
+        return Compute(RayCluster(address), at_once)
+    return Compute(Local(0 if at_once == 1 else at_once), at_once)
+
+
+def run_trials(
+    targets: Sequence[EvaluationTarget], noise: SamplingSettings, compute: Compute, out: Path | None = None
+) -> TrialTable:
+    """Run the trials; with `out` also their metrics, and finished ones are not repeated. Raises HandError; finished
+    trials stay."""
+    from allegro_twin.grasping.evaluation.campaign import JUDGE, make_campaign
+    from allegro_twin.sweep.jobs import Sweep
+    from allegro_twin.sweep.runner import run
+    from allegro_twin.sweep.store import Store
+
+    items, shared, stamps, inputs = make_campaign(targets, noise, metrics=out is not None and _scipy())
+    sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // compute.at_once))), stamps, inputs)
+    store = None if out is None else Store(out / "trials", console.warn)
+    with console.progress() as bar:
+        task = bar.add_task("trials", total=len(sweep.items))
+        table = run(sweep, store, compute.engine, lambda done, total: bar.update(task, completed=done, total=total))
+    return TrialTable(sweep, table, table.to_pylist())
+
+
+def report_trials(
+    targets: Sequence[EvaluationTarget],
+    noise: SamplingSettings,
+    trials: TrialTable,
+    out: Path | None,
+    rrd: Recordings | None = None,
+) -> list[dict[str, Any]]:
+    """Print the table and write the files. Returns one row for each target. Raises HandError."""
+    from allegro_twin.grasping.evaluation.outcomes import rates, sample_columns, summarise
+    from allegro_twin.sweep.table import write_results
+
+    rows = summarise(targets, trials.rows)
+    console.console.print(_table(rows, noise))
+    errors = [row["error"] for row in trials.rows if row["error"] is not None]
+    if errors:
+        said = f"{len(errors)} of {len(trials.rows)} trials could not be made; the first: {errors[0]}"
+        console.warn(said)
+    for column in ("object", "grasp", "hand"):
+        groups = rates(rows, column)
+        if len(groups) < len(rows):
+            said = "; ".join(f"{each.name} {each}" for each in groups)
+            console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
+    if out is not None:
+        (out / "report.html").unlink(missing_ok=True)  # No stale page while the new one is made.
+        write_results(out / "results.parquet", trials.table, trials.sweep.all_stamps(),
+                      sample_columns(targets, trials.sweep.items))  # fmt: skip
+        if rrd is not None:
+            _write_recordings(targets, rows, rrd, out / "recordings")
+        _report(targets, rows, trials.sweep, out)
+        console.console.print(f"In {out}/: report.html, results.parquet with a row a trial", soft_wrap=True)
+    return rows
+
+
+def _report(targets: Sequence[EvaluationTarget], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
+    from allegro_twin.app.portraits import worth_showing
+    from allegro_twin.grasping.evaluation.html_report import write_html_report
+
+    chosen = worth_showing(rows)
+    with console.progress() as bar:
+        task = bar.add_task("pictures", total=len(chosen))
+        for number in chosen:
+            _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
+            bar.advance(task)
+    stamps = sweep.all_stamps()
+    write_html_report(
+        out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")}
+    )
+
+
+def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> None:
+    """Make a picture of a grasp. A failure is a note only."""
+    from allegro_twin.app.portraits import portrait
+
+    try:
+        portrait(target, path)
+        row["picture"] = str(path.resolve())
+    except ImportError as error:
+        console.errors.print(f"[yellow]no pictures: {error}; pip install 'allegro-twin[view]'[/]")
+    except HandError as error:
+        console.errors.print(f"[yellow]{target.name}: no picture: {error}[/]")
+
+
+def _table(rows: Sequence[dict[str, Any]], noise: SamplingSettings) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.markup import escape
+    from rich.table import Table
+
+    held = sum(row["held"] for row in rows)
+    drawn = f"; draws: {noise.n}, seed {noise.seed}" if noise.n else ""
+    figures = _figures(rows[0])
+    close: dict[str, Any] = (
+        {"box": SIMPLE_HEAD, "padding": 0} if "strength_n" in figures else {}
+    )  # Else the table is too wide.
+    title = f"{held} of {len(rows)} held under {rows[0]['protocol']}{drawn}"
+    table = Table(title=title, title_style="bold", **close)
+    two = len({row["side"] for row in rows}) > 1
+    for name in ("object", "grasp", *(("hand",) if two else ()), "held", *(("in draws",) if noise.n else ())):
+        table.add_column(name, overflow="fold")
+    for head in figures.values():
+        table.add_column(head, justify="right", no_wrap=True)
+    for row in rows:
+        cells = [row["object"], row["grasp"], *([row["side"]] if two else []), *_held(row, drawn=noise.n > 0)]
+        table.add_row(*cells, *(_number(row.get(name), head) for name, head in figures.items()))
+    failed = [f"{row['object']}, {row['grasp']}, {row['side']}: {row['reason']}" for row in rows if not row["held"]]
+    table.caption, table.caption_justify = escape("\n".join(failed)), "left"
+    return table
+
+
+def _figures(row: dict[str, Any]) -> dict[str, str]:
+    """Numeric columns and their heads; those of six directions only for protocols with them."""
+    ways = {f"margin_{axis}": f"{axis}\n%" for axis in AXES} | {"strength_n": "holds\nN"}
+    always = {"margin": "margin\n%", "drift_mm": "drift\nmm", "penetration_mm": "inside\nmm", "contacts": "con-\ntacts",
+              "stall": "stall\n%"}  # fmt: skip
+    return always | (ways if "strength_n" in row else {})
+
+
+def _held(row: dict[str, Any], *, drawn: bool) -> list[str]:
+    from allegro_twin.grasping.evaluation.outcomes import row_rate
+
+    return ["[green]yes[/]" if row["held"] else "[red]no[/]", *([str(row_rate(row))] if drawn else [])]
+
+
+def _number(value: float | None, head: str) -> str:
+    if value is None or value != value:
+        return "–"
+    if head.endswith("%"):
+        return "gone" if value < -GONE_MARGIN else f"{100 * value:.0f}"
+    return "gone" if value > GONE_DISTANCE else f"{value:.1f}"
+
+
+def _scipy() -> bool:
+    from allegro_twin.grasping.metrics.quality import import_scipy
+
+    try:
+        import_scipy("optimize")
+    except ConfigError as error:
+        console.errors.print(f"[yellow]{error}[/]")  # The report has no metrics then.
+        return False
+    return True
+
+
+def parse_variation(text: str) -> Uncertainty:
+    """Parse `position=5,torque=0,friction=0.5-0.9`: half-widths in mm, degrees and per cent; friction as smallest and
+    largest value, 0 for the scenario's own. Other keys keep their defaults. Raises ConfigError."""
+    content: dict[str, object] = {}
+    for part in filter(None, (piece.strip() for piece in text.split(","))):
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in (*_UNITS, "friction"):
+            raise ConfigError("--vary: " + unknown("variation", key, (*_UNITS, "friction")))
+        if key in content:
+            raise ConfigError(f"--vary: {key} is given twice")
+        try:
+            content[key] = _friction(value) if key == "friction" else _UNITS[key] * float(value)
+        except ValueError as error:
+            way = "a number, or two as 0.5-0.9" if key == "friction" else "a number"
+            raise ConfigError(f"--vary: {key}={value}: must be {way}") from error
+    return parse_settings(Uncertainty, content, "--vary")
+
+
+def _friction(text: str) -> tuple[float, float] | None:
+    number: Callable[[str], float] = float
+    low, _, high = text.partition("-")
+    values = number(low), number(high or low)
+    return None if values == (0.0, 0.0) else (min(values), max(values))
+
+
+def check_recordings(out: Path | None) -> None:
+    """Raise ConfigError if recordings have no folder or Rerun is not installed."""
+    from allegro_twin.app.session import rerun_stage
+
+    if out is None:
+        raise ConfigError("--rrd is kept beside the report: say --out FOLDER, too")
+    rerun_stage()
+
+
+def _write_recordings(
+    targets: Sequence[EvaluationTarget], rows: Sequence[dict[str, Any]], which: Recordings, folder: Path
+) -> None:
+    """Write a `.rrd` of each trial without a draw, and name it in its row; existing files stay. Raises HandError."""
+    from allegro_twin.app.portraits import ends_of_objects
+
+    chosen = list(range(len(rows))) if which is Recordings.all else ends_of_objects(rows)
+    paths = []
+    with console.progress() as bar:
+        for number in bar.track(chosen, description="recordings"):
+            path = folder / f"{number}_{targets[number].name}.rrd"
+            if path.is_file() or _write_recording(targets[number], rows[number], path):
+                rows[number]["rrd"] = str(path.resolve())
+                paths.append(path)
+        seconds = bar.tasks[0].elapsed or 0.0
+    size = sum(path.stat().st_size for path in paths) / 1e6
+    said = f"{len(paths)} recordings, {size:.1f} MB, in {seconds:.0f} s: rerun {folder}/NAME.rrd"
+    console.console.print(said, soft_wrap=True, highlight=False)
+
+
+def _write_recording(target: EvaluationTarget, row: Mapping[str, Any], path: Path) -> bool:
+    """Write one recording. Returns whether there is one: if the guard stops the hand there is none."""
+    from allegro_twin.app.config import RunConfig
+    from allegro_twin.app.portraits import staged
+    from allegro_twin.app.session import Outputs, perform
+    from allegro_twin.app.simulated import following
+    from allegro_twin.hands.settings import HandSettings
+
+    hand = HandSettings(model=target.spec.model, side=target.side)
+    config = RunConfig.model_validate(
+        {"hand": hand.model_dump(), "backend": {"kind": "sim"}, "controller": following(hand)}
+    )
+    try:
+        perform(staged(target, row), config, Outputs(rrd=path))
+    except HandFault as error:
+        console.errors.print(f"[yellow]{target.name}: no recording: {error}[/]")
+        return False
+    return True

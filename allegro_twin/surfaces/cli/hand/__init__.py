@@ -1,1 +1,0 @@
-"""The commands for a hand that is open, and for its bus."""

@@ -1,0 +1,52 @@
+"""The option --hand: another hand of the same model, or another model with its own scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.simulated import following
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.hands.description.specs import hand_side, is_hand_model
+
+
+def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
+    """A config with another hand: a model, a file of conf/hands, or a side. Raises ConfigError."""
+    if hand is None and side is None:
+        return config
+    blocks: dict[str, Any] = {}
+    if hand is not None and is_hand_model(hand):
+        blocks |= {"model": hand, "serial": ""}
+    elif hand is not None:
+        blocks["serial"] = hand
+        side = side or hand_side(hand)
+    if side is not None:
+        blocks["side"] = side
+    changed = config.changed(hand=blocks)
+    if hand is None or changed.hand.model == config.hand.model:
+        return changed
+    return changed.changed(controller=following(changed.hand))
+
+
+def own_scenarios(paths: list[Path], hand: str | None) -> tuple[list[Path], list[str]]:
+    """Replace scenarios by those of another model of hand for the same objects (scenarios/MODEL).
+
+    Returns them, and the names without a replacement. Raises ConfigError if none has one."""
+    if hand is None or not is_hand_model(hand):
+        return paths, []
+    found, missing = [], []
+    for path in paths:
+        scenario, _ = load_scenario(path)
+        own = data_root() / "scenarios" / hand / f"{hand}_{path.stem}.yaml"
+        if scenario.hand == hand:
+            found.append(path)
+        elif own.is_file():
+            found.append(own)
+        else:
+            missing.append(path.stem)
+    if not found:
+        raise ConfigError(f"the hand {hand} has no scenario of its own for {', '.join(missing)}: give one, or a grasp")
+    return found, missing

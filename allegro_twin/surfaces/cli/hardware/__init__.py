@@ -1,0 +1,1 @@
+"""Commands for real and virtual hardware: hands, buses, ROS, teleoperation."""

@@ -1,0 +1,134 @@
+"""Calibration of a hand: find its joint limits and encoder offsets, and write them into its file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig
+from allegro_twin.control.controllers import PD, GravityCompensation, GravityFeedforward
+from allegro_twin.controller import Controller
+from allegro_twin.drivers.can.config import CanSettings
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import parse_yaml, refuse_shipped
+from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.library import load_posture
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.loop import run, to_the_end, until
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, limit_sweep, limits_in_samples
+
+if TYPE_CHECKING:
+    from allegro_twin.drivers.can.codec.codec import Codec
+
+_NOTE = "Measured by `allegro-twin calibrate limits`"
+
+
+def find_limits(
+    config: RunConfig, by_hand: float | None, advance: Callable[[float, float], None]
+) -> tuple[HandSpec, FoundLimits]:
+    """Sweep every joint with little torque, or observe for `by_hand` s while a person does. The guard admits positions
+    beyond the model's limits. Returns the model's hand and the limits found. Raises HandError."""
+    if by_hand is not None and not by_hand > 0:
+        raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
+    rig = assemble(_searching(config))
+    gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
+    rest = load_posture("calibrate", rig.spec)
+    moves = limit_sweep(rig.spec, rest)
+    controller: Controller[object]
+    if by_hand is None:
+        # The sweep's duration from rest, plus time to get there.
+        seconds = moves.begin(rest).seconds + 5.0
+        controller = PD(moves, load_gains("default", rig.spec), gravity)  # type: ignore[assignment]  # Its memory.
+    else:
+        seconds = by_hand
+        controller = GravityCompensation(gravity)  # type: ignore[assignment]  # Its memory.
+    with closing(rig.backend) as backend:
+        samples = until(seconds, to_the_end(run(backend, controller)))
+
+        def observed_samples() -> object:
+            for sample in samples:
+                advance(sample.state.t, seconds)
+                yield sample
+
+        found = limits_in_samples(observed_samples())  # type: ignore[arg-type]  # A generator.
+    return load_spec(config.hand.model, config.hand.side), found
+
+
+def codec_with_encoders(settings: RunConfig, config: str) -> Codec:
+    """The codec of a config's hand. Raises ConfigError for a hand without encoders."""
+    from allegro_twin.drivers.can.opening import codec_of
+
+    if not isinstance(settings.backend, CanSettings):
+        raise ConfigError(
+            f"--offsets: {config} has backend {settings.backend.kind}, which has no encoders; a hand on a bus has"
+        )
+    return codec_of(settings.backend, settings.hand)
+
+
+def refuse_another_hand(path: Path, settings: RunConfig, config: str, codec: Codec | None) -> None:
+    """Raise ConfigError for a file that must not get the measurements: it ships with the package; it has encoder
+    offsets that the config does not use; or, with `codec`, it is of another version or side."""
+    refuse_shipped(path)
+    wire = _read(path)[1].get("wire") or {}
+    if codec is not None:
+        for key, value in (("version", codec.version), ("side", settings.hand.side)):
+            if wire.get(key, value) != value:
+                raise ConfigError(f"{path} is of a {wire[key]} hand, {config} of a {value} one: choose another file")
+    elif "encoder_offset" in wire and isinstance(settings.backend, CanSettings):
+        used, written = codec_with_encoders(settings, config).calibration.encoder_offset, wire["encoder_offset"]
+        if tuple(written if isinstance(written, list) else [written] * len(used)) != used:
+            raise ConfigError(
+                f"{path} has encoder offsets that {config} does not use: say `hand: {{serial: {path}}}` there, or "
+                "write new ones with --offsets"
+            )
+
+
+def store_limits(path: Path, found: FoundLimits, note: str) -> None:
+    """Write the limits, with a comment above them, into the hand's own file; the rest of it stays. Raises
+    RecordingError."""
+    with lock_file(path):
+        write_text(path, _with_limits(*_read(path), found, path, note))
+
+
+def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec, note: str) -> None:
+    """Write encoder offsets that centre the ranges found, the limits as the hand then reads them, the version and the
+    side. Raises ConfigError for a joint that did not reach both its ends."""
+    from allegro_twin.twin.identify.motions.limits import encoder_offsets
+
+    right = encoder_offsets(found, model, codec)
+    own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}
+    with lock_file(path):
+        text, content = _read(path)
+        content["wire"] = (content.get("wire") or {}) | own
+        text = _with_limits(text, content, right.limits, path, note)
+        write_text(path, set_note(text, ("wire", "encoder_offset"), _NOTE, f"{note}; counts"))
+
+
+def note(config: str, by_hand: float | None) -> str:
+    """Comment text: date, config and method."""
+    how = f"pressed with at most {TORQUE:g} N·m" if by_hand is None else "moved by hand"
+    return f", {datetime.now(UTC).date()}, {config}, {how}"
+
+
+def _read(path: Path) -> tuple[str, dict[str, Any]]:
+    text = read_text(path)
+    return text, parse_yaml(text, str(path)) if has_content(text) else {}
+
+
+def _with_limits(text: str, content: dict[str, Any], found: FoundLimits, path: Path, note: str) -> str:
+    rows = {"lower": found.lower, "upper": found.upper}
+    limits = {name: [round(value, 4) for value in row.tolist()] for name, row in rows.items()}
+    written = replace_document(text, content | {"limits": limits}, str(path))
+    return set_note(written, ("limits",), _NOTE, f"{note}; rad")
+
+
+def _searching(config: RunConfig) -> RunConfig:
+    limits = config.limits.model_copy(update={"margin": -BEYOND, "torque": TORQUE})
+    return config.model_copy(update={"limits": limits})

@@ -1,0 +1,72 @@
+"""The command `check-backend`: a backend against the contract, rule by rule."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli import completion
+
+if TYPE_CHECKING:
+    from allegro_twin.backend import HandBackend
+
+BROKEN = 5
+"""Exit code for a broken rule."""
+_MARKS = {"kept": "[green]kept[/]", "broken": "[red]broken[/]", "does not apply": "[dim]does not apply[/]"}
+
+
+def check_backend(
+    backend: Annotated[
+        str,
+        typer.Argument(
+            help="PACKAGE:FACTORY, called without arguments; or a config.",
+            autocompletion=completion.configs,
+        ),
+    ],
+) -> None:
+    """Check a backend against the contract; the hand moves a little.
+
+    The exit code is 5 if a rule is broken."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.testing import check_backend as check
+
+    make = _factory(backend)
+    table = Table("rule", "", "", title=f"The backend contract: {backend}", title_justify="left")
+    broken = 0
+    for result in check(make):
+        broken += result.outcome == "broken"
+        table.add_row(result.rule, _MARKS[result.outcome], escape(result.text))
+    console.print(table)
+    if broken:
+        console.print(f"{broken} rules are broken; docs/contract.md says what each is for", soft_wrap=True)
+        raise typer.Exit(BROKEN)
+    console.print("The contract is kept.")
+
+
+def _factory(name: str) -> Callable[[], HandBackend]:
+    """The function that opens the backend. Raises ConfigError."""
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        from allegro_twin.app.config import load_config
+        from allegro_twin.app.rig import open_backend
+
+        config = load_config(name)
+        return lambda: open_backend(config)
+    sys.path.insert(0, str(Path.cwd()))  # As `python -m` does.
+    try:
+        found = getattr(importlib.import_module(module), attribute, None)
+    except ImportError as error:
+        raise ConfigError(f"{name}: no module {module!r} can be imported: {error}") from error
+    if not callable(found):
+        raise ConfigError(f"{name}: {attribute!r} in {module} is nothing that can be called")
+    opened: Callable[[], HandBackend] = found
+    return opened

@@ -1,0 +1,87 @@
+"""The command `collect`: episodes of an environment as a data set."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.surfaces.cli import completion, options
+
+if TYPE_CHECKING:
+    from allegro_twin.learning.policy.controller import Policy
+    from allegro_twin.learning.training.settings import Recipe
+
+NOTHING = "nothing"
+
+
+class Formats(StrEnum):
+    lerobot = "lerobot"
+    minari = "minari"
+
+
+def collect(
+    task: Annotated[
+        str, typer.Argument(help="A task, or a recipe by path or name.", autocompletion=completion.recipes)
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            help="New folder; for Minari it ends in a version: ~/.minari/datasets/hand/lift-v0.",
+            callback=options.folder,
+        ),
+    ],
+    policy: Annotated[
+        str,
+        typer.Option(help="Policy file that acts; default: the script.", autocompletion=completion.policies),
+    ] = NOTHING,
+    format: Annotated[Formats, typer.Option(help="Format of the data set.")] = Formats.lerobot,
+    hand: options.TrainedHand = None,
+    side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode; each next one adds 1.")] = 0,
+    only: Annotated[bool, typer.Option("--only-success", help="Keep successful episodes only.")] = False,
+) -> None:
+    """Write episodes of an environment as a LeRobot or Minari set."""
+    from allegro_twin.errors import ConfigError
+    from allegro_twin.learning.environments.collect import collect_episodes
+    from allegro_twin.learning.training.evaluation import env_keywords
+    from allegro_twin.learning.training.settings import load_recipe
+    from allegro_twin.recording.exchange.environment_episodes import to_lerobot, to_minari
+    from allegro_twin.surfaces.cli import console
+
+    if any(out.iterdir()):
+        raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
+    recipe = load_recipe(task, hand=hand, side=side)
+    actor, period, robot = _actor(policy, recipe)
+    found = collect_episodes(actor, recipe.task, env_keywords(recipe.environment), episodes, seed=seed)
+    held = [episode for episode in found if episode.success[-1]]
+    kept = held if only else found
+    if not kept:
+        raise ConfigError(f"none of {episodes} episodes ended well: leave out --only-success, or take a policy")
+    if format is Formats.minari:
+        to_minari(kept, out, period)
+    else:
+        to_lerobot(kept, out, period, robot)
+    steps = sum(len(episode.action) for episode in kept)
+    said = f"{out}/: {len(kept)} episodes, {steps} steps; {len(held)} of {episodes} ended well"
+    console.console.print(said, soft_wrap=True, highlight=False)
+
+
+def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
+    """The acting policy, the duration of a step, s, and the name of the hand. Raises ConfigError."""
+    from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.policy.controller import ZeroPolicy
+    from allegro_twin.learning.policy.loading import load_policy
+    from allegro_twin.learning.tasks import make_task
+    from allegro_twin.learning.training.evaluation import check_card
+
+    task = make_task(recipe.task, recipe.environment, 1, 1)
+    seconds, robot = task.interface.seconds, task.spec.name
+    if policy == NOTHING:
+        return ZeroPolicy(task.spec.n_joints), seconds, robot
+    loaded = load_policy(find_file(policy, "policy", "conf/policies", ".onnx"))
+    check_card(loaded.card, task.card())
+    return loaded.policy, seconds, robot

@@ -1,0 +1,126 @@
+"""The command `train`, and the evaluation of a policy."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli import completion, options
+
+if TYPE_CHECKING:
+    from allegro_twin.learning.training.settings import Recipe
+
+EVALUATION, FILM = "evaluation.json", "policy.mp4"
+"""Files beside a trained policy."""
+Episodes = Annotated[
+    int, typer.Option(help="Episodes of the evaluation, for each set of objects.", callback=options.positive)
+]
+
+
+def train(
+    task: Annotated[
+        str,
+        typer.Argument(help="A task, or a recipe by path or name (conf/training).", autocompletion=completion.recipes),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder; default: runs/RECIPE. A training in it continues.", callback=options.folder),
+    ] = None,
+    hand: options.TrainedHand = None,
+    side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
+    device: Annotated[
+        str | None, typer.Option(help="Device of the simulation: cpu or warp; default: the recipe's.")
+    ] = None,
+    steps: Annotated[int | None, typer.Option(help="Total number of actions.")] = None,
+    envs: Annotated[int | None, typer.Option(help="Number of parallel simulations.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the training; default: the recipe's.", min=0)] = None,
+    episodes: Episodes = 200,
+    video: Annotated[bool, typer.Option(help="Film some episodes at the end.")] = True,
+) -> None:
+    """Train a policy, or continue an interrupted training."""
+    from allegro_twin.files.output_folder import lock_folder
+    from allegro_twin.learning.training import load_recipe
+    from allegro_twin.learning.training import train as learn
+    from allegro_twin.surfaces.cli import console
+
+    recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed)
+    folder = out or Path("runs") / Path(task).stem.lower()
+    with ExitStack() as stack:
+        if out is None:
+            stack.enter_context(lock_folder(folder))
+        bar = stack.enter_context(console.progress())
+        job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)
+
+        def advance(done: int, mean: float, rate: float) -> None:
+            for stale in (EVALUATION, FILM):
+                (folder / stale).unlink(missing_ok=True)  # Of an earlier policy.
+            bar.update(job, completed=done, description=f"{recipe.task}: return {mean:.2f}, success {rate:.0%}")
+
+        trained = learn(recipe, folder, advance)
+        bar.remove_task(job)
+        done = trained.progress
+        console.console.print(f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True)
+        _evaluate_and_film(trained.policy, recipe, folder, episodes, video)
+
+
+def evaluate_policy(
+    policy: str,
+    recipe: str,
+    episodes: int,
+    can: int,
+    hand: str | None = None,
+    side: str | None = None,
+    film: Path | None = None,
+    seed: int | None = None,
+) -> None:
+    """Compare a policy with the script in the same episodes, with seeds from `seed` on; `can` of them also run on a
+    virtual CAN bus. Raises HandError."""
+    from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.policy.loading import load_policy
+    from allegro_twin.learning.training import load_recipe
+    from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
+    from allegro_twin.surfaces.cli import console
+
+    if not 0 <= can <= episodes:
+        raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
+    loaded = load_recipe(recipe, hand=hand, side=side)
+    first = SEED if seed is None else seed
+    if used := seeds_overlap(loaded, first, episodes):
+        warning = (
+            f"seeds {first} to {first + episodes - 1}: some are those of {used}: the rates are not of unseen episodes"
+        )
+        console.errors.print(f"[yellow]{warning}[/]", soft_wrap=True)
+    path = find_file(policy, "policy", "conf/policies", ".onnx")
+    if film is not None:
+        film_policy(load_policy(path).policy, loaded, film, seed=first)
+    console.console.print(console.policy_table(compare_policy(path, loaded, episodes, first), loaded, first))
+    if can:
+        from allegro_twin.learning.tasks import task_type
+        from allegro_twin.learning.training.deployment import evaluate_on_can
+
+        for name, settings in evaluation_sets(loaded).items():
+            driven = evaluate_on_can(path, loaded.task, settings, can, seed=first)
+            share = console.success_rate(driven)
+            more = "" if driven.counts is None else f", {driven.counts.mean():.1f} {task_type(loaded.task).count_unit}"
+            more += "".join(f", {part.replace('_', ' ')} {share.mean():.0%}" for part, share in driven.shares.items())
+            console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes{more}")
+
+
+def _evaluate_and_film(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bool) -> None:
+    from allegro_twin.learning.policy.loading import load_policy
+    from allegro_twin.learning.training import report
+    from allegro_twin.surfaces.cli import console
+
+    compared = report.compare_policy(policy, recipe, episodes, report.SELECTION)
+    report.write_report(compared, folder / EVALUATION)
+    console.console.print(console.policy_table(compared, recipe, report.SELECTION))
+    if not video:
+        return
+    try:
+        report.film_policy(load_policy(policy).policy, recipe, folder / FILM, seed=report.SELECTION)
+    except ConfigError as error:
+        console.errors.print(f"[yellow]no film: {error}[/]")  # A film is optional.

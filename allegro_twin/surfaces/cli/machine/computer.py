@@ -1,0 +1,116 @@
+"""Checks of this computer: rendering without a screen, GPUs, real-time scheduling, cores, cameras, ports."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from allegro_twin.surfaces.cli.machine.bus import may_open
+from allegro_twin.surfaces.cli.machine.finding import Diagnosis
+
+_RENDER = """
+import mujoco
+renderer = mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 8, 8)
+from OpenGL import GL
+print((GL.glGetString(GL.GL_RENDERER) or b"").decode())
+renderer.close()
+"""
+_SECONDS = 60.0
+PORTS = {"Rerun's page, --web": 9090, "Rerun's data": 9876, "the panel": 8080}
+"""TCP ports on loopback: Rerun's defaults (`viewing.rerun.server`) and `panel --port`. The port of the panel's viser is
+random."""
+Schedule = Callable[[], None]
+
+
+def render(backend: str) -> str:
+    """Render a picture in a separate process, which a broken driver may end. Returns the renderer. Raises OSError."""
+    done = subprocess.run(
+        [sys.executable, "-c", _RENDER], env=os.environ | {"MUJOCO_GL": backend}, capture_output=True, text=True,
+        timeout=_SECONDS,
+    )  # fmt: skip
+    if done.returncode != 0:
+        raise OSError((done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"])[-1])
+    return done.stdout.strip()
+
+
+def pictures(draw: Callable[[str], str] = render) -> Iterator[Diagnosis]:
+    """Rendering without a screen."""
+    try:
+        who = draw("egl")
+    except (OSError, subprocess.TimeoutExpired) as error:
+        yield Diagnosis("EGL", "broken", f"no picture without a screen: {error}",
+                      "apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL")  # fmt: skip
+        return
+    software = " (software: right, and slow)" if "llvmpipe" in who or "softpipe" in who else ""
+    yield Diagnosis("EGL", "works", f"pictures without a screen, by {who}{software}")
+
+
+def libraries(load: Callable[[str], object] = ctypes.CDLL) -> Iterator[Diagnosis]:
+    """System libraries that wheels do not contain: GCC's OpenMP, for Pinocchio."""
+    try:
+        load("libgomp.so.1")
+    except OSError as error:
+        yield Diagnosis(
+            "libgomp", "broken", f"Pinocchio cannot be loaded without it: {error}", "apt-get install libgomp1"
+        )
+    else:
+        yield Diagnosis("libgomp", "works", "Pinocchio's")
+
+
+def cards(dev: Path = Path("/dev")) -> Iterator[Diagnosis]:
+    """NVIDIA GPUs."""
+    found = sorted(path.name for path in dev.glob("nvidia[0-9]*"))
+    if found:
+        yield Diagnosis("GPU", "works", f"{', '.join(found)}: for `--device warp` and training")
+    else:
+        yield Diagnosis("GPU", "absent", "no NVIDIA card: everything runs on the processor, `--device warp` slowly")
+
+
+def request_real_time() -> None:
+    """Request real-time scheduling, and release it. Raises OSError."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))
+    os.sched_setscheduler(0, *before)
+
+
+def scheduling(ask: Schedule = request_real_time) -> Iterator[Diagnosis]:
+    """Number of cores, and whether `realtime: true` is permitted."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    yield Diagnosis("processor", "works" if cores > 1 else "absent", f"{cores} core{'s' if cores > 1 else ''} to use",
+                  "" if cores > 1 else "a hand on a bus wants a second core for its keeper")  # fmt: skip
+    try:
+        ask()
+    except (AttributeError, OSError) as error:
+        yield Diagnosis("real time", "absent", f"the kernel does not let this user go first: {error}",
+                      "`ulimit -r 20`, from /etc/security/limits.conf: `@realtime - rtprio 20`")  # fmt: skip
+    else:
+        yield Diagnosis("real time", "works", "allowed: set `realtime: true` for a hand on a bus")
+
+
+def cameras(dev: Path = Path("/dev"), may: Callable[[Path], bool] = may_open) -> Iterator[Diagnosis]:
+    """Webcams, for `teleop --from webcam`."""
+    for path in sorted(dev.glob("video[0-9]*")):
+        allowed = may(path)
+        yield Diagnosis(
+            f"camera {path.name}", "works" if allowed else "broken",
+            "may be opened" if allowed else "no permission to open it",
+            "" if allowed else "usermod -aG video $USER, and log in again",
+        )  # fmt: skip
+
+
+def ports(wanted: dict[str, int] | None = None) -> Iterator[Diagnosis]:
+    """Free TCP ports."""
+    for what, port in (PORTS if wanted is None else wanted).items():
+        try:
+            with socket.create_server(("127.0.0.1", port)):
+                pass
+        except OSError as error:
+            yield Diagnosis(f"port {port}", "broken", f"{what}: {error.strerror}",
+                          f"end who has it: `ss -ltnp | grep {port}`, or choose another with --port")  # fmt: skip
+        else:
+            yield Diagnosis(f"port {port}", "works", f"{what}: free")

@@ -1,1 +1,0 @@
-"""The commands about environments, and policies that learn in them."""

@@ -1,1 +1,0 @@
-"""The commands that say what there is, and what works here."""

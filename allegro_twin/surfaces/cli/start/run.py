@@ -1,0 +1,232 @@
+"""The command `run`: a config with its controller, or scenarios with a verdict on each."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from allegro_twin.errors import ConfigError, LinkError
+from allegro_twin.surfaces.cli import completion, options
+from allegro_twin.surfaces.cli.options import OtherHand
+from allegro_twin.surfaces.cli.start import view as viewing
+
+if TYPE_CHECKING:
+    from allegro_twin.app.session import Outputs
+    from allegro_twin.grasping.verdict import TrialReport
+    from allegro_twin.surfaces.cli.start.jobs import RunJob, RunOptions
+    from allegro_twin.surfaces.cli.start.parallel import RunOutputs
+
+REPORT = "report.json"
+"""The verdicts of the trials, in the folder of --out."""
+
+
+def _file(text: str, *suffixes: str) -> Any:
+    return typer.Option(help=text, callback=options.file(*suffixes), rich_help_panel=options.OUTPUT)
+
+
+Targets = Annotated[
+    list[str],
+    typer.Argument(
+        help="Configs, scenarios, or folders of scenarios, by path or name.", autocompletion=completion.targets
+    ),
+]
+Side = Annotated[options.Sides | None, typer.Option(help="Right hand, left hand, or both in turn.")]
+Performer = Annotated[
+    str | None,
+    typer.Option(
+        "--config", "-c", help="Config of the hand that performs scenarios.", autocompletion=completion.configs
+    ),
+]
+OtherGrasp = Annotated[
+    str | None, typer.Option(help="Use this grasp, not the scenario's.", autocompletion=completion.grasps)
+]
+OtherObject = Annotated[
+    str | None,
+    typer.Option(
+        "--object",
+        help="Use this object, not the scenario's first: a name of the catalogue, or an .obj or .stl.",
+        autocompletion=completion.objects,
+    ),
+]
+Policy = Annotated[
+    str | None,
+    typer.Option(
+        help="Let this policy file (.onnx, .zip) control the hand.",
+        autocompletion=completion.policies,
+        rich_help_panel=options.POLICY,
+    ),
+]
+Goal = Annotated[
+    str | None,
+    typer.Option(
+        help="Goal of a policy that reaches goals: a posture.",
+        autocompletion=completion.postures,
+        rich_help_panel=options.POLICY,
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for a recording, a picture and a report of each run. Replaces the run before.",
+        callback=options.folder,
+        rich_help_panel=options.OUTPUT,
+    ),
+]
+Record = Annotated[Path | None, _file("Record to this .arrow file.", ".arrow")]
+Image = Annotated[Path | None, _file("Render to this .png.", ".png")]
+Video = Annotated[Path | None, _file("Render to this .mp4.", ".mp4")]
+Rrd = Annotated[Path | None, _file("Write a Rerun recording to this .rrd.", ".rrd")]
+WireLog = Annotated[
+    Path | None,
+    _file("Log every frame of the hand's bus to this .blf, .log or .asc.", ".blf", ".log", ".asc"),
+]
+Size = Annotated[
+    str, typer.Option(help="Size of pictures and films, WIDTHxHEIGHT in pixels.", rich_help_panel=options.OUTPUT)
+]
+View = Annotated[bool, typer.Option(help="Watch live in Rerun's own window.", rich_help_panel=options.OUTPUT)]
+Web = Annotated[bool, typer.Option(help="Watch live in the browser.", rich_help_panel=options.OUTPUT)]
+Seconds = Annotated[
+    float | None, typer.Option(help="Stop after this time on the hand's clock, s.", callback=options.positive)
+]
+Partial = Annotated[bool, typer.Option(help="Replay as much as possible of a recording that was cut short.")]
+Count = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", min=1, help="Simulated runs at once; default: one for each core.", rich_help_panel=options.COMPUTE
+    ),
+]
+
+
+def run(
+    targets: Targets,
+    side: Side = None,
+    hand: OtherHand = None,
+    config: Performer = None,
+    grasp: OtherGrasp = None,
+    thing: OtherObject = None,
+    policy: Policy = None,
+    goal: Goal = None,
+    out: Out = None,
+    record: Record = None,
+    image: Image = None,
+    video: Video = None,
+    rrd: Rrd = None,
+    wire_log: WireLog = None,
+    size: Size = "480x480",
+    camera: viewing.Camera = "side",
+    view: View = False,
+    web: Web = False,
+    seconds: Seconds = None,
+    partial: Partial = False,
+    count: Count = None,
+) -> None:
+    """Run a config, or scenarios with a verdict on each."""
+    from allegro_twin.app.session import Outputs
+    from allegro_twin.surfaces.cli.start.jobs import RunOptions
+    from allegro_twin.viewing import views
+
+    if view and web:
+        raise ConfigError("--view and --web are two ways to watch one run: choose one")
+    live = "web" if web else "native" if view else None
+    outputs = Outputs(record, image, video, rrd, live, wire_log, views.size(size), views.checked(camera))
+    chosen = RunOptions(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
+    if not _run(targets, chosen, outputs, out, count):
+        raise typer.Exit(5)
+
+
+def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | None, count: int | None) -> bool:
+    """Run everything and write the outputs. Returns whether every run reached its goal."""
+    from allegro_twin.surfaces.cli.start.jobs import configs_of
+    from allegro_twin.surfaces.cli.start.parallel import RunOutputs
+    from allegro_twin.sweep.local import core_count
+
+    jobs = configs_of(targets, chosen)
+    single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
+    if len(jobs) > 1 and any(single):
+        raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
+    if out is None:
+        reports, done = _run_jobs(jobs, RunOutputs(outputs, None), count or core_count())
+        if reports and not any(single):
+            from allegro_twin.surfaces.cli import console
+
+            console.hint("Next: --out FOLDER keeps a recording, a picture and a report of each; --view shows it live")
+        return done
+    with options.run_folder(out, REPORT) as staging:
+        reports, done = _run_jobs(jobs, RunOutputs(outputs, staging), count or core_count())
+        pictures = _write_reports(reports, staging)
+    _print_folder(reports, out, pictures=pictures)
+    return done
+
+
+def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[tuple[str, str], TrialReport], bool]:
+    """Run the jobs and print the outcomes. Returns the verdicts, and whether every run reached its goal."""
+    from rich.markup import escape
+
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.start.parallel import run_all
+
+    reports: dict[tuple[str, str], TrialReport] = {}
+    grasps: dict[str, str] = {}
+    printed: set[str] = set()
+    done = True
+
+    def report(line: str) -> None:
+        console.errors.print(line, soft_wrap=True)
+
+    with console.progress() as bar, closing(run_all(jobs, files, count, bar, report)) as runs:
+        for job, ran in runs:
+            for note in ran.outcome.notes:
+                if note not in printed:
+                    console.errors.print(f"[yellow]{job.name} {ran.spec.side}: {escape(note)}[/]")
+                printed.add(note)
+            if ran.outcome.unconfirmed:
+                raise LinkError(ran.outcome.unconfirmed)
+            if ran.outcome.report is None:
+                console.console.print(console.final_state(ran.spec, ran.outcome.last))
+                cut = job.cut and ran.outcome.last.t < ran.outcome.motion  # --seconds ended the motion early.
+                if ran.outcome.missed and not cut:
+                    done = False
+                    console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
+            else:
+                reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
+    _print_verdicts(reports, grasps)
+    return reports, done and all(report.held for report in reports.values())
+
+
+def _print_verdicts(reports: dict[tuple[str, str], TrialReport], grasps: dict[str, str]) -> None:
+    """The phases of one trial, or one row for each of several."""
+    from allegro_twin.surfaces.cli import console
+
+    if len(reports) == 1:
+        (((name, side), report),) = reports.items()
+        console.console.print(console.phases(f"{name}, {side} hand", report))
+    elif reports:
+        from allegro_twin.sim.engine.backend import ENGINE
+
+        console.console.print(console.summary(reports, grasps, ENGINE))
+
+
+def _write_reports(reports: dict[tuple[str, str], TrialReport], folder: Path) -> bool:
+    """Write the verdicts and an overview of the pictures. Returns whether there are pictures."""
+    from allegro_twin.grasping.evaluation.rejudge import write_reports
+    from allegro_twin.viewing.stills import picture_all
+
+    if not reports:
+        return False
+    names = {f"{name}_{side}": report for (name, side), report in reports.items()}
+    write_reports(folder / REPORT, names)
+    return picture_all(folder, names) is not None
+
+
+def _print_folder(reports: dict[tuple[str, str], TrialReport], out: Path, *, pictures: bool) -> None:
+    from allegro_twin.surfaces.cli import console
+
+    if not reports:
+        return
+    what = f"a recording of each run, {REPORT}{', pictures, overview.png' if pictures else ''}"
+    console.console.print(f"In {out}/: {what}", soft_wrap=True)
+    name, side = next(iter(reports))
+    console.console.print(f"Look at one in the browser: allegro-twin view {out}/{name}_{side}.arrow --web")

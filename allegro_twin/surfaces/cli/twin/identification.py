@@ -1,0 +1,178 @@
+"""What `identify` and `gap` do and print: run the identification, write the hand's file, tables of results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file, parse_yaml, refuse_shipped
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.yaml_edit import has_content, read_text
+from allegro_twin.spec import HandSpec
+
+if TYPE_CHECKING:
+    from allegro_twin.twin.identify.fitting.fit import Friction
+    from allegro_twin.twin.identify.pipeline import Identification, KnownWeight
+    from allegro_twin.twin.identify.results.gap import Gap
+    from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
+
+_HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/rad", "friction/k\nmN·m", "offset\nmrad")
+_SHOWN = (1.0, 1e3, 1e3, 1e3, 1e3)
+_WEAK = 3.0  # Times the noise: larger residuals mean that the model does not fit the hand.
+
+
+def hand_file(name: str) -> Path:
+    """The path of a hand's file: a .yaml to write, or a file of conf/hands by name. Raises ConfigError."""
+    path = Path(name)
+    if path.suffix == ".yaml":
+        return path
+    return find_file(name, "hand", "conf/hands")
+
+
+def identify_drive(
+    recordings: Sequence[Path],
+    weights: Sequence[KnownWeight],
+    path: Path | None,
+    known: bool,
+    friction: Friction,
+    tell: Callable[[str], None],
+) -> Identification:
+    """Identify the drive from recordings. Refuses the file of another hand before the work. Raises HandError."""
+    if path is not None:
+        refuse_shipped(path)
+    check_scipy()
+    from allegro_twin.twin.identify.motions.motion import read_motion
+    from allegro_twin.twin.identify.pipeline import identify_hand
+    from allegro_twin.twin.identify.results.hand_file import check_hand_file
+
+    if path is not None:
+        text = read_text(path)
+        check_hand_file(path, parse_yaml(text, str(path)) if has_content(text) else {}, [read_motion(recordings[0])])
+    return identify_hand(
+        recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, progress=tell
+    )
+
+
+def check_scipy() -> None:
+    """Raise ConfigError where SciPy is not installed."""
+    if find_spec("scipy") is None:
+        raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'")
+
+
+def store_values(path: Path, found: Identification) -> str:
+    """Write the identifiable values into the hand's file. Returns a warning, or nothing. Raises HandError."""
+    from allegro_twin.twin.identify.results.hand_file import write_hand_file
+
+    return write_hand_file(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
+
+
+def write_page(path: Path, text: str) -> None:
+    """Raises RecordingError."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def table(found: Identification) -> Table:
+    """One row for each joint: value ± half of its 95 % interval, or a dash if it is not identifiable."""
+    from allegro_twin.twin.identify.results.uncertainty import VALUES
+
+    spec = found.motions[0].spec
+    made = Table(
+        title=f"{spec.name} {spec.serial}: per N·m at full PWM, ± half of the 95 % interval".replace(" :", ":")
+    )
+    made.add_column("joint")
+    for head in (*_HEADS, "residual\n× noise"):
+        made.add_column(head, justify="right")
+    for joint in range(spec.n_joints):
+        cells = [_cell(found.values[name], joint, by) for name, by in zip(VALUES, _SHOWN, strict=True)]
+        made.add_row(_name(spec, joint), *cells, f"{found.fit.spread.residual[joint]:.1f}")
+    late = found.values["delay"]
+    made.caption = (
+        f"delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms; {found.fit.pieces} pieces of 0.3 s; noise "
+        f"{1e6 * np.median(found.fit.floor):.0f} µrad"
+    )
+    if found.fit.bristly:
+        made.caption += "; friction breaks away (LuGre)"
+    made.caption += f"; backlash: {_backlash(found)}"
+    return made
+
+
+def lines(found: Identification) -> Iterator[str]:
+    """Notes: the source of the scale of N·m, and values that are not determined, with the reason."""
+    from allegro_twin.twin.identify.results.hand_file import SCALE
+
+    yield f"Scale of N·m: {SCALE[found.fit.masses]}."
+    spec = found.motions[0].spec
+    for name, value in found.values.items():
+        reasons: dict[str, list[str]] = {}
+        for joint, why in enumerate(value.reason):
+            if why:
+                reasons.setdefault(why, []).append(_name(spec, joint) if name != "delay" else "all")
+        for why, joints in reasons.items():
+            yield f"{name.replace('_', ' ')} of {', '.join(joints)}: not determined, because {why}"
+    offset = found.values["offset"]
+    if np.isfinite(found.end_stop_offsets).all() and offset.determined.any():
+        apart = np.where(offset.determined, np.abs(offset.value - found.end_stop_offsets), 0.0)
+        most, usual = int(apart.argmax()), float(np.median(apart[offset.determined]))
+        yield (
+            f"Encoder offsets by weight and by end stops are {1000 * usual:.1f} mrad apart "
+            f"in the median, {1000 * apart[most]:.1f} at most ({_name(spec, most)})."
+        )
+    worst = int(np.argmax(found.fit.spread.residual))
+    if found.fit.spread.residual[worst] > _WEAK:
+        yield (
+            f"The model does not explain {_name(spec, worst)}: {found.fit.spread.residual[worst]:.0f} times the noise "
+            "is left. Its friction is not Coulomb's, or something touched it; the intervals do not cover that."
+        )
+    left = [f"{motion.name} {100 * motion.saturated:.1f} %" for motion in found.motions if motion.saturated > 0.005]
+    if left:
+        yield f"Left out, at a limit of driver or joint or around a gap: {', '.join(left)}."
+
+
+def gap_table(gap: Gap) -> Table:
+    """Root mean square errors, mrad: nominal model, and the hand's file."""
+    made = Table(title=f"{gap.name}: open loop, rms over 16 joints, mrad".replace("16", str(gap.before.joint.shape[1])))
+    made.add_column("horizon")
+    for head in ("nominal", "this hand", "worst joint"):
+        made.add_column(head, justify="right")
+    for k, horizon in enumerate(gap.horizons):
+        row = (gap.before.all[k], gap.after.all[k], gap.after.joint[k].max())
+        made.add_row(f"{horizon:g} s", *(f"{1000 * value:.2f}" for value in row))
+    for name, before, after in zip(
+        ("creeping, 0.3 s", "moving, 0.3 s"), gap.before.phase, gap.after.phase, strict=True
+    ):
+        if np.isfinite(after).any():
+            rows = [np.sqrt(np.nanmean(np.square(side))) for side in (before, after)]
+            made.add_row(name, *(f"{1000 * value:.2f}" for value in (*rows, np.nanmax(after))))
+    return made
+
+
+def _backlash(found: Identification) -> str:
+    """Backlash of the median joint and the worst one."""
+    if not found.fit.loose:
+        return "none seen"
+    play, spec = found.values["backlash"], found.motions[0].spec
+    sure = np.where(play.determined, play.value, 0.0)
+    most = int(sure.argmax())
+    usual = float(np.median(sure[play.determined])) if play.determined.any() else 0.0
+    said = f"{1000 * usual:.1f} mrad in the median, {1000 * sure[most]:.1f} ± {1000 * play.half[most]:.1f} at most"
+    return f"{said} ({_name(spec, most)})"
+
+
+def _cell(value: IdentifiedValue, joint: int, by: float) -> str:
+    if value.reason[joint]:
+        return "–"
+    half = by * value.half[joint]
+    digits = max(0, 1 - int(np.floor(np.log10(max(half, 1e-9)))))
+    return f"{by * value.value[joint]:.{min(digits, 5)}f} ± {half:.{min(digits, 5)}f}"
+
+
+def _name(spec: HandSpec, joint: int) -> str:
+    return spec.joint_labels[joint]

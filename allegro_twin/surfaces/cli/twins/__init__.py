@@ -1,1 +1,0 @@
-"""The commands that make a model the twin of one hand."""

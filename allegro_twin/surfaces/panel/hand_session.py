@@ -1,0 +1,279 @@
+"""A hand as a session of the panel: it carries out requests, and sends frames from the hand's own loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from allegro_twin.app import Rig, assemble
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controller_settings import PositionSettings
+from allegro_twin.control.demonstration import TaughtMotion
+from allegro_twin.errors import ConfigError, HandError, RecordingError
+from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.library import Library
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.demonstration import Demonstration
+from allegro_twin.surfaces.panel import requests
+from allegro_twin.surfaces.panel.description import describe_hand, library_contents, scene_of
+from allegro_twin.surfaces.panel.host import Opener, Send
+from allegro_twin.surfaces.panel.stream import (
+    RATE,
+    LibraryContents,
+    Notice,
+    SessionEnded,
+    SessionInfo,
+    StreamFrame,
+)
+from allegro_twin.types import Array, Sample
+
+if TYPE_CHECKING:
+    from allegro_twin.recording.recorder import Recorder
+
+_WHILE_TEACHING = (
+    requests.MoveJoints, requests.MoveToPosture, requests.PerformGrasp, requests.PlayTaught, requests.ChooseController,
+)  # fmt: skip
+"""Requests that end a demonstration."""
+
+
+@dataclass(frozen=True, slots=True)
+class Folders:
+    """Files that the panel writes."""
+
+    recordings: Path = Path("out")
+    library: Path = Path("library/taught.yaml")
+    """The user's library, for demonstrations."""
+
+
+class HandSessions:
+    """Opens the hand of a config, and opens it again in other scenes."""
+
+    def __init__(self, config: RunConfig, folders: Folders) -> None:
+        self._config, self._folders = config, folders
+
+    def prepare(self, request: requests.OpenScene | requests.Reopen | None) -> Opener:
+        """Raises ConfigError."""
+        config, perform = self._config, False
+        if isinstance(request, requests.OpenScene):
+            config, perform = scene_of(config, request), request.perform
+
+        def start(number: int, send: Send) -> HandSession:
+            session = HandSession(number, config, self._folders, send, perform=perform)
+            self._config = config
+            return session
+
+        return start
+
+
+class HandSession:
+    """A hand that a config describes, limp, with its time passing. `perform`: doing what the config is for; else its
+    wrist stays where its scene begins. Raises HandError."""
+
+    def __init__(self, number: int, config: RunConfig, folders: Folders, send: Send, *, perform: bool = False) -> None:
+        self._number, self._config, self._folders, self.rig = number, config, folders, assemble(config)
+        self._send, self._look = send, scene_observer(self.rig)
+        self._next, self._lost, self._tick = 0.0, 0, -1
+        self._recorder: Recorder | None = None
+        self._recorded_from, self._teaching, self._trouble, self._verdict_due = 0.0, False, "", False
+        self._stalled: HandError | None = None
+        self._clipped = 0
+        trial = self.rig.trial
+        self._judged = trial if perform else None
+        if trial is not None and not perform:
+            trial.backend.drive = trial.backend.drive[:1]
+        controller = config.controller
+        self._gains = controller.gains if isinstance(controller, PositionSettings) else "default"
+        self.hand = Hand(self.rig, load_gains(self._gains, self.rig.spec), background=True)
+        self._demonstrating, self._demonstration = ExitStack(), Demonstration(self.hand.spec)
+        if perform:
+            self.hand.direct.perform()
+        self.hand.listen(self._on_sample)
+        self.hand.direct.prepare()
+
+    def describe(self) -> SessionInfo:
+        """Raises ConfigError."""
+        return describe_hand(self._number, self.rig, self._config, self.hand.controllers, self._gains)
+
+    def library(self) -> LibraryContents:
+        """Raises ConfigError."""
+        return library_contents(self.hand.spec)
+
+    def execute(self, request: requests.Request) -> str:
+        """Carry out a request: one call of the facade. A sentence for the person, or nothing. Raises HandError, and the
+        hand goes on with what it did."""
+        hand = self.hand
+        if self._teaching and isinstance(request, _WHILE_TEACHING):
+            self._teach(False)
+        match request:
+            case requests.MoveJoints(position):
+                hand.direct.steer(position)
+            case requests.MoveToPosture(name):
+                hand.move_to(name, wait=False)
+            case requests.PerformGrasp(name):
+                hand.grasp(name, wait=False)
+            case requests.ChooseController(kind):
+                hand.set_controller(next((k for k in hand.controllers if k == kind), kind))  # type: ignore[arg-type]  # Checked there.
+            case requests.SetGravity(vector):
+                hand.gravity = vector
+            case requests.ChooseGains(name):
+                hand.direct.use_gains(name)
+                return f"gains {name} from the next request on"
+            case requests.HoldHere():
+                hand.stop()
+            case requests.StopMotion():
+                hand.direct.limp()
+            case requests.ReleaseStop():
+                hand.direct.release()
+                return "the stop is released; the hand is limp until the next request"
+            case requests.DriverLeft():
+                hand.direct.stay()
+            case requests.Teach(on):
+                return self._teach(on)
+            case requests.PlayTaught():
+                hand.play(self._motion(), wait=False)
+            case requests.StoreTaught(name, motion):
+                return self._store(name, motion=motion)
+            case requests.Record(on):
+                return self._record(on)
+            case _:
+                raise ConfigError(f"a hand cannot carry out {type(request).__name__}")
+        return ""
+
+    def stop(self) -> None:
+        """No torque from the next period on."""
+        self.hand.direct.limp()
+
+    def stay(self) -> None:
+        """End a motion where the hand is."""
+        with suppress(HandError):  # The loop has ended, and the hand is limp; `report` tells.
+            self.hand.direct.stay()
+
+    def report(self) -> Iterator[Notice | SessionEnded]:
+        """What is new: a stall, a clipped request, a verdict, trouble with a recording, and the end of the hand."""
+        hand = self.hand
+        stalled, before, self._stalled = hand.stalled, self._stalled, hand.stalled
+        if stalled is not None and stalled is not before:
+            yield Notice(str(stalled), bad=True)
+        if hand.clipped != self._clipped:
+            self._clipped = hand.clipped
+            yield Notice(f"{self._clipped} requests a little beyond a limit were clipped to it")
+        if self._trouble:
+            text, self._trouble = self._trouble, ""
+            yield Notice(text, bad=True)
+        if self._verdict_due and self.rig.trial is not None:
+            self._verdict_due = False
+            verdict = self.rig.trial.report()
+            text = "held" if verdict.held else f"not held: {verdict.reason}"
+            yield Notice(f"the verdict: {text}", bad=not verdict.held)
+        try:
+            _ = hand.state
+        except HandError as error:
+            yield SessionEnded(str(error))
+
+    def close(self) -> None:
+        """Leave the hand limp and let go of it. Raises LinkError when it did not confirm that."""
+        try:
+            self.hand.close()
+        finally:
+            with suppress(RecordingError):  # What was written is readable.
+                self._stop_recording()
+
+    def _teach(self, on: bool) -> str:
+        self._teaching = False
+        self._demonstrating.close()
+        if not on:
+            return "shown: repeat it, or store it"
+        self._demonstration = self._demonstrating.enter_context(self.hand.teach())
+        self._teaching = True
+        return "lead the fingers now"
+
+    def _motion(self) -> TaughtMotion:
+        if self._teaching:
+            self._teach(False)
+        return self._demonstration.motion()
+
+    def _store(self, name: str, *, motion: bool) -> str:
+        library, spec, target = Library(), self.hand.spec, self._folders.library
+        if motion:
+            taught = self._motion()
+            library.add(name, trajectory_entry(taught.times, taught.positions, spec), spec)
+        else:
+            library.add(name, posture_entry(self._demonstration.posture(), spec), spec)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        library.store(name, target)
+        return f"{name} is in {target}"
+
+    def _record(self, on: bool) -> str:
+        self._stop_recording()
+        if not on:
+            return "the recording is whole"
+        from allegro_twin.app.session import recording_meta
+        from allegro_twin.recording.recorder import Recorder
+
+        path, rig = free_name(self._folders.recordings), self.rig
+        self._recorded_from = self.hand.state.t
+        self._recorder = Recorder(path, rig.spec, rig.backend.period, recording_meta(rig, self._config))
+        return f"recording to {path}"
+
+    def _stop_recording(self) -> None:
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.close()
+
+    def _on_sample(self, sample: Sample) -> None:
+        """In the loop's own thread: as little as can be, and nothing that waits."""
+        state = sample.state
+        self._lost += 0 if self._tick < 0 else state.tick - self._tick - 1
+        self._tick = state.tick
+        if self._judged is not None:
+            self._judged.see(state)
+            if state.t >= self._judged.seconds:
+                self._judged, self._verdict_due = None, True
+        if (recorder := self._recorder) is not None:
+            look = {name: value for name, value in self._look().items() if value.ndim == 1}
+            try:
+                recorder.add(sample, look | {"target": self.hand.direct.target})
+            except RecordingError as error:
+                self._recorder, self._trouble = None, str(error)
+        if state.t >= self._next:
+            self._next = state.t + 1.0 / RATE - self.rig.backend.period / 2
+            self._send(self._frame(sample))
+
+    def _frame(self, sample: Sample) -> StreamFrame:
+        state, direct = sample.state, self.hand.direct
+        return StreamFrame(
+            self._number, state.t, state.position, state.torque, state.temperature, direct.target, dict(self._look()),
+            self.hand.controller, direct.stopped, self._lost, tuple(self.rig.device.warnings()),
+            state.t - self._recorded_from if self._recorder is not None else -1.0, self._teaching,
+        )  # fmt: skip
+
+
+def scene_observer(rig: Rig) -> Callable[[], Mapping[str, Array]]:
+    """What is known of a hand's surroundings, by the simulation, a recording, or nothing; for the thread that turns the
+    loop, between two periods."""
+    if rig.sim is None:
+        extras = getattr(rig.backend, "extras", None)
+        return dict if extras is None else extras
+    model, data = rig.sim.model, rig.sim.data
+    palm = model.body("palm_link").id
+    if rig.trial is None:
+        return lambda: {"palm": np.concatenate([data.xpos[palm], data.xquat[palm]])}
+    from allegro_twin.sim.contact.probe import ObjectProbe
+
+    first, *rest = [placed.thing.name for placed in rig.trial.things]
+    probe, others = ObjectProbe(model, data, rig.spec, first), [model.body(name).id for name in rest]
+    return lambda: probe() | {"others": np.hstack([data.xpos[others], data.xquat[others]])}
+
+
+def free_name(folder: Path) -> Path:
+    """A recording's name that is not taken."""
+    count = 1
+    while (path := folder / f"panel_{count:03d}.arrow").exists():
+        count += 1
+    return path

@@ -1,0 +1,166 @@
+"""What a hand holds slips: fingers that rest and press follow it, and nobody told them to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import HandFault
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.loop import run, until
+from allegro_twin.sim.observer.observer import Estimate, Observer
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.results.gap import drive_parameters
+from allegro_twin.twin.mirror.fault_detection import ROWS, FaultDetector, LinkWeights, Thresholds
+from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
+from allegro_twin.twin.mirror.mirror import Mirror
+from allegro_twin.twin.mirror.slip_detection import Slip, SlipDetector
+from allegro_twin.types import HandState, Vector
+
+N, ROW = 16, 0.03
+DOWN = np.array([0.0, 0.0, -9.81])
+PUSH = np.zeros(N)  # What presses on the index and on the thumb, N·m.
+PUSH[[1, 2, 3]], PUSH[[13, 14]] = (-0.2, -0.1, -0.05), (-0.15, -0.15)
+STIFF = 2.0  # N·m/rad, of the loop that holds the fingers.
+
+
+def told(
+    spec: HandSpec,
+    change: Vector,
+    moved: Vector,
+    torque: Vector | None = None,
+    down: Vector = DOWN,
+    hold: Vector = PUSH,
+) -> Slip | None:
+    """After half a second of holding: what pushes back changes by a share of it, (n,), joints move, rad, and motors
+    by themselves, N·m, (n,), beside what the loop makes of the motion."""
+    slips, none = SlipDetector(spec, ROW, np.full(N, 0.02)), np.zeros(N)
+    for _ in range(16):
+        assert slips.add(hold, -hold, none, DOWN) is None
+    assert slips.holds.any()
+    for part in (0.5, 1.0, 1.0):
+        motors = -hold - STIFF * part * moved + part * (none if torque is None else torque)
+        found = slips.add(hold * (1.0 - part * change), motors, part * moved, down)
+        if found is not None:
+            return found
+    return None
+
+
+INDEX = np.isin(np.arange(N), (0, 1, 2, 3)).astype(float)
+IN = np.where(PUSH != 0.0, 0.01, 0.0)
+
+
+def test_fingers_that_follow_what_gives_way_say_that_it_slips(spec: HandSpec) -> None:
+    slip = told(spec, 0.6 * INDEX, IN * INDEX)
+    assert slip is not None
+    assert slip.joint == 1
+    assert 0.2 < slip.amount <= 0.6
+
+
+def test_a_grip_that_stays_and_a_motion_that_loses_nothing_are_no_slip(spec: HandSpec) -> None:
+    assert told(spec, np.zeros(N), np.zeros(N)) is None
+    assert told(spec, 0.05 * INDEX, IN * INDEX) is None
+    assert told(spec, 0.6 * INDEX, 0.1 * IN) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "moved", "torque"),
+    [
+        pytest.param(0.6, -0.01, 0.8 * PUSH, id="opened"),
+        pytest.param(0.3, 0.01, -0.5 * PUSH, id="closed"),
+        pytest.param(-0.4, 0.0, -0.4 * PUSH, id="squeezed"),
+    ],
+)
+def test_fingers_that_were_told_to_move_let_nothing_slip(
+    spec: HandSpec, change: float, moved: float, torque: Vector
+) -> None:
+    assert told(spec, change * INDEX, np.sign(IN) * moved, torque) is None
+
+
+def test_while_the_palm_turns_only_a_finger_that_lets_go_altogether_counts(spec: HandSpec) -> None:
+    turned = np.array([0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1)])
+    assert told(spec, 0.5 * INDEX, IN * INDEX, down=turned) is None
+    assert told(spec, 0.9 * INDEX, IN * INDEX, down=turned) is not None
+
+
+def test_one_finger_alone_must_let_go_altogether(spec: HandSpec) -> None:
+    alone = PUSH * INDEX
+    assert told(spec, 0.5 * INDEX, 3.0 * IN * INDEX, hold=alone) is None
+    assert told(spec, 0.9 * INDEX, 3.0 * IN * INDEX, hold=alone) is not None
+
+
+def test_friction_that_the_file_does_not_know_of_holds_nothing(spec: HandSpec) -> None:
+    slips = SlipDetector(spec, ROW, np.full(N, 0.004))
+    for _ in range(20):
+        slips.add(-0.03 * INDEX, 0.03 * INDEX, np.zeros(N), DOWN)
+    assert not slips.holds.any()
+
+
+def held(spec: HandSpec, name: str = "rubiks_cube") -> tuple[Trial, TrialRunner, float]:
+    """An object in the hand; when it is held, s."""
+    scenario, _ = load_scenario(name)
+    protocol = load_protocol("table_pick")
+    phases = protocol.phases[: 1 + [phase.name for phase in protocol.phases].index("hold")]
+    bench = TrialRunner(spec, threads=1)
+    case = TrialCase(scenario, load_grasp(scenario.grasp, spec), None, protocol.model_copy(update={"phases": phases}))
+    trial = bench.trial(case)
+    return trial, bench, next(window.begin for window in trial.windows if window.name == "hold")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slippery", [True, False])
+def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippery: bool) -> None:
+    trial, bench, at = held(spec)
+    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    calm = Thresholds(
+        np.full((2, N), 0.01), np.full(4, 3e-4)
+    )  # As of a free motion: what holds an object is far above.
+    each = Mirror(spec, observer, np.ones(N), calm, stop=("slip",))
+    samples = until(trial.seconds, run(trial.backend, bench.controller(trial)))
+
+    def play() -> None:
+        done = False
+        for sample in trial.watched(each.watch(samples)):
+            if slippery and not done and sample.state.t >= at + 0.5:
+                assert each.fault is None
+                trial.backend.suffer("slippery", 0, 0.1)
+                done = True
+
+    if slippery:
+        with pytest.raises(HandFault, match=r"what the hand holds slips: \w+ lost \d+ % of what pressed on it"):
+            play()
+    else:
+        play()
+        assert each.fault is None
+
+
+def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
+    spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LooseLinkDetector, "add", lambda self, off, noise: (7, 0.006))
+    rest, middle = np.zeros(N), np.isin(np.arange(N), (4, 5, 6, 7))
+    for push, free, name in ((rest, np.ones(N, bool), "loose"), (PUSH, np.ones(N, bool), None), (rest, middle, None)):
+        each = FaultDetector(spec, Thresholds.default(spec), 0.003)
+        for tick in range(600):
+            state = HandState(0.003 * tick, tick, rest, rest, -push, np.full(N, np.nan), DOWN)
+            weights = LinkWeights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN, np.ones(N)) if each.row_due else None
+            each.add(state, Estimate(rest, rest, push, rest), -push, rest, weights)
+            if name is None and tick < 200:  # Until it is known to hold.
+                each.fault = None
+        assert (None if each.fault is None else each.fault.name) == name
+
+
+def test_a_slip_is_over_once_it_is_said_and_a_fault_stays(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    coming = [Slip(1, 0.5), None, Slip(2, 0.4), None, None]
+    monkeypatch.setattr(SlipDetector, "add", lambda self, *row, jumped: coming.pop(0) if coming else None)
+    each, rest, said = FaultDetector(spec, Thresholds.default(spec), 0.003), np.zeros(N), []
+    for tick in range(ROWS * 10 + 100):
+        hot = np.full(N, 80.0 if tick > 400 else 30.0)
+        state = HandState(0.003 * tick, tick, rest, rest, rest, hot, DOWN)
+        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.row_due else None
+        each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
+        said.append(None if each.fault is None else (each.fault.name, each.fault.joint))
+    assert list(dict.fromkeys(said)) == [None, ("slip", 1), ("slip", 2), ("hot", 0)]
