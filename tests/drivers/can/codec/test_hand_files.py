@@ -123,7 +123,7 @@ def test_the_torque_limit_is_what_the_counts_that_the_driver_lets_through_are_wo
     spec, codec = load_spec(serial=str(own)), make_codec("v4", load_wiring(serial=str(own)).calibration)
     assert spec.actuation.torque_limit[:4] == pytest.approx(np.array([375, 675, 450, 285]) / 1200 * constant)
     frames, applied = codec.torques.frames(spec.actuation.torque_limit, codec.pwm_limits)
-    counts = np.frombuffer(b"".join(frame.data for frame in frames), "<i2")
+    counts = np.frombuffer(frames.data, "<i2")
     assert counts.tolist() == 3 * [375, 675, 450, 285] + [525, 405, 270, 270]
     assert applied == pytest.approx(spec.actuation.torque_limit)
 
@@ -133,7 +133,7 @@ def test_more_than_the_limit_is_never_sent_whatever_is_asked_for(tmp_path: Path)
     own.write_text("wire: {version: v4, pwm_limit: 100}\n")
     codec = make_codec("v4", load_wiring(serial=str(own)).calibration)
     frames, _ = codec.torques.frames(np.full(16, -9.0), codec.pwm_limits)
-    assert np.frombuffer(b"".join(frame.data for frame in frames), "<i2").tolist() == [-100] * 16
+    assert np.frombuffer(frames.data, "<i2").tolist() == [-100] * 16
     assert load_spec(serial=str(own)).actuation.torque_limit.max() == pytest.approx(100 / 1200)
 
 

@@ -37,7 +37,7 @@ def told(codec: Codec, period: float, seconds: float) -> Iterator[tuple[float, F
     """What its driver says, 1 ms after the reports."""
     torques, _ = codec.torques.frames(np.full(16, 0.1), codec.pwm_limits)
     for k in range(int(seconds / period)):
-        yield from ((k * period + 0.001, frame) for frame in torques)
+        yield from ((k * period + 0.001, frame) for frame in torques.frames)
         if k % 333 == 0:
             yield k * period + 0.001, codec.encode(m.Request(Topic.INFORMATION))
 
