@@ -17,8 +17,10 @@ BANNED = {
 }  # fmt: skip
 """Words of LEXICON's last table and its relatives: not the name of a module, a class or a function."""
 
-CLASHES = {"Adapter", "Device", "Event", "FaultPlan", "Faults", "HostSettings", "Keeper", "Motors", "Packet", "Parser", "Port",
-           "Scene", "Serial", "Served", "VirtualHand"}  # fmt: skip
+CLASHES = {
+    "Adapter", "Device", "Event", "FaultPlan", "Faults", "HostSettings", "Keeper", "Motors", "Packet", "Parser", "Port",
+    "Scene", "Serial", "Served", "VirtualHand",
+}  # fmt: skip
 """Class names that still stand for several things, in the drivers. To be mended, not to grow."""
 UNMENDED = {
     "cell": 21,
