@@ -23,7 +23,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.drivetrain.backlash import allow_backlash
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import AILMENTS, Ailment
 from allegro_twin.twin.identify.results.gap import has_breakaway_friction
@@ -88,7 +88,7 @@ def called(spec: HandSpec, calm: Thresholds, seed: int, what: str | None, second
             backend.suffer(cast(Ailment, what), joint, float(amount))
             done = True
         if what == "encoder_drift" and sample.state.tick % 100 == 99:
-            leaned.append(np.linalg.norm(cast(Observer, each.observer).lean()[:, joint]))
+            leaned.append(np.linalg.norm(cast(StateObserver, each.observer).lean()[:, joint]))
         touched |= bool(each.contacts)
         if each.fault is not None:
             break

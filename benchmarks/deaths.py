@@ -23,7 +23,7 @@ from typing import Literal
 import can
 
 from allegro_twin.app.config import load_config
-from allegro_twin.app.rig import Scene
+from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve
@@ -121,7 +121,7 @@ def served(link: Link) -> Iterator[Served]:
             bus = server = SocketcandServer("can0", port=0)
             port = server.address[1]
         path = config(folder, link, port)
-        firmware = virtual_firmware(load_config(path), Scene(), step=0.003, restart=True)
+        firmware = virtual_firmware(load_config(path), SimulatedScene(), step=0.003, restart=True)
         hand = Served(firmware, VirtualHands([firmware]), bus, path)
         try:
             yield hand

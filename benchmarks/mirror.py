@@ -22,7 +22,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.contact_detection import contact_thresholds, joint_thresholds, touched_fingers
@@ -50,7 +50,7 @@ DRAWN = 10.0  # s
 def figures() -> Iterator[tuple[str, float, float, str]]:
     """What a period of the mirror takes of real time."""
     spec = load_spec()
-    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), PERIOD)
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), PERIOD)
     middle = (spec.lower + spec.upper) / 2.0
     observer.reset(middle)
     duty, down, took = np.full(N, 0.02), np.array([0.0, 0.0, -9.81]), []

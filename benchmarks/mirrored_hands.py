@@ -20,7 +20,7 @@ from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.twin.identify.results.gap import drive_parameters, has_breakaway_friction
@@ -87,7 +87,7 @@ def mirror_of(spec: HandSpec, *, coulomb: bool = False) -> Mirror:
     """With the hand's true drive; `coulomb`: but that its friction is Coulomb's whatever the hand's is."""
     bristly = has_breakaway_friction(spec.drive) and not coulomb
     return Mirror(
-        spec, Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), PERIOD, bristly=bristly), np.ones(N)
+        spec, StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), PERIOD, bristly=bristly), np.ones(N)
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings, DepthNoise
-from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import SHAPES, Solid
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
@@ -96,7 +96,7 @@ def _tried(pipeline: PerceptionPipeline, placed: PlacedObject, frame: CameraFram
         between = time.perf_counter()
         frame.lens.cloud(frame.depth)
         spent, beside = min(spent, 1e3 * (between - begin)), min(beside, 1e3 * (time.perf_counter() - between))
-    if isinstance(seen, Refusal):
+    if isinstance(seen, PerceptionRefusal):
         return Trial(
             thing, seen.reason, np.inf, np.nan if thing.shape == "sphere" else 180.0, np.nan, np.nan, spent, beside
         )

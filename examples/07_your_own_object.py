@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from allegro_twin.surfaces.cli.main import app
+from allegro_twin.surfaces.cli import app
 
 Path("bottle.yaml").write_text("""
 description: A half-full bottle, lifted by its neck side

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from allegro_twin import Hand
+from allegro_twin import Hand, Library
 from allegro_twin.control import Moves, Waypoint
-from allegro_twin.hands import Library, trajectory_entry
-from allegro_twin.sim.engine.hand_guiding import HandGuide
+from allegro_twin.hands.library import trajectory_entry
+from allegro_twin.sim import HandGuide
 
 with Hand.open("sim_right") as hand:
     hand.move_to("open")

@@ -2,8 +2,7 @@
 
 from allegro_twin import run, until
 from allegro_twin.app import assemble, scenario_config
-from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping import Trial, load_scenario
 from allegro_twin.hands import load_grasp
 
 rig = assemble(scenario_config("grasp_3"))  # The palm so high above the table as the object needs.

@@ -34,7 +34,7 @@ def config(**blocks: object) -> RunConfig:
     )
 
 
-def performed(outputs: Outputs, **blocks: object) -> tuple[Rig, session.Outcome, list[float]]:
+def performed(outputs: Outputs, **blocks: object) -> tuple[Rig, session.RunOutcome, list[float]]:
     settings, times = config(**blocks), list[float]()
     rig = assemble(settings)
     return rig, perform(rig, settings, outputs, times.append), times

@@ -9,14 +9,14 @@ from allegro_twin._lazy import exports
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig, load_config
     from allegro_twin.app.rig import Rig, assemble, make_backend, open_backend
-    from allegro_twin.app.session import Outcome, Outputs, perform
+    from allegro_twin.app.session import Outputs, RunOutcome, perform
     from allegro_twin.app.simulated import scenario_config
 
 __all__ = [
-    "Outcome",
     "Outputs",
     "Rig",
     "RunConfig",
+    "RunOutcome",
     "assemble",
     "load_config",
     "make_backend",
@@ -29,7 +29,7 @@ __getattr__, __dir__ = exports(
     {
         "config": ("RunConfig", "load_config"),
         "rig": ("Rig", "assemble", "make_backend", "open_backend"),
-        "session": ("Outcome", "Outputs", "perform"),
+        "session": ("RunOutcome", "Outputs", "perform"),
         "simulated": ("scenario_config",),
     },
 )

@@ -70,7 +70,7 @@ def make_backend(config: RunConfig) -> HandBackend:
 
 
 @dataclass(slots=True)
-class Scene:
+class SimulatedScene:
     """The simulation of a virtual hand in this program, and the trial that it is at."""
 
     sim: SimBackend | None = None
@@ -84,13 +84,15 @@ def spec_of(config: RunConfig) -> HandSpec:
     return load_spec(hand.model, hand.side, hand.serial, getattr(config.backend, "version", None))
 
 
-def open_backend(config: RunConfig, scene: Scene | None = None) -> HandBackend:
+def open_backend(config: RunConfig, scene: SimulatedScene | None = None) -> HandBackend:
     """The hand that the config describes, without a guard. Raises HandError."""
-    found: HandBackend = BACKENDS.kind(config.backend.kind).open(config.backend, context_of(config, scene or Scene()))
+    found: HandBackend = BACKENDS.kind(config.backend.kind).open(
+        config.backend, context_of(config, scene or SimulatedScene())
+    )
     return found
 
 
-def context_of(config: RunConfig, scene: Scene) -> BackendContext:
+def context_of(config: RunConfig, scene: SimulatedScene) -> BackendContext:
     """The context in which a config's backend is opened; `scene` is filled in when physics are made for it."""
 
     def check(spec: HandSpec) -> None:
@@ -107,7 +109,7 @@ def context_of(config: RunConfig, scene: Scene) -> BackendContext:
 
 def assemble(config: RunConfig) -> Rig:
     """The hand, its controller and the scenario of a config. Raises ConfigError, LinkError or RecordingError."""
-    kind, scene = BACKENDS.kind(config.backend.kind), Scene()
+    kind, scene = BACKENDS.kind(config.backend.kind), SimulatedScene()
     backend = kind.open(config.backend, context_of(config, scene))
     try:
         spec = backend.spec

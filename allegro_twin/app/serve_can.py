@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.app.rig import Scene, context_of
+from allegro_twin.app.rig import SimulatedScene, context_of
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.driver.buses import LOCAL, Bus, open_bus
 from allegro_twin.drivers.can.opening import checkup_of as can_checkup
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def virtual_firmware(config: RunConfig, scene: Scene, *, step: float, restart: bool) -> Firmware:
+def virtual_firmware(config: RunConfig, scene: SimulatedScene, *, step: float, restart: bool) -> Firmware:
     """The virtual hand of a config, whose physics step by `step` s; its simulation goes into `scene`. Raises
     ConfigError."""
     if not isinstance(config.backend, CanSettings):
@@ -38,16 +38,18 @@ def checkup_of(config: RunConfig) -> Checkup:
     """A checkup of the link to a config's hand; a virtual hand is put on its bus. Raises ConfigError."""
     if not isinstance(config.backend, CanSettings):
         raise ConfigError(f"only a hand on a bus has a link to check; this config has backend {config.backend.kind}")
-    return can_checkup(config.backend, context_of(config, Scene()))
+    return can_checkup(config.backend, context_of(config, SimulatedScene()))
 
 
-def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[Scene], restart: bool) -> VirtualHands:
+def virtual_hands(
+    configs: list[RunConfig], *, step: float | None, scenes: list[SimulatedScene], restart: bool
+) -> VirtualHands:
     """The hands of some configs on one bus. `step`: s; default: the configs' period. Raises ConfigError."""
     firmwares: list[Firmware] = []
     for config in configs:
         if step is not None and step > config.period:
             raise ConfigError(f"a step of {step} s is longer than the hand's period of {config.period} s")
-        scene = Scene()
+        scene = SimulatedScene()
         firmwares.append(virtual_firmware(config, scene, step=step or config.period, restart=restart))
         scenes.append(scene)
     _check_apart(configs, firmwares)
@@ -100,7 +102,7 @@ def local(settings: CanSettings) -> bool:
     return settings.interface in LOCAL
 
 
-def judged(scene: Scene, hand: Firmware) -> TrialReport | None:
+def judged(scene: SimulatedScene, hand: Firmware) -> TrialReport | None:
     """Watch the scenario of a served hand; its verdict at the moment when it is over."""
     trial, state = scene.trial, hand.state
     if trial is None or not hand.serving or state.t > trial.seconds + hand.period / 2:
@@ -118,6 +120,6 @@ class VirtualBus(LockstepBus):
     def __init__(self, channel: Any = "can_virtual", **ignored: Any) -> None:
         from allegro_twin.app.config import load_config
 
-        self.scenes: list[Scene] = []
+        self.scenes: list[SimulatedScene] = []
         configs = [load_config(name.strip()) for name in str(channel).split(",")]
         super().__init__(virtual_hands(configs, step=None, scenes=self.scenes, restart=False), channel)

@@ -50,7 +50,7 @@ class Outputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """How a run ended."""
 
     last: HandState
@@ -73,7 +73,7 @@ Tell = Callable[[str], None]
 
 def perform(
     rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = lambda t: None, tell: Tell = lambda line: None
-) -> Outcome:
+) -> RunOutcome:
     """Run until the rig's time is over or its backend ends. The hand is limp afterwards, whatever happens.
 
     Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
@@ -102,7 +102,7 @@ def perform(
         report = rig.trial.report() if rig.trial is not None else None
         _concluded(viewers, report)
         notes += rig.device.warnings()
-    return Outcome(last, report, tuple(notes), beside.motion, missed, rig.device.unconfirmed)
+    return RunOutcome(last, report, tuple(notes), beside.motion, missed, rig.device.unconfirmed)
 
 
 class _Beside:

@@ -30,13 +30,13 @@ from allegro_twin.cell.motion.clutter import other_objects
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, misread_positions, squeeze_speed, touching_joints
 from allegro_twin.cell.motion.finger_paths import OPENING
 from allegro_twin.cell.motion.grasp_selection import GraspCandidate
-from allegro_twin.cell.perception.errors import Refusal, check_age
+from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
 from allegro_twin.cell.reachability import far_path, plan_grasp
-from allegro_twin.cell.states import MachineState, Observation, Outcome
+from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
@@ -62,13 +62,13 @@ class CellActions:
         self._left: list[Vector] = []  # Of these postures, those still to come.
         self.solid: Solid | None = None
         self.checked: GraspCheck | None = None
-        self.on_detection: Callable[[CameraFrame, Detection | Refusal], None] = lambda frame, seen: None
+        self.on_detection: Callable[[CameraFrame, Detection | PerceptionRefusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
-        self._refused: Outcome | None = None
+        self._refused: CellOutcome | None = None
         self._track: TargetTrack | None = None
-        self._blocked: Outcome | None = None
+        self._blocked: CellOutcome | None = None
         self._grasp: Grasp | None = None
         self._there = 0.0  # When the fingers will be.
         self._squeezed = False
@@ -157,7 +157,7 @@ class CellActions:
         """What the state machine has to know of this moment; pictures are taken here."""
         full = at_limit(state, self.cell.robot.spec, self.cell.robot.limits)
         if full is not None:
-            return Observation(state.t, fault=Outcome("fault", "arm at a limit", full))
+            return Observation(state.t, fault=CellOutcome("fault", "arm at a limit", full))
         if self._blocked is not None:
             return Observation(state.t, fault=self._blocked)
         weak = self._powerless()
@@ -195,7 +195,7 @@ class CellActions:
             self.checked = told  # What the verdict went by.
         return found
 
-    def _powerless(self) -> Outcome | None:
+    def _powerless(self) -> CellOutcome | None:
         hand = self._hand
         return None if hand is None else self._motors.fault(hand, self.fingers(hand.t))
 
@@ -247,7 +247,7 @@ class CellActions:
             self._far(t, state, cell.posture)
             return
         said = f"{met} on the way back to where it waits: the arm stands still; lead it out by hand"
-        self._blocked = Outcome("fault", "in the way", said)
+        self._blocked = CellOutcome("fault", "in the way", said)
         self.stand_still(state)
 
     def _head_for(self, t: float, posture: Vector, speed: float) -> None:
@@ -286,7 +286,7 @@ class CellActions:
         self._asked = None
         if frame.number == self._last.number:
             old = check_age(frame.time, state.t, cell.settings.perception.oldest)
-            self._refused = None if old is None else Outcome("fault", "camera", old.sentence)
+            self._refused = None if old is None else CellOutcome("fault", "camera", old.sentence)
             return
         self._last = frame
         alone = cell.self_filter.remove_robot(
@@ -296,25 +296,25 @@ class CellActions:
         seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         self.on_detection(frame, seen)
         seen = self._steady(seen, frame.time)
-        if isinstance(seen, Refusal):
-            self._refused = Outcome("refused", seen.reason, seen.sentence)
+        if isinstance(seen, PerceptionRefusal):
+            self._refused = CellOutcome("refused", seen.reason, seen.sentence)
             return
         try:
             self.others = other_objects(frame, alone, seen, cell.settings.perception)
             best = plan_grasp(seen.solid, cell, self.others)
             self.way, self._through = best.way, best.through
         except ConfigError as error:
-            self._refused = Outcome("refused", "no_grasp", str(error))
+            self._refused = CellOutcome("refused", "no_grasp", str(error))
             return
         self.solid, self._found = seen.solid, seen
 
-    def _steady(self, seen: Detection | Refusal, time: float) -> Detection | Refusal:
+    def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:
         """The detection, once its target stands still where the settings ask for that; until then why it does not."""
         settings = self.cell.settings.perception
-        if settings.steady is None or isinstance(seen, Refusal):
+        if settings.steady is None or isinstance(seen, PerceptionRefusal):
             return seen
         target = grasp_target(seen, settings.target)
-        if isinstance(target, Refusal):
+        if isinstance(target, PerceptionRefusal):
             return target
         self._track = track_target(self._track, target, time, settings.steady)
         return check_steadiness(self._track, settings.steady) or seen

@@ -31,7 +31,7 @@ _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1,
 """rad. With the elbow out to either side, where those reach none: fingers that point at the arm, or away from it."""
 
 
-class GraspSearch(NamedTuple):
+class ReachSearch(NamedTuple):
     """Where a way is looked for."""
 
     near: Sequence[Sequence[float]]
@@ -40,8 +40,8 @@ class GraspSearch(NamedTuple):
     """Those a little off what symmetry leaves open."""
 
 
-_PLAIN = GraspSearch((_RIGHT, _LEFT))
-_EVERY = (_PLAIN, GraspSearch((_RIGHT, _LEFT), askew=True), GraspSearch(_OUT))
+_PLAIN = ReachSearch((_RIGHT, _LEFT))
+_EVERY = (_PLAIN, ReachSearch((_RIGHT, _LEFT), askew=True), ReachSearch(_OUT))
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
@@ -101,7 +101,7 @@ def nearest_grasp(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: 
 
 
 def reachable_grasps(
-    body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float, searches: Sequence[GraspSearch] = _EVERY
+    body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float, searches: Sequence[ReachSearch] = _EVERY
 ) -> list[GraspPlan]:
     """The ways that the arm reaches, that with the least turn of a joint first; at least one. `searches`: each where
     those before lead to none. Raises ConfigError."""

@@ -18,9 +18,9 @@ from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_contr
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import (
+    CellOutcome,
     MachineState,
     Observation,
-    Outcome,
     StateName,
     StateRules,
     endless_run,
@@ -41,7 +41,7 @@ _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its t
 class LabReport:
     """What happened."""
 
-    end: Outcome
+    end: CellOutcome
     events: tuple[tuple[float, StateName], ...]
     """When each state began, s."""
     tries: int
@@ -125,7 +125,10 @@ def perform(
                 work.enter(now, state)
     except (HandFault, LinkError) as error:
         now = MachineState(
-            "Done", 0.0 if last is None else last.state.t, now.tries, Outcome("fault", _who(error, cell), str(error))
+            "Done",
+            0.0 if last is None else last.state.t,
+            now.tries,
+            CellOutcome("fault", _who(error, cell), str(error)),
         )
         seen.enter(now, on_state)
         _hold(cell, work, last, (arms, hands))

@@ -27,7 +27,7 @@ _LATE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CellOutcome:
     """How it ended."""
 
     word: OutcomeKind
@@ -49,7 +49,7 @@ class MachineState:
     """s."""
     tries: int = 1
     """Counting this one."""
-    end: Outcome | None = None
+    end: CellOutcome | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +64,9 @@ class Observation:
     """What the check says, once it has enough samples."""
     doubt: str = ""
     """What is told with it: of a sensor that does not decide."""
-    refused: Outcome | None = None
+    refused: CellOutcome | None = None
     """Why there is nothing to grasp, by the newest picture."""
-    fault: Outcome | None = None
+    fault: CellOutcome | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def endless_run(now: MachineState, t: float, rules: StateRules, whose: str) -> M
         f"the run was in {now.state} after {rules.longest:.0f} s of the {whose}'s periods, and all states last less: "
         f"the {whose}'s clock or the state machine stands still"
     )
-    return _over(now, t, Outcome("fault", "endless", said))
+    return _over(now, t, CellOutcome("fault", "endless", said))
 
 
 def next_state(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
@@ -111,16 +111,16 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
                 return _over(
-                    now, seen.t, seen.refused or Outcome("fault", "camera", "no picture has come: see to its cable")
+                    now, seen.t, seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
                 )
             return now
         case "Validate":
             if seen.held is None and not late:
                 return now
             if seen.held:
-                return _over(now, seen.t, Outcome("held", "", seen.doubt))
+                return _over(now, seen.t, CellOutcome("held", "", seen.doubt))
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
-            return _again(now, seen.t, rules, Outcome("missed", "", said))
+            return _again(now, seen.t, rules, CellOutcome("missed", "", said))
     if seen.done:
         return replace(now, state=_NEXT[now.state], since=seen.t)
     return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
@@ -134,22 +134,24 @@ def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> Ma
         return _over(now, seen.t, seen.fault)
     if seen.held is False:
         said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.doubt)))
-        return _over(now, seen.t, Outcome("fault", "dropped", said))
+        return _over(now, seen.t, CellOutcome("fault", "dropped", said))
     if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
-        return _over(now, seen.t, Outcome("fault", "not confirmed", "the second check was not over; see to the camera"))
+        return _over(
+            now, seen.t, CellOutcome("fault", "not confirmed", "the second check was not over; see to the camera")
+        )
     return now
 
 
-def _again(now: MachineState, t: float, rules: StateRules, end: Outcome) -> MachineState:
+def _again(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> MachineState:
     if now.tries <= rules.retries:
         return MachineState("ToSecurityPose", t, now.tries + 1)
     return _over(now, t, end)
 
 
-def _over(now: MachineState, t: float, end: Outcome) -> MachineState:
+def _over(now: MachineState, t: float, end: CellOutcome) -> MachineState:
     return replace(now, state="Done", since=t, end=end)
 
 
-def _stuck(now: MachineState, rules: StateRules) -> Outcome:
+def _stuck(now: MachineState, rules: StateRules) -> CellOutcome:
     said = f"{now.state} was not over after {rules.timeouts[now.state]:g} s; see what is in the way"
-    return Outcome("fault", f"timeout in {now.state}", said)
+    return CellOutcome("fault", f"timeout in {now.state}", said)

@@ -11,24 +11,24 @@ from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
     from allegro_twin.hands.description.specs import hand_side, load_spec
-    from allegro_twin.hands.library.entries import grasp_entry, posture_entry, trajectory_entry
     from allegro_twin.hands.library.gains import load_gains
     from allegro_twin.hands.library.grasps import Grasp
     from allegro_twin.hands.library.library import Library, load_grasp, load_posture, load_trajectory, posture_names
+    from allegro_twin.hands.limits import hand_limits
+    from allegro_twin.hands.settings import LimitSettings
 
 __all__ = [
     "Grasp",
     "Library",
-    "grasp_entry",
+    "LimitSettings",
+    "hand_limits",
     "hand_side",
     "load_gains",
     "load_grasp",
     "load_posture",
     "load_spec",
     "load_trajectory",
-    "posture_entry",
     "posture_names",
-    "trajectory_entry",
 ]
 __getattr__, __dir__ = exports(
     __name__,
@@ -36,11 +36,6 @@ __getattr__, __dir__ = exports(
         "description.specs": (
             "hand_side",
             "load_spec",
-        ),
-        "library.entries": (
-            "grasp_entry",
-            "posture_entry",
-            "trajectory_entry",
         ),
         "library.gains": ("load_gains",),
         "library.grasps": ("Grasp",),
@@ -51,5 +46,7 @@ __getattr__, __dir__ = exports(
             "load_trajectory",
             "posture_names",
         ),
+        "limits": ("hand_limits",),
+        "settings": ("LimitSettings",),
     },
 )

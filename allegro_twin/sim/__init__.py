@@ -5,6 +5,9 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from typing import TYPE_CHECKING
+
+from allegro_twin._lazy import exports
 
 
 def _choose_renderer() -> str:
@@ -23,3 +26,25 @@ def _loads(library: str) -> bool:
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY") and not os.environ.get("MUJOCO_GL"):
     os.environ["MUJOCO_GL"] = _choose_renderer()
+
+if TYPE_CHECKING:
+    from allegro_twin.sim.contact.fingertip_ik import FingertipSolver
+    from allegro_twin.sim.engine.backend import SimBackend
+    from allegro_twin.sim.engine.hand_guiding import HandGuide
+    from allegro_twin.sim.settings import SimSettings
+
+__all__ = [
+    "FingertipSolver",
+    "HandGuide",
+    "SimBackend",
+    "SimSettings",
+]
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "contact.fingertip_ik": ("FingertipSolver",),
+        "engine.backend": ("SimBackend",),
+        "engine.hand_guiding": ("HandGuide",),
+        "settings": ("SimSettings",),
+    },
+)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any
 
 import typer
-from allegro_twin.files.json_schema import json_schema
 
 import allegro_twin
+from allegro_twin.files.schema import json_schema
 from allegro_twin.surfaces.cli.data.schemas import PLACES, models
 from allegro_twin.surfaces.cli.main import PANELS, app
 
+PACKAGE = Path(allegro_twin.__file__).parent
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
 AGAIN = "Made by `make reference`; do not edit."
 EXIT_CODES = """| exit code | |
@@ -137,14 +138,34 @@ def _cell(text: str | None) -> str:
     return " ".join((text or "").split()).replace("|", "\\|")
 
 
+CONTRACT = ("backend", "controller", "device", "errors", "loop", "plugins", "safety", "types")
+"""Modules at the top of the package: every name in them without an underscore is public."""
+
+
 def packages() -> dict[str, list[str]]:
-    """The public names of the package and of each of its wings."""
+    """The public names of the package, of its contract's modules and of its wings."""
     found = {"allegro_twin": sorted(allegro_twin.__all__)}
-    for module in iter_modules(allegro_twin.__path__):
-        names = getattr(import_module(f"allegro_twin.{module.name}"), "__all__", ())
-        if names and not module.name.startswith("_"):
-            found[f"allegro_twin.{module.name}"] = sorted(names)
+    for name in CONTRACT:
+        found[f"allegro_twin.{name}"] = _defined(PACKAGE / f"{name}.py")
+    found["allegro_twin.gym"] = sorted(import_module("allegro_twin.gym").__all__)
+    for path in sorted(PACKAGE.rglob("__init__.py")):
+        parts = path.parent.relative_to(PACKAGE).parts
+        if parts and "__all__ = " in path.read_text():
+            package = ".".join(("allegro_twin", *parts))
+            found[package] = sorted(import_module(package).__all__)
     return found
+
+
+def _defined(path: Path) -> list[str]:
+    """The names that a module defines, but for private ones."""
+    names = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            names.add(node.name)
+        elif isinstance(node, ast.AnnAssign | ast.Assign):
+            targets = [node.target] if isinstance(node, ast.AnnAssign) else node.targets
+            names |= {each.id for each in targets if isinstance(each, ast.Name)}
+    return sorted(name for name in names if not name.startswith("_"))
 
 
 def api() -> dict[str, str]:

@@ -10,8 +10,6 @@ import typer
 
 from allegro_twin import ConfigError
 from allegro_twin.surfaces.cli import exit_codes, options
-from allegro_twin.surfaces.cli.grasps.evaluate import Count
-from allegro_twin.surfaces.cli.options import Engines
 
 Out = Annotated[
     Path,
@@ -32,17 +30,16 @@ def preemption(
     pairs: Annotated[int | None, typer.Option(help="Of test, a hand; by default all of the protocol.")] = None,
     out: Out = Path("out/preemption"),
     protocol: Annotated[str, typer.Option(help="A protocol's name, or a file.")] = "preemption",
-    engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
+    engine: Annotated[options.Engines, typer.Option(help="This computer, or a Ray cluster.")] = options.Engines.local,
     address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
-    count: Count = None,
+    count: options.Count = None,
     exploratory: Annotated[
         bool, typer.Option("--exploratory", help="Although the registration does not fit; the results say so.")
     ] = False,
 ) -> None:
     """Make the trials of a study, and its report. The same command again goes on after an interruption; results under
     another protocol are refused, and a registration that no longer fits is, too."""
-    from allegro_twin.surfaces.cli import console
-    from allegro_twin.surfaces.cli.grasps.trials import engine_of
+    from allegro_twin.surfaces.cli import console, engine_of
     from allegro_twin.sweep import Store, run
     from studies.preemption.folder import TRIALS
     from studies.preemption.jobs import pairs_of, sweep_of
@@ -71,13 +68,13 @@ def registered(
 ) -> None:
     """Register a study before its first trial: a fingerprint of its protocol, and of all models, grasps, objects and
     code that its trials are made of. Trials are made under it as long as none of that has changed."""
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli import console
     from studies.preemption.protocol import load_study
     from studies.preemption.registration import place_of, register
 
     path = place_of(protocol)
     made = register(load_study(protocol), path, when)
-    console.print(f"{path}: registration {made.digest} of {len(made.contents)} contents", soft_wrap=True)
+    console.console.print(f"{path}: registration {made.digest} of {len(made.contents)} contents", soft_wrap=True)
 
 
 @app.command()
@@ -90,7 +87,7 @@ def report(
 ) -> None:
     """Write the report of the trials that folders have, as one study, and say what they show: hands may be made by as
     many programs, each into a folder of its own, and one that is made anew takes the place of the old one."""
-    from allegro_twin.files.output_folder import lock_folder
+    from allegro_twin.files import lock_folder
 
     if out is None and len(folders) > 1:
         raise ConfigError(f"{len(folders)} folders: say with --out where their one report goes")
@@ -100,7 +97,7 @@ def report(
 
 
 def _say(folders: list[Path], folder: Path, where: str = "") -> None:
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli import console
     from studies.preemption import report_text
     from studies.preemption.analysis import analysed
     from studies.preemption.folder import gathered, write
@@ -110,13 +107,13 @@ def _say(folders: list[Path], folder: Path, where: str = "") -> None:
     write(held, folder, where)
     if len(folders) > 1:
         told_of = ", ".join(f"{count} of {hand}" for hand, count in sorted(held.hands.items()))
-        console.print(f"Trials: {told_of}", soft_wrap=True, highlight=False)
-    console.print(status_of(held.stamps), soft_wrap=True, highlight=False)
+        console.console.print(f"Trials: {told_of}", soft_wrap=True, highlight=False)
+    console.console.print(status_of(held.stamps), soft_wrap=True, highlight=False)
     answer = analysed(held.table.to_pylist(), held.study)
     for found in answer.findings:
-        console.print(report_text.sentence(found, answer, held.study), soft_wrap=True, highlight=False)
-    console.print(report_text.answer_of(answer, held.study), soft_wrap=True, highlight=False)
-    console.print(f"In {folder}/: report.html, trials.parquet with a row a trial", soft_wrap=True)
+        console.console.print(report_text.sentence(found, answer, held.study), soft_wrap=True, highlight=False)
+    console.console.print(report_text.answer_of(answer, held.study), soft_wrap=True, highlight=False)
+    console.console.print(f"In {folder}/: report.html, trials.parquet with a row a trial", soft_wrap=True)
 
 
 if __name__ == "__main__":

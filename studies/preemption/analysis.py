@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.grasping.statistics import Interval, PairedCounts, wilson
+from allegro_twin.grasping.evaluation import Interval, PairedCounts, wilson
 from allegro_twin.types import Array
 from studies.preemption import paired_tests as together
 from studies.preemption.bootstrap import over_clusters

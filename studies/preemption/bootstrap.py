@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.grasping.statistics import Interval
+from allegro_twin.grasping.evaluation import Interval
 from allegro_twin.types import Array
 
 

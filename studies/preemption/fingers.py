@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from allegro_twin.control import Gains, GravityFeedforward
-from allegro_twin.grasping.batch.batched_control import clamp_torques, pd_torque
-from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.grasping.batch import clamp_torques, pd_torque
+from allegro_twin.hands import Grasp
 from allegro_twin.safety import Limits
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch import Rows, SimBatch
 from allegro_twin.types import Array
 from studies.preemption.protocol import Motion
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from allegro_twin import ConfigError, RecordingError
-from allegro_twin.files.schema import parse_settings
-from allegro_twin.sweep import Store
-from allegro_twin.sweep.table import latest_rows, read_results, write_results
+from allegro_twin.files import parse_settings
+from allegro_twin.sweep import Store, latest_rows, read_results, write_results
 from studies.preemption.page import write_report
 from studies.preemption.protocol import Study
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from allegro_twin import ConfigError
-from allegro_twin.files.fingerprints import fingerprint
-from allegro_twin.files.schema import parse_settings
+from allegro_twin.files import fingerprint, parse_settings
 from allegro_twin.sweep import Sweep
 from studies.preemption.draws import block, case, object_of
 from studies.preemption.protocol import Set, Study

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.verdict import relative_displacement
+from allegro_twin.grasping import relative_displacement
 from allegro_twin.types import Array
 from studies.preemption.protocol import Check
 from studies.preemption.scenes import Setup

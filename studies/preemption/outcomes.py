@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.statistics import PairedCounts, count_pairs
+from allegro_twin.grasping.evaluation import PairedCounts, count_pairs
 from allegro_twin.types import Array
 from studies.preemption.draws import block
 from studies.preemption.protocol import Set, Study

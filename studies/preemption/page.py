@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.grasping.statistics import Interval
+from allegro_twin.files import atomic_file
+from allegro_twin.grasping.evaluation import Interval
 from allegro_twin.viewing.report import (
     IntervalRow,
     html_page,

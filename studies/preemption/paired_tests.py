@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from statistics import NormalDist
 
-from allegro_twin.grasping.statistics import Interval, PairedCounts, wilson
+from allegro_twin.grasping.evaluation import Interval, PairedCounts, wilson
 
 
 def newcombe(found: PairedCounts, confidence: float = 0.95) -> Interval:

@@ -12,9 +12,9 @@ from pydantic import Field, model_validator
 
 from allegro_twin import ConfigError
 from allegro_twin.errors import unknown
-from allegro_twin.files.schema import Positive, Settings, load_settings
-from allegro_twin.grasping.scenario import PhysicsSettings, Shake
-from allegro_twin.sim.model.physics import Cone
+from allegro_twin.files import Positive, Settings, load_settings
+from allegro_twin.grasping import PhysicsSettings, Shake
+from allegro_twin.sim.model import Cone
 
 NotNegative = Annotated[float, Field(ge=0)]
 Part = Annotated[float, Field(ge=0, le=1)]

@@ -14,9 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin import ConfigError, RecordingError
-from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
+from allegro_twin.files import atomic_file, data_root, fingerprint, read_yaml, source_fingerprint
 from studies.preemption.protocol import Study, named
 
 EXPLORATORY = "none (exploratory)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from allegro_twin.grasping.statistics import Interval, pairs_needed
+from allegro_twin.grasping.evaluation import Interval, pairs_needed
 from studies.preemption.analysis import Answer, Finding, Versus
 from studies.preemption.outcomes import Row, control_of
 from studies.preemption.protocol import Study

@@ -9,18 +9,26 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from allegro_twin.control import GravityFeedforward
-from allegro_twin.grasping import scenario as rules
-from allegro_twin.grasping.timeline import make_stage
-from allegro_twin.grasping.uncertainty import Perturbation
-from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import load_grasp
-from allegro_twin.hands.limits import hand_limits
-from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.grasping import (
+    Perturbation,
+    Phase,
+    PhysicsSettings,
+    Scenario,
+    TrialProtocol,
+    load_scenario,
+    make_stage,
+)
+from allegro_twin.hands import Grasp, LimitSettings, hand_limits, load_gains, load_grasp, load_spec
 from allegro_twin.kinematics import hand_kinematics
-from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.model.wrist import WristSegment, WristServo, set_wrist_servo, wrist_load, wrist_set_points
+from allegro_twin.sim.model import (
+    Stage,
+    WristSegment,
+    WristServo,
+    compile_scene,
+    set_wrist_servo,
+    wrist_load,
+    wrist_set_points,
+)
 from allegro_twin.types import Array
 from studies.preemption.draws import Case
 from studies.preemption.protocol import Arm, Control, Policy, Study
@@ -65,7 +73,7 @@ class Bench:
         self.limits = hand_limits(LimitSettings(), self.spec)
         self.gains = load_gains("default", self.spec)
         self.gravity = GravityFeedforward(hand_kinematics(self.spec).gravity_torque)
-        self._made: dict[tuple[object, ...], tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]] = {}
+        self._made: dict[tuple[object, ...], tuple[mujoco.MjModel, Stage, Scenario, Grasp]] = {}
 
     def setup(self, job: Job) -> Setup:
         """Everything that one trial needs."""
@@ -97,7 +105,7 @@ class Bench:
         ]
         return wrist_set_points(segments, timestep, load, gravity, servo_of(self.study.arm, load))
 
-    def _physics(self, control: Control | None) -> rules.PhysicsSettings:
+    def _physics(self, control: Control | None) -> PhysicsSettings:
         physics = self.study.physics
         if control is None:
             return physics
@@ -105,13 +113,13 @@ class Bench:
         changed = {"timestep": control.timestep, "cone": control.cone, "gravity": gravity}
         return physics.model_copy(update={key: value for key, value in changed.items() if value is not None})
 
-    def _base(self, thing: str, physics: rules.PhysicsSettings) -> tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]:
+    def _base(self, thing: str, physics: PhysicsSettings) -> tuple[mujoco.MjModel, Stage, Scenario, Grasp]:
         key = (thing, physics.model_dump_json())
         if key not in self._made:
             name = self.study.hands[self.hand].format(object=thing)
-            scenario, path = rules.load_scenario(name)
-            approach = rules.Phase(name="approach", seconds=1.0, wrist="approach")
-            protocol = rules.TrialProtocol(version=1, physics=physics, phases=(approach,), reference="approach")
+            scenario, path = load_scenario(name)
+            approach = Phase(name="approach", seconds=1.0, wrist="approach")
+            protocol = TrialProtocol(version=1, physics=physics, phases=(approach,), reference="approach")
             scene = make_stage(scenario, protocol, self.spec.side, path.parent)
             model = compile_scene(self.spec, scene)
             set_wrist_servo(model, servo_of(self.study.arm, wrist_load(model)))

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.batch.trial_loop import TrialLoop, in_layouts, stacked
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.grasping.batch import TrialLoop, in_layouts, stacked
+from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
 from studies.preemption.fingers import Fingers
 from studies.preemption.measures import Measures

@@ -143,8 +143,8 @@ def test_code_that_a_trial_can_reach_is_in_its_key_and_other_code_is_not(copied:
 
 def test_every_module_that_trials_load_is_among_the_sources_that_count() -> None:
     program = (
-        "import sys; from allegro_twin.grasping.batch.trials import judged;"
-        "judged({'threads': 1, 'metrics': True}, [{'scenario': name, 'protocol': 'quick'} for name in"
+        "import sys; from allegro_twin.grasping.batch.trials import run_cases;"
+        "run_cases({'threads': 1, 'metrics': True}, [{'scenario': name, 'protocol': 'quick'} for name in"
         " ('lemon', 'leap_lemon', 'pinch_index', 'model_o_lemon')]);"
         "print(*(name for name in sys.modules if name.split('.')[0] == 'allegro_twin'))"
     )

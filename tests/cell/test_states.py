@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from allegro_twin.cell.states import (
+    CellOutcome,
     MachineState,
     Observation,
-    Outcome,
     StateName,
     StateRules,
     initial_state,
@@ -38,12 +38,12 @@ def test_every_state_leads_to_the_next_when_what_it_is_for_has_happened() -> Non
         passed.append(now.state)
         now = next_state(now, Observation(tenth / 10, done=True), RULES)
     assert [*passed, now.state] == ORDER
-    assert next_state(now, Observation(1.0, held=True), RULES) == MachineState("Done", 1.0, 1, Outcome("held"))
+    assert next_state(now, Observation(1.0, held=True), RULES) == MachineState("Done", 1.0, 1, CellOutcome("held"))
 
 
 @pytest.mark.parametrize("state", ORDER)
 def test_a_fault_ends_every_state_at_once(state: StateName) -> None:
-    fault = Outcome("fault", "arm at a limit", "fer_joint4 is at its limit")
+    fault = CellOutcome("fault", "arm at a limit", "fer_joint4 is at its limit")
     assert next_state(
         MachineState(state, 0.0), Observation(0.1, done=True, held=True, fault=fault), RULES
     ) == MachineState("Done", 0.1, 1, fault)
@@ -72,7 +72,7 @@ def test_what_is_not_held_is_tried_again_as_often_as_the_rules_say() -> None:
 
 
 def test_a_look_that_finds_nothing_goes_on_until_it_is_late_and_ends_as_a_refusal() -> None:
-    outside = Outcome("refused", "outside", "the ball is outside the workspace")
+    outside = CellOutcome("refused", "outside", "the ball is outside the workspace")
     now = MachineState("Look", 0.0)
     assert next_state(now, Observation(0.5, refused=outside), RULES) is now
     assert next_state(now, Observation(1.0, refused=outside), RULES).end == outside
@@ -80,5 +80,5 @@ def test_a_look_that_finds_nothing_goes_on_until_it_is_late_and_ends_as_a_refusa
 
 
 def test_the_end_is_the_end() -> None:
-    now = MachineState("Done", 1.0, 1, Outcome("held"))
-    assert next_state(now, Observation(99.0, done=True, fault=Outcome("fault", "x")), RULES) is now
+    now = MachineState("Done", 1.0, 1, CellOutcome("held"))
+    assert next_state(now, Observation(99.0, done=True, fault=CellOutcome("fault", "x")), RULES) is now

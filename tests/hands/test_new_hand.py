@@ -44,7 +44,7 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
 
 
 def test_leaps_files_are_those_of_the_table() -> None:
-    rows = re.findall(r"^\| (`.*?) \|", PAGE.split("## From facts")[1].split("## ")[0], re.MULTILINE)
+    rows = re.findall(r"^\| (`.*?) \|", PAGE.split("## From a table of facts")[1].split("## ")[0], re.MULTILINE)
     told = {path for row in rows for path in re.findall(r"`([^`]+)`", row)}
     made = {"models/mjcf/leap_*.xml", "models/urdf/leap_*.urdf"}
     known = {path for pattern in told | made for path in ROOT.glob(pattern)}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.cell.checks.camera_check import CameraCheck
 from allegro_twin.cell.motion.empty_grasp import EmptyGrasp
 from allegro_twin.cell.settings import ValidateSettings
-from allegro_twin.cell.states import Observation, Outcome
+from allegro_twin.cell.states import CellOutcome, Observation
 from allegro_twin.types import Array, Vector
 
 _GRAVITY = 9.81  # m/s².
@@ -133,7 +133,7 @@ def grasp_verdict(
     sensor decides and is doubted, and where checks disagree or nothing confirms.
     """
     if found.doubt and settings.by == "force":
-        return Observation(t, fault=Outcome("fault", "force sensor", found.doubt))
+        return Observation(t, fault=CellOutcome("fault", "force sensor", found.doubt))
     if not found.held or sight.left:
         return Observation(t, held=False, doubt="; ".join(filter(None, (sight.left, found.doubt))))
     denied = [
@@ -144,12 +144,12 @@ def grasp_verdict(
             f"by {settings.by} it is held, {' and '.join(denied)}: {found.torque:.2f} N·m stop the fingers, of which "
         )
         said += f"{found.between:.2f} N·m press on something; see what the fingers do before the hand is opened"
-        return Observation(t, fault=Outcome("fault", "checks disagree", said))
+        return Observation(t, fault=CellOutcome("fault", "checks disagree", said))
     if not (found.by_force or found.by_camera or (sight.fresh and sure())):
         said = (
             f"the fingers press with {found.between:.2f} N·m, and nothing confirms that on an object: it weighs "
             f"{1e3 * found.weight:.0f} g of the {1e3 * found.least:.0f} g that can be told, and {sight.hidden}; see "
             "what is in the hand before it is opened"
         )
-        return Observation(t, fault=Outcome("fault", "not confirmed", said))
+        return Observation(t, fault=CellOutcome("fault", "not confirmed", said))
     return Observation(t, held=True, doubt=found.doubt)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.states import Outcome
+from allegro_twin.cell.states import CellOutcome
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.safety import Limits, clamp
 from allegro_twin.spec import HandSpec
@@ -69,7 +69,7 @@ class MotorCheck:
             return clamp(pull + gravity, state, self._limits)
         return np.asarray(np.minimum(np.maximum(pull, least), most))
 
-    def fault(self, state: HandState, target: SetPoint) -> Outcome | None:
+    def fault(self, state: HandState, target: SetPoint) -> CellOutcome | None:
         """What is wrong with a motor, by the joint's name; None while nothing is."""
         weak = np.flatnonzero(self._since >= self._most)
         if not len(weak):
@@ -81,9 +81,9 @@ class MotorCheck:
             f"{names} without torque: {self._spec.joint_labels[worst]} is {off[worst]:.3f} rad from its goal and gives "
             f"{abs(state.torque[worst]):.2f} N·m of {limit[worst]:.2f}; see to the motors' power and to their driver"
         )
-        return Outcome("fault", "hand without torque", said)
+        return CellOutcome("fault", "hand without torque", said)
 
-    def dead(self, state: HandState) -> Outcome | None:
+    def dead(self, state: HandState) -> CellOutcome | None:
         """An encoder whose reading has not changed since `begin` while its goal went far; None where all have."""
         if self._first is None:
             return None
@@ -96,4 +96,4 @@ class MotorCheck:
             f"{self._spec.joint_labels[joint]} still reads {state.position[joint]:.4f} rad after its goal went "
             f"{abs(way[joint]):.2f} rad: its encoder is dead or the joint is stuck; see to it"
         )
-        return Outcome("fault", "hand stuck", said)
+        return CellOutcome("fault", "hand stuck", said)

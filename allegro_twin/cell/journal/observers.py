@@ -13,7 +13,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.journal.rows import perception_entry, picture_entry, state_entry
 from allegro_twin.cell.motion.arm_motion import ArmGuide
-from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.states import MachineState
 from allegro_twin.control.trajectory import Path
@@ -113,7 +113,7 @@ class Observers:
         assert self._work is not None
         self._tell(JournalEntry("states", state_entry(now, self._work)))
 
-    def on_detection(self, frame: CameraFrame, seen: Detection | Refusal) -> None:
+    def on_detection(self, frame: CameraFrame, seen: Detection | PerceptionRefusal) -> None:
         """Perception has looked at a picture."""
         self._tell(JournalEntry("perception", perception_entry(frame, seen, self._cell.settings.perception)))
 

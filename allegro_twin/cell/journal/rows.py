@@ -9,7 +9,7 @@ import numpy as np
 from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.perception.cloud import finite
-from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.target import GraspTarget, grasp_target
@@ -52,7 +52,9 @@ def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     return row
 
 
-def perception_entry(frame: CameraFrame, seen: Detection | Refusal, settings: PerceptionSettings) -> dict[str, Any]:
+def perception_entry(
+    frame: CameraFrame, seen: Detection | PerceptionRefusal, settings: PerceptionSettings
+) -> dict[str, Any]:
     """A picture was looked at."""
     known = int(np.count_nonzero(finite(frame.cloud)))
     row: dict[str, Any] = {"t": frame.time, "number": frame.number, "known": known}

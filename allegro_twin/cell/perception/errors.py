@@ -12,7 +12,7 @@ Reason = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class PerceptionRefusal:
     """What was seen is nothing that an arm should move for."""
 
     reason: Reason
@@ -23,14 +23,14 @@ class Refusal:
         return self.sentence
 
 
-def check_age(taken: float, now: float, most: float) -> Refusal | None:
+def check_age(taken: float, now: float, most: float) -> PerceptionRefusal | None:
     """Whether a picture is too old to act on: taken at one time, looked at at another, s of one clock."""
     if now - taken <= most:
         return None
     said = (
         f"camera: the newest picture is {now - taken:.2f} s old, more than {most} s: it is frozen, or its cable is out"
     )
-    return Refusal("stale", f"{said}; stand still and switch it off and on")
+    return PerceptionRefusal("stale", f"{said}; stand still and switch it off and on")
 
 
 def position_text(values: Iterable[float]) -> str:

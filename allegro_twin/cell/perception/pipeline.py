@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.cell.perception.cloud import OrganizedCloud, Points
 from allegro_twin.cell.perception.clusters import image_functions
-from allegro_twin.cell.perception.errors import Refusal, position_text
+from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid, sample_points
 from allegro_twin.cell.perception.fits.solids import fit_solids
 from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, depth_scatter, largest_object
@@ -44,7 +44,7 @@ class PerceptionPipeline:
 
     def detect(
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
-    ) -> Detection | Refusal:
+    ) -> Detection | PerceptionRefusal:
         """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown.
 
         `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:
@@ -54,7 +54,7 @@ class PerceptionPipeline:
         draws = np.random.default_rng(self._seed)
         view = OrganizedCloud(cloud, position, rotation, robot)
         cluster = largest_object(view, self.settings, draws)
-        if isinstance(cluster, Refusal):
+        if isinstance(cluster, PerceptionRefusal):
             return cluster
         sigma = depth_scatter(view, self.settings) * cluster.depth**2
         middle = cluster.points.mean(axis=0) * [1.0, 1.0, 0.0]
@@ -65,24 +65,26 @@ class PerceptionPipeline:
         refused = self._doubt(placed, points, sigma, cluster.elevation)
         return refused or Detection(placed[0], cluster.plane, points, sigma, cluster.others)
 
-    def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> Refusal | None:
+    def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> PerceptionRefusal | None:
         limits, where = self.settings.object, position_text(points.mean(axis=0))
         most = max(limits.best, limits.error * sigma)
         if elevation < np.radians(_LEVEL):
             said = f"of the thing at {where} the top is not seen, from {np.degrees(elevation):.0f}° above it"
-            return Refusal("unclear", f"{said}; raise the camera: from {_STEEP}° it tells how deep a thing is")
+            return PerceptionRefusal(
+                "unclear", f"{said}; raise the camera: from {_STEEP}° it tells how deep a thing is"
+            )
         if not solids or solids[0].error > most:
             off = f"{solids[0].error * 1e3:.1f} mm off a {solids[0].shape}, the best" if solids else "nothing fits"
             said = f"the thing at {where} is no ball, egg, cylinder or box: {off}, and {most * 1e3:.1f} mm are allowed"
             low = f"; it is seen from {np.degrees(elevation):.0f}° above, look from {_STEEP}° or more"
             way = low if elevation < np.radians(_STEEP) else "; where two things touch, move them 2 cm apart"
-            return Refusal("unclear", said + way)
+            return PerceptionRefusal("unclear", said + way)
         at, space = solids[0].position, self.settings.workspace
         if not (np.all(at >= space.lower) and np.all(at <= space.upper)):
             said = (
                 f"the {solids[0].shape} at {position_text(at)} is outside the workspace {space.lower} to {space.upper}"
             )
-            return Refusal("outside", f"{said}; move it there, or set `workspace` to what the arm reaches")
+            return PerceptionRefusal("outside", f"{said}; move it there, or set `workspace` to what the arm reaches")
         return None
 
 

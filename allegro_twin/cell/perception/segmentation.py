@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.cell.perception.cloud import Mask, OrganizedCloud, Points, pass_through
 from allegro_twin.cell.perception.clusters import ClusterGrid, find_clusters
-from allegro_twin.cell.perception.errors import Refusal, position_text
+from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.types import Array
 
@@ -129,7 +129,9 @@ def depth_scatter(view: OrganizedCloud, settings: PerceptionSettings) -> float:
     return settings.disparity / (view.focal * settings.baseline)
 
 
-def largest_object(view: OrganizedCloud, settings: PerceptionSettings, draws: np.random.Generator) -> Cluster | Refusal:
+def largest_object(
+    view: OrganizedCloud, settings: PerceptionSettings, draws: np.random.Generator
+) -> Cluster | PerceptionRefusal:
     """The largest thing's points."""
     thin = view.cloud[:: settings.stride, :: settings.stride]
     flat = thin.reshape(-1, 3)
@@ -143,7 +145,7 @@ def largest_object(view: OrganizedCloud, settings: PerceptionSettings, draws: np
     if plane is None or plane.part < table.part:
         part = 0.0 if plane is None else plane.part
         said = f"no table: the largest level plane has {part:.0%} of {len(world)} points, and {table.part:.0%} make one"
-        return Refusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
+        return PerceptionRefusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
     axes = plane.axes(view.rotation[:, 2])
     above = plane.height(world) > np.maximum(
         settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2
@@ -151,7 +153,7 @@ def largest_object(view: OrganizedCloud, settings: PerceptionSettings, draws: np
     above[above] = view.not_robot(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
-    if isinstance(found, Refusal):
+    if isinstance(found, PerceptionRefusal):
         return found
     cut = _cut_off(found, thin.shape, settings)
     return cut if cut is not None else _closely(view, found, plane, axes, settings)
@@ -161,13 +163,13 @@ def _bounds(settings: PerceptionSettings) -> tuple[Array, Array]:
     return np.array(settings.region.lower), np.array(settings.region.upper)
 
 
-def _empty(flat: Points, left: int, settings: PerceptionSettings) -> Refusal:
+def _empty(flat: Points, left: int, settings: PerceptionSettings) -> PerceptionRefusal:
     seen = np.count_nonzero(np.isfinite(flat[:, 2]))
     if seen < _ENOUGH:
         said = f"the cloud is empty: {seen} of {len(flat)} points are known"
-        return Refusal("empty", f"{said}; move the camera back from what it looks at, or uncover its lens")
+        return PerceptionRefusal("empty", f"{said}; move the camera back from what it looks at, or uncover its lens")
     said = f"no table: {left} of {seen} points are in the region {settings.region.lower} to {settings.region.upper}"
-    return Refusal("no_plane", f"{said}; turn the camera towards it, or set `region` around the table")
+    return PerceptionRefusal("no_plane", f"{said}; turn the camera towards it, or set `region` around the table")
 
 
 def _cell(view: OrganizedCloud, depths: Points, plane: TablePlane, settings: PerceptionSettings) -> float:
@@ -180,20 +182,22 @@ def _cell(view: OrganizedCloud, depths: Points, plane: TablePlane, settings: Per
 
 def _gathered(
     pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
-) -> _Found | Refusal:
+) -> _Found | PerceptionRefusal:
     nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
     if len(points) == 0:
-        return Refusal("no_object", f"{nothing}; put a thing into the region")
+        return PerceptionRefusal("no_object", f"{nothing}; put a thing into the region")
     places = points @ axes[:2].T.astype(points.dtype)
     grid, sizes = find_clusters(places, cell)
     label = int(np.argmax(sizes)) + 1
     if sizes[label - 1] < settings.object.least:
-        return Refusal("no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region")
+        return PerceptionRefusal(
+            "no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region"
+        )
     others = int(np.count_nonzero(sizes >= settings.object.least)) - 1
     return _Found(pixels, points, grid, label, grid.of(places) == label, others)
 
 
-def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> Refusal | None:
+def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> PerceptionRefusal | None:
     """A thing of which a part may not have been seen has no middle."""
     rows, columns = found.pixels[:, found.members]
     ends = (columns.min() == 0, rows.min() == 0, columns.max() == shape[1] - 1, rows.max() == shape[0] - 1)
@@ -202,7 +206,7 @@ def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings
     if any(ends):
         side = _SIDES[ends.index(True)]
         said = f"the thing at {middle} reaches the picture's {side} edge"
-        return Refusal("cut_off", f"{said}; turn the camera towards it, or move it back")
+        return PerceptionRefusal("cut_off", f"{said}; turn the camera towards it, or move it back")
     lower, upper = _bounds(settings)
     gap = settings.object.gap
     over = points.max(axis=0) > upper - gap
@@ -210,13 +214,13 @@ def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings
     if over.any():
         axis = "xyz"[int(np.argmax(over))]
         said = f"the thing at {middle} reaches the end of `region` along {axis}"
-        return Refusal("cut_off", f"{said}; move it, or make `region` larger")
+        return PerceptionRefusal("cut_off", f"{said}; move it, or make `region` larger")
     return None
 
 
 def _closely(
     view: OrganizedCloud, found: _Found, plane: TablePlane, axes: Array, settings: PerceptionSettings
-) -> Cluster | Refusal:
+) -> Cluster | PerceptionRefusal:
     """All of its pixels, or as many as are enough."""
     stride, (rows, columns) = settings.stride, found.pixels[:, found.members]
     step = max(1, int(np.sqrt(len(rows) * stride**2 / _MOST)))
@@ -235,7 +239,9 @@ def _closely(
         said = (
             f"of the thing at {position_text(found.points[found.members].mean(axis=0))} {count} points are known, and "
         )
-        return Refusal("unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface")
+        return PerceptionRefusal(
+            "unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface"
+        )
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)

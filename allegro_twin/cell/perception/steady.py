@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.settings import SteadySettings
 from allegro_twin.cell.perception.target import GraspTarget
 from allegro_twin.kinematics.orientation import angle_between_quaternions, slerp
@@ -57,20 +57,22 @@ def track_target(track: TargetTrack | None, target: GraspTarget, time: float, se
     return TargetTrack(position, slerp(track.quaternion, new.quaternion, part), (*recent, new))
 
 
-def check_steadiness(track: TargetTrack, settings: SteadySettings) -> Refusal | None:
+def check_steadiness(track: TargetTrack, settings: SteadySettings) -> PerceptionRefusal | None:
     """None where the arm may go: enough targets, all near the smoothed one, and none that jumps."""
     if track.jumped:
         far = float(np.linalg.norm(track.jumped[-1].position - track.position))
         said = f"the target jumped by {far:.3f} m ({len(track.jumped)} of {settings.patience} in a row)"
-        return Refusal("jump", f"{said}; wait: either it comes back, or the thing was moved and is followed anew")
+        return PerceptionRefusal(
+            "jump", f"{said}; wait: either it comes back, or the thing was moved and is followed anew"
+        )
     if len(track.recent) < settings.count:
         said = f"{len(track.recent)} targets in {settings.window} s, and {settings.count} are needed"
-        return Refusal("unsteady", f"{said}; wait, or raise the camera's rate or `steady.window`")
+        return PerceptionRefusal("unsteady", f"{said}; wait, or raise the camera's rate or `steady.window`")
     off = [float(np.linalg.norm(seen.position - track.position)) for seen in track.recent]
     turned = [float(angle_between_quaternions(seen.quaternion, track.quaternion)) for seen in track.recent]
     if max(off) > settings.still or max(turned) > settings.straight:
         said = f"the target moves by {max(off):.3f} m and {max(turned):.2f} rad within {settings.window} s"
-        return Refusal("unsteady", f"{said}; wait until the thing and the arm stand still")
+        return PerceptionRefusal("unsteady", f"{said}; wait until the thing and the arm stand still")
     return None
 
 

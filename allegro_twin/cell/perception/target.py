@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.perception.errors import Refusal, position_text
+from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import TargetSettings
@@ -39,7 +39,7 @@ class GraspTarget:
 
 def grasp_target(
     found: Detection, settings: TargetSettings, before: GraspTarget | None = None
-) -> GraspTarget | Refusal:
+) -> GraspTarget | PerceptionRefusal:
     """The frame as the report makes it.
 
     y is the main axis; z is the world's vertical, projected onto the plane across y, normalised and reversed, or the
@@ -59,7 +59,7 @@ def grasp_target(
     if above < settings.clearance:
         said = f"the target {position_text(at)} for the {found.solid.shape} is {above:.3f} m above the table"
         way = f"{settings.clearance} m are needed: turn the thing so that it can be grasped from above"
-        return Refusal("in_table", f"{said}, and {way}, or lower `target.clearance`")
+        return PerceptionRefusal("in_table", f"{said}, and {way}, or lower `target.clearance`")
     return GraspTarget(at, np.stack([x, y, z], axis=1), 2.0 * half_width(found.solid, x), 2.0 * half)
 
 

@@ -1,2 +1,35 @@
 """How good a grasp is by its contacts alone: pure functions of arrays, in docs/reference/grasp_metrics.md with their
-equations."""
+equations.
+
+What is named here is loaded when it is first asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allegro_twin._lazy import exports
+
+if TYPE_CHECKING:
+    from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
+    from allegro_twin.grasping.metrics.quality import GraspQuality, grasp_quality
+
+__all__ = [
+    "Contacts",
+    "GraspQuality",
+    "grasp_quality",
+    "make_contacts",
+]
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "contacts": (
+            "Contacts",
+            "make_contacts",
+        ),
+        "quality": (
+            "GraspQuality",
+            "grasp_quality",
+        ),
+    },
+)

@@ -27,7 +27,7 @@ from allegro_twin.hands.generate.text import document, number, numbers
 from allegro_twin.kinematics.orientation import quaternion_from_euler
 
 
-class Row(NamedTuple):
+class TendonRow(NamedTuple):
     """A hinge of a chain, as the table has it."""
 
     name: str
@@ -65,7 +65,7 @@ def tendon_mjcf(path: Path) -> str:
     return document(root, f"tendons/{table['name']}")
 
 
-def _rows(table: dict[str, Any], finger: str) -> Iterator[Row]:
+def _rows(table: dict[str, Any], finger: str) -> Iterator[TendonRow]:
     """A finger's own values override those of its chain, row by row."""
     facts = table["fingers"][finger]
     own = facts.get("rows", {})
@@ -74,10 +74,10 @@ def _rows(table: dict[str, Any], finger: str) -> Iterator[Row]:
             row | ({"motor": facts["motor"]} if "motor" in facts and "motor" not in row else {}) | own.get(place, {})
         )
         alone = merged.get("motor") and not {"radius", "goes"} & set(merged)
-        yield Row(merged["motor"] if alone else f"{finger}_{place}", merged)
+        yield TendonRow(merged["motor"] if alone else f"{finger}_{place}", merged)
 
 
-def _finger(palm: Element, table: dict[str, Any], finger: str) -> list[Row]:
+def _finger(palm: Element, table: dict[str, Any], finger: str) -> list[TendonRow]:
     parent, facts, rows = palm, table["fingers"][finger], list(_rows(table, finger))
     passes = {"conaffinity": "0"} if facts.get("beside") else {}
     for place, row in enumerate(rows):
@@ -129,7 +129,7 @@ def _excludes(root: Element, table: dict[str, Any]) -> None:
             SubElement(contact, "exclude", body1=finger, body2=other)
 
 
-def _tendons(root: Element, table: dict[str, Any], rows: list[Row]) -> None:
+def _tendons(root: Element, table: dict[str, Any], rows: list[TendonRow]) -> None:
     tendons = SubElement(root, "tendon")
     for motor, facts in table["motors"].items():
         pulled = [row for row in rows if row.motor == motor and ("radius" in row.facts or "goes" in row.facts)]
@@ -147,7 +147,7 @@ def _tendons(root: Element, table: dict[str, Any], rows: list[Row]) -> None:
             SubElement(fixed, "joint", joint=row.name, coef=number(round(coefficient, 6)))
 
 
-def _actuators(root: Element, table: dict[str, Any], rows: list[Row]) -> None:
+def _actuators(root: Element, table: dict[str, Any], rows: list[TendonRow]) -> None:
     actuators, equality = SubElement(root, "actuator"), SubElement(root, "equality")
     for motor, facts in table["motors"].items():
         mine = [row for row in rows if row.motor == motor]

@@ -1,1 +1,31 @@
-"""What is grasped: meshes, primitives, the user's own; how it is presented, and how it looks."""
+"""What is grasped: meshes, primitives, the user's own; how it is presented, and how it looks.
+
+What is named here is loaded when it is first asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allegro_twin._lazy import exports
+
+if TYPE_CHECKING:
+    from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object, object_catalogue
+
+__all__ = [
+    "GraspObject",
+    "PlacedObject",
+    "load_object",
+    "object_catalogue",
+]
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "catalogue": (
+            "GraspObject",
+            "PlacedObject",
+            "load_object",
+            "object_catalogue",
+        ),
+    },
+)

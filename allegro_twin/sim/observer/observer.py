@@ -56,7 +56,7 @@ class Estimate(NamedTuple):
     """As corrected, (n,), rad/s."""
 
 
-class Observer:
+class StateObserver:
     """A corrected simulation. Equal inputs give equal outputs, to the last bit."""
 
     def __init__(

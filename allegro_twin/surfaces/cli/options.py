@@ -51,6 +51,11 @@ class Engines(StrEnum):
     ray = "ray"
 
 
+Count = Annotated[
+    int | None,
+    typer.Option("--jobs", min=1, help="Processes; default: one for each core.", rich_help_panel=COMPUTE),
+]
+
 Config = Annotated[
     str,
     typer.Option("--config", "-c", help="Config of the hand, by path or name.", autocompletion=completion.configs),

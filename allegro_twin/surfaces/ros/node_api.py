@@ -40,7 +40,7 @@ class RosTopic(NamedTuple):
     kind: str
     quality: QosProfile
     what: str
-    """For the table in docs/ros.md."""
+    """For the table in docs/reference/topics.md."""
 
 
 class RosNode(Protocol):

@@ -21,7 +21,7 @@ from allegro_twin.errors import EndOfRecording
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.sim.observer.loop_observer import LoopObserver
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.branch.result import BranchOptions
 from allegro_twin.twin.identify.motions.motion import noise_floor, recorded_calibration
@@ -94,7 +94,7 @@ class TorqueModelBackend(ModelBackend):
     """Model of a hand that takes torques, in counts."""
 
     def __init__(
-        self, recording: Recording, row: int, mirror: Mirror, state: HandState, observer: Observer, *, noisy: bool
+        self, recording: Recording, row: int, mirror: Mirror, state: HandState, observer: StateObserver, *, noisy: bool
     ) -> None:
         """`noisy`: encoders are as noisy as in the recording, with the same noise for every model. Under a controller
         this noise shakes the motors, which loosens dry friction."""

@@ -11,7 +11,7 @@ from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.motion import recorded_calibration
 from allegro_twin.twin.identify.results.gap import drive_parameters, has_breakaway_friction
@@ -41,7 +41,7 @@ def make_mirror(
     mine = load_spec(spec.model, spec.side, hand, version)
     own = np.array(wiring.calibration.torque_constant, dtype=float)
     drive = drive_parameters(mine, own, offset_shift(version, used, wiring.calibration.encoder_offset))
-    observer = Observer(
+    observer = StateObserver(
         spec, drive, period, bristly=has_breakaway_friction(mine.drive), noise=encoder_noise(hand, mine)
     )
     return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), thresholds, stop, gravity)

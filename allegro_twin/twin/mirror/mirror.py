@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.observer.loop_observer import LoopObserver
-from allegro_twin.sim.observer.observer import Estimate, Observer
+from allegro_twin.sim.observer.observer import Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.contact_detection import (
     PERIODS,
@@ -48,7 +48,7 @@ class Mirror:
     def __init__(
         self,
         spec: HandSpec,
-        observer: Observer | LoopObserver,
+        observer: StateObserver | LoopObserver,
         torque_constant: Vector,
         thresholds: Thresholds | None = None,
         stop: Collection[str] = (),
@@ -73,7 +73,7 @@ class Mirror:
         return self._spec
 
     @property
-    def observer(self) -> Observer | LoopObserver:
+    def observer(self) -> StateObserver | LoopObserver:
         """The simulation beside the hand."""
         return self._observer
 
@@ -212,7 +212,7 @@ class Mirror:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
         for finger, over in zip(self._spec.fingers, self._over, strict=True):
             free[list(finger.joints)] = over < PERIODS
-        if isinstance(observer, Observer):
+        if isinstance(observer, StateObserver):
             return LinkWeights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
         return LinkWeights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
 

@@ -12,7 +12,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from allegro_twin import ConfigError, Hand, HandSpec, SelfCollision, load_config
 from allegro_twin.app import RunConfig
 from allegro_twin.hands import hand_side, load_spec
-from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
+from allegro_twin.surfaces.hand import ExternalSetpoints
 from lerobot_robot_allegro.config_allegro import AllegroConfig
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from allegro_twin.cell.camera.camera import CameraStream
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
-from allegro_twin.cell.perception.errors import Refusal, check_age
+from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
 from tests.cell.camera.scenes import PLANE, WRIST, camera, scene
@@ -63,7 +63,7 @@ def test_a_frozen_camera_repeats_its_last_picture_and_that_is_noticed_by_its_age
     assert frame is not None
     assert check_age(frame.time, frame.time + 0.1, 0.3) is None
     refused = check_age(frame.time, data.time, 0.3)
-    assert isinstance(refused, Refusal)
+    assert isinstance(refused, PerceptionRefusal)
     assert refused.reason == "stale"
     assert "0.47 s old" in str(refused)
     eye.thaw()

@@ -11,7 +11,7 @@ from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.cloud import Points
-from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.target import GraspTarget, grasp_target
@@ -40,7 +40,7 @@ def picture(
     return frame
 
 
-def look(frame: CameraFrame, settings: PerceptionSettings = SETTINGS) -> Detection | Refusal:
+def look(frame: CameraFrame, settings: PerceptionSettings = SETTINGS) -> Detection | PerceptionRefusal:
     return PerceptionPipeline(settings).detect(frame.cloud, frame.pose.position, frame.pose.rotation)
 
 
@@ -123,7 +123,7 @@ def test_what_is_the_robots_own_is_no_thing() -> None:
     frame = picture(put("rubiks_cube"), finger)
     near = PerceptionPipeline(SETTINGS)
     seen = near.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
-    assert isinstance(seen, Refusal) or seen.others == 1
+    assert isinstance(seen, PerceptionRefusal) or seen.others == 1
     own = np.array([[*finger.position, 0.03], [0.0, 0.3, 0.3, 0.02]])
     found = near.detect(frame.cloud, frame.pose.position, frame.pose.rotation, own)
     assert isinstance(found, Detection), found
@@ -133,8 +133,8 @@ def test_what_is_the_robots_own_is_no_thing() -> None:
         near.detect(frame.cloud, frame.pose.position, frame.pose.rotation, np.zeros((2, 3)))
 
 
-def said(answer: Detection | Refusal, reason: str) -> str:
-    assert isinstance(answer, Refusal), answer
+def said(answer: Detection | PerceptionRefusal, reason: str) -> str:
+    assert isinstance(answer, PerceptionRefusal), answer
     assert answer.reason == reason
     assert "\n" not in str(answer)
     assert ";" in str(answer), "What, and what to do."

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cell.perception.errors import Refusal
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Shape, Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.segmentation import TablePlane
@@ -103,12 +103,12 @@ def test_a_flat_can_is_taken_from_above_across_its_axis() -> None:
 def test_a_target_in_or_near_the_table_is_refused_with_its_height() -> None:
     axes = np.stack([UP, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], axis=1)
     short = grasp_target(found("cylinder", (0.03, 0.02, 0.02), axes, 0.015), SETTINGS)
-    assert isinstance(short, Refusal)
+    assert isinstance(short, PerceptionRefusal)
     assert short.reason == "in_table"
     assert "0.015 m above the table" in str(short)
     assert "\n" not in str(short)
     sunk = grasp_target(found("sphere", (0.06, 0.06, 0.06), np.eye(3), -0.2), SETTINGS)
-    assert isinstance(sunk, Refusal)
+    assert isinstance(sunk, PerceptionRefusal)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import can
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.app.rig import Scene, open_backend
+from allegro_twin.app.rig import SimulatedScene, open_backend
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
@@ -85,7 +85,7 @@ class Bench:
     ) -> None:
         """`speaks` and `is_side`: of the hand that is there in truth."""
         config = can_config(speaks or version, side=is_side or side, period=PERIOD, **backend)
-        self.scene = Scene()
+        self.scene = SimulatedScene()
         self.firmware: Firmware = virtual_firmware(config, self.scene, step=PERIOD, restart=True)
         self.hands = VirtualHands([self.firmware], plan)
         self.bus = SpoiltBus(self.hands)
@@ -120,7 +120,7 @@ class Serving:
     """Hands served in real time on a bus by a thread, which ends with the block."""
 
     def __init__(self, bus: can.BusABC, *configs: RunConfig, plan: FaultPlan | None = None) -> None:
-        scenes = [Scene() for _ in configs]
+        scenes = [SimulatedScene() for _ in configs]
         self.firmwares = [
             virtual_firmware(c, s, step=PERIOD, restart=True) for c, s in zip(configs, scenes, strict=True)
         ]

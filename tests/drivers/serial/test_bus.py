@@ -8,8 +8,8 @@ from allegro_twin.drivers.dynamixel.codec.packet import (
     Heard,
     Instruction,
     Packet,
+    PacketError,
     Parser,
-    Refusal,
     status,
 )
 from allegro_twin.drivers.dynamixel.codec.table import XM430_W350
@@ -84,20 +84,20 @@ def test_reg_write_and_action_move_all_at_once() -> None:
     assert not any(servo.memory.get("led") for servo in bus.servos)
     assert asked(bus, Packet(BROADCAST, Instruction.ACTION)) == []
     assert all(servo.memory.get("led") for servo in bus.servos)
-    assert asked(bus, Packet(1, Instruction.ACTION)) == [status(1, Refusal.INSTRUCTION)]
+    assert asked(bus, Packet(1, Instruction.ACTION)) == [status(1, PacketError.INSTRUCTION)]
 
 
 def test_what_is_no_instruction_is_said_to_be_none() -> None:
     bus = bus_of(1)
-    assert asked(bus, Packet(1, 0x77)) == [status(1, Refusal.INSTRUCTION)]
-    assert asked(bus, Packet(1, Instruction.READ, b"\x00")) == [status(1, Refusal.LENGTH)]
-    assert asked(bus, Packet(1, Instruction.WRITE, b"\x00")) == [status(1, Refusal.INSTRUCTION)]
+    assert asked(bus, Packet(1, 0x77)) == [status(1, PacketError.INSTRUCTION)]
+    assert asked(bus, Packet(1, Instruction.READ, b"\x00")) == [status(1, PacketError.LENGTH)]
+    assert asked(bus, Packet(1, Instruction.WRITE, b"\x00")) == [status(1, PacketError.INSTRUCTION)]
 
 
 def test_a_garbled_packet_is_answered_with_a_crc_error() -> None:
     bus, data = bus_of(1), bytearray(Packet(1, Instruction.WRITE, bytes((65, 0, 1))).encoded())
     data[10] ^= 4
-    assert Parser().feed(bus.receive(bytes(data), BAUD)) == [status(1, Refusal.CRC)]
+    assert Parser().feed(bus.receive(bytes(data), BAUD)) == [status(1, PacketError.CRC)]
     assert bus.servos[0].memory.get("led") == 0
 
 

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
 from allegro_twin.drivers.base.line_noise import Noise, Spoiler
-from allegro_twin.drivers.dynamixel.codec.packet import Refusal, status
+from allegro_twin.drivers.dynamixel.codec.packet import PacketError, status
 from allegro_twin.drivers.dynamixel.virtual.faults import Event, FaultPlan
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout, ProtocolError
 from tests.drivers.serial.rigs import Bench
@@ -135,7 +135,7 @@ def test_garbled_and_lost_bytes_cost_time_and_never_a_wrong_state() -> None:
 
 def test_an_answer_that_is_nothing_but_an_error_is_no_model_number() -> None:
     bench = after()
-    for refusal in (Refusal.CRC, Refusal.RESULT):
+    for refusal in (PacketError.CRC, PacketError.RESULT):
         bench.hand.receive = lambda data, baud, why=refusal: status(3, why).encoded()  # type: ignore[method-assign,misc]
         assert bench.driver._sdk.ping(3) is None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.drivers.dynamixel.codec.packet import Refusal
+from allegro_twin.drivers.dynamixel.codec.packet import PacketError
 from allegro_twin.drivers.dynamixel.codec.table import (
     CURRENT_POSITION,
     EXTENDED,
@@ -70,36 +70,36 @@ def test_a_new_servo_has_the_factorys_values(servo: Servo) -> None:
 
 def test_the_eeprom_is_locked_while_torque_is_on(servo: Servo) -> None:
     assert put(servo, "torque_enable", 1) == 0
-    assert put(servo, "operating_mode", 5) == Refusal.ACCESS
-    assert put(servo, "id", 2) == Refusal.ACCESS
+    assert put(servo, "operating_mode", 5) == PacketError.ACCESS
+    assert put(servo, "id", 2) == PacketError.ACCESS
     assert put(servo, "torque_enable", 0) == 0
     assert put(servo, "id", 2) == 0
     assert servo.id == 2
 
 
 def test_writes_are_refused_with_the_manuals_reasons(servo: Servo) -> None:
-    assert put(servo, "present_position", 0) == Refusal.ACCESS
-    assert servo.write(500, b"\x00") == Refusal.ACCESS
-    assert servo.write(116, b"\x00\x00") == Refusal.LENGTH
-    assert servo.write(117, b"\x00\x00\x00\x00") == Refusal.LENGTH
-    assert servo.write(116, b"") == Refusal.LENGTH
-    assert put(servo, "operating_mode", 2) == Refusal.RANGE
-    assert put(servo, "baud_rate", 9) == Refusal.RANGE
-    assert put(servo, "goal_current", 1194) == Refusal.RANGE
+    assert put(servo, "present_position", 0) == PacketError.ACCESS
+    assert servo.write(500, b"\x00") == PacketError.ACCESS
+    assert servo.write(116, b"\x00\x00") == PacketError.LENGTH
+    assert servo.write(117, b"\x00\x00\x00\x00") == PacketError.LENGTH
+    assert servo.write(116, b"") == PacketError.LENGTH
+    assert put(servo, "operating_mode", 2) == PacketError.RANGE
+    assert put(servo, "baud_rate", 9) == PacketError.RANGE
+    assert put(servo, "goal_current", 1194) == PacketError.RANGE
     assert put(servo, "current_limit", 100) == 0
-    assert put(servo, "goal_current", 101) == Refusal.LIMIT
-    assert put(servo, "goal_current", -101) == Refusal.LIMIT
+    assert put(servo, "goal_current", 101) == PacketError.LIMIT
+    assert put(servo, "goal_current", -101) == PacketError.LIMIT
     assert put(servo, "goal_current", 100) == 0
-    assert put(servo, "goal_position", 4096) == Refusal.LIMIT
-    assert servo.read(500, 1) == (Refusal.ACCESS, b"")
-    assert servo.read(116, 0) == (Refusal.LENGTH, b"")
+    assert put(servo, "goal_position", 4096) == PacketError.LIMIT
+    assert servo.read(500, 1) == (PacketError.ACCESS, b"")
+    assert servo.read(116, 0) == (PacketError.LENGTH, b"")
 
 
 def test_a_write_of_several_items_is_done_whole_or_not_at_all(servo: Servo) -> None:
     put(servo, "operating_mode", CURRENT_POSITION)
     before = got(servo, "goal_position")
     row = (2000).to_bytes(2, "little") + bytes(12) + (77).to_bytes(4, "little")  # Goal Current … Goal Position.
-    assert servo.write(102, row) == Refusal.RANGE
+    assert servo.write(102, row) == PacketError.RANGE
     assert got(servo, "goal_position") == before
     row = (20).to_bytes(2, "little") + row[2:]
     assert servo.write(102, row) == 0
@@ -115,7 +115,7 @@ def test_a_change_of_mode_resets_gains_profile_and_goals(servo: Servo) -> None:
     assert got(servo, "profile_velocity") == 0
     assert got(servo, "goal_current") == 300
     assert put(servo, "goal_position", 100_000) == 0  # It counts turns now.
-    assert put(servo, "goal_position", 2_000_000) == Refusal.RANGE
+    assert put(servo, "goal_position", 2_000_000) == PacketError.RANGE
 
 
 def test_what_it_wants_is_its_goal_with_the_smaller_of_both_currents(servo: Servo) -> None:
@@ -165,9 +165,9 @@ def test_the_watchdog_stops_it_where_it_is_with_torque_on_and_locks_the_goals(se
     servo.elapse(0.06)
     assert got(servo, "bus_watchdog") == TRIPPED
     assert (servo.on, servo.wants.goal) == (True, 2500)
-    assert put(servo, "goal_position", 3000) == Refusal.RANGE
-    assert put(servo, "goal_current", 10) == Refusal.RANGE
-    assert put(servo, "bus_watchdog", -1) == Refusal.RANGE
+    assert put(servo, "goal_position", 3000) == PacketError.RANGE
+    assert put(servo, "goal_current", 10) == PacketError.RANGE
+    assert put(servo, "bus_watchdog", -1) == PacketError.RANGE
     assert put(servo, "bus_watchdog", 0) == 0
     assert put(servo, "goal_position", 3000) == 0
 
@@ -179,9 +179,9 @@ def test_too_hot_it_shuts_down_until_a_reboot(servo: Servo) -> None:
     servo.heat(81.0)
     assert not servo.on
     assert (got(servo, "hardware_error_status"), servo.alert) == (4, 0x80)
-    assert put(servo, "torque_enable", 1) == Refusal.RESULT
+    assert put(servo, "torque_enable", 1) == PacketError.RESULT
     servo.heat(30.0)
-    assert put(servo, "torque_enable", 1) == Refusal.RESULT
+    assert put(servo, "torque_enable", 1) == PacketError.RESULT
     servo.reboot()
     assert put(servo, "torque_enable", 1) == 0
 
@@ -214,15 +214,15 @@ def test_a_factory_reset_keeps_what_it_is_told_to(option: int, kept: tuple[int, 
     assert servo.factory_reset(option) == 0
     assert (servo.id, servo.baud) == kept
     assert got(servo, "current_limit") == 1193
-    assert servo.factory_reset(7) == Refusal.RANGE
+    assert servo.factory_reset(7) == PacketError.RANGE
 
 
 def test_clear_forgets_whole_turns_of_a_servo_that_stands_still(servo: Servo) -> None:
     words = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
     servo.sense(5000, 3, 0)
-    assert servo.clear(words) == Refusal.RESULT
+    assert servo.clear(words) == PacketError.RESULT
     servo.sense(5000, 0, 0)
-    assert servo.clear(b"\x01") == Refusal.RANGE
+    assert servo.clear(b"\x01") == PacketError.RANGE
     assert servo.clear(words) == 0
     assert got(servo, "present_position") == 5000 - 4096
 
@@ -241,8 +241,8 @@ def test_homing_offset_and_drive_mode_are_between_its_ticks_and_its_shaft(servo:
 
 
 def test_a_registered_write_waits_for_its_action(servo: Servo) -> None:
-    assert servo.act() == Refusal.INSTRUCTION
-    assert servo.register(65, b"\x02") == Refusal.RANGE
+    assert servo.act() == PacketError.INSTRUCTION
+    assert servo.register(65, b"\x02") == PacketError.RANGE
     assert servo.register(65, b"\x01") == 0
     assert (got(servo, "registered_instruction"), got(servo, "led")) == (1, 0)
     assert servo.act() == 0
@@ -256,9 +256,9 @@ def test_indirect_addresses_bring_scattered_items_together(servo: Servo) -> None
     assert servo.read(224, 6) == (0, bytes((41, 0, 8, 0, 0, 0)))
     assert servo.write(229, b"\x01") == 0
     assert got(servo, "led") == 1
-    assert servo.write(224, b"\x01") == Refusal.ACCESS
-    assert servo.write(168, (9).to_bytes(2, "little")) == Refusal.RANGE
-    assert servo.write(168, b"\x40") == Refusal.LENGTH
+    assert servo.write(224, b"\x01") == PacketError.ACCESS
+    assert servo.write(168, (9).to_bytes(2, "little")) == PacketError.RANGE
+    assert servo.write(168, b"\x40") == PacketError.LENGTH
     assert servo.read(634, 1) == (0, b"\x00")
 
 

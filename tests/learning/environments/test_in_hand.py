@@ -194,7 +194,7 @@ def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
     assert task.thing is not None
     task.thing.pose[:, 3:] = rotate_quaternion(task.thing.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
     assert tilt(task.thing.pose[:, 3:]).min() > 0.2
-    task._renew(np.arange(env.num_envs))  # type: ignore[attr-defined]  # Of Reorient.
+    task._draw_goals(np.arange(env.num_envs))  # type: ignore[attr-defined]  # Of Reorient.
     goals = np.array(task.goal(), float)
     assert tilt(goals).max() < 1e-6
     away = np.abs((twist(goals) - twist(task.thing.pose[:, 3:]) + np.pi) % (2 * np.pi) - np.pi)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from allegro_twin.app import session
-from allegro_twin.app.session import Outcome, Outputs
+from allegro_twin.app.session import Outputs, RunOutcome
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
 from allegro_twin.grasping.verdict import PhaseReport, TrialReport
 from allegro_twin.recording.settings import ReplaySettings
@@ -102,11 +102,11 @@ def test_what_a_run_shall_leave_behind_reaches_it(
     monkeypatch.chdir(tmp_path)
     given = []
 
-    def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> Outcome:
+    def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> RunOutcome:
         given.append(outputs)
         rig.backend.close()
         tell("Open http://here")
-        return Outcome(state(3), None, ("a [note]",))
+        return RunOutcome(state(3), None, ("a [note]",))
 
     monkeypatch.setattr(session, "perform", perform)
     code, shown, errors = command("run", "sim_right", *flags)
@@ -131,11 +131,11 @@ def phase(*, held: bool) -> PhaseReport:
 def test_many_trials_end_with_one_table_their_notes_once_and_code_5_if_one_fails(
     command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> Outcome:
+    def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> RunOutcome:
         rig.backend.close()
         held = rig.spec.side == "right"
         report = TrialReport(held, "" if held else "it fell", (phase(held=held),), 0.5, 0.08, 0.0003, {"thumb_2": 0.9})
-        return Outcome(state(3), report, ("no pictures: none",))
+        return RunOutcome(state(3), report, ("no pictures: none",))
 
     monkeypatch.setattr(session, "perform", perform)
     code, shown, errors = command("run", "lemon", "--side", "both", "--out", tmp_path, "--jobs", 1)

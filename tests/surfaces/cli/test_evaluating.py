@@ -72,13 +72,13 @@ def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all
 def test_what_is_in_the_folder_is_not_tried_again_and_more_draws_go_on(
     command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tried, judged = list[Any](), trials.run_cases
+    tried, run_cases = list[Any](), trials.run_cases
 
     def counted(shared: Any, items: Any) -> Any:
         tried.extend(items)
-        return judged(shared, items)
+        return run_cases(shared, items)
 
-    monkeypatch.setattr(trials, "judged", counted)
+    monkeypatch.setattr(trials, "run_cases", counted)
     words = ("evaluate", scenario(tmp_path), "--protocol", short(tmp_path), "--jobs", 1, "--out", tmp_path / "out")
     assert command(*words)[0] == 0
     assert command(*words, "--uncertainty", 1)[0] == 0

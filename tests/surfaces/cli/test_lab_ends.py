@@ -8,7 +8,7 @@ import pytest
 
 from allegro_twin.cell import run
 from allegro_twin.cell.run import LabReport
-from allegro_twin.cell.states import Outcome, OutcomeKind
+from allegro_twin.cell.states import CellOutcome, OutcomeKind
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.surfaces.cli.cell import lab
 from tests.surfaces.cli.conftest import Run
@@ -16,7 +16,7 @@ from tests.surfaces.cli.conftest import Run
 CONFIG = ("lab", "conf/lab_allegro.yaml")
 
 
-def ends(monkeypatch: pytest.MonkeyPatch, end: Outcome | BaseException) -> None:
+def ends(monkeypatch: pytest.MonkeyPatch, end: CellOutcome | BaseException) -> None:
     """The cell comes to this end, whatever it does."""
 
     def perform(*cell: Any, **stages: Any) -> LabReport:
@@ -28,15 +28,15 @@ def ends(monkeypatch: pytest.MonkeyPatch, end: Outcome | BaseException) -> None:
 
 
 @pytest.mark.parametrize(("end", "code"), [
-    (Outcome("held"), 0), (Outcome("held", "", "the force sensor is suspect"), 0),
-    (Outcome("missed", "", "it is not there"), 5),
-    (Outcome("refused", "no_object", "nothing"), 5), (Outcome("refused", "no_grasp", "too large"), 5),
-    (Outcome("fault", "hand without torque", "thumb_1"), 4), (Outcome("fault", "not confirmed", "light"), 4),
-    (Outcome("fault", "dropped", "gone"), 4), (Outcome("fault", "timeout in Approach", "late"), 4),
+    (CellOutcome("held"), 0), (CellOutcome("held", "", "the force sensor is suspect"), 0),
+    (CellOutcome("missed", "", "it is not there"), 5),
+    (CellOutcome("refused", "no_object", "nothing"), 5), (CellOutcome("refused", "no_grasp", "too large"), 5),
+    (CellOutcome("fault", "hand without torque", "thumb_1"), 4), (CellOutcome("fault", "not confirmed", "light"), 4),
+    (CellOutcome("fault", "dropped", "gone"), 4), (CellOutcome("fault", "timeout in Approach", "late"), 4),
     (LinkError("no answer"), 3), (HandFault("it stopped"), 4), (KeyboardInterrupt(), 130),
 ])  # fmt: skip
 def test_only_what_is_held_ends_with_0(
-    end: Outcome | BaseException, code: int, command: Run, monkeypatch: pytest.MonkeyPatch
+    end: CellOutcome | BaseException, code: int, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends(monkeypatch, end)
     ended, out, error = command(*CONFIG)

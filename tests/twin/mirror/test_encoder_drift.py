@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.sim.observer.observer import Estimate, Observer
+from allegro_twin.sim.observer.observer import Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.encoder_drift import BLOCK, SPANS, DriftDetector
@@ -22,7 +22,7 @@ PULL = np.random.default_rng(4).uniform(-1.0, 1.0, (N, N)) * OWN  # Any will do.
 
 
 def test_how_gravity_turns_with_the_joints_is_what_differences_of_its_torques_say(spec: HandSpec) -> None:
-    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
     where = (spec.lower + 2.0 * spec.upper) / 3.0
     observer.reset(where)
     here = observer.step(np.zeros(N), DOWN, where).position

@@ -17,7 +17,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Estimate, Observer
+from allegro_twin.sim.observer.observer import Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Ailment, Drive
 from allegro_twin.twin.identify.results.gap import drive_parameters
@@ -207,7 +207,7 @@ def test_more_friction_that_breaks_away_is_no_weak_motor(spec: HandSpec) -> None
 
 def test_a_mirror_knows_how_much_its_friction_is_more_than_in_fast_motion(sticky: HandSpec) -> None:
     parameters, speed = drive_parameters(sticky, np.ones(N), np.zeros(N)), np.array([0.0, 0.1, 5.0] + [0.0] * (N - 3))
-    each, dry = (Observer(sticky, parameters, 0.003, bristly=bristly).rub(speed) for bristly in (True, False))
+    each, dry = (StateObserver(sticky, parameters, 0.003, bristly=bristly).rub(speed) for bristly in (True, False))
     np.testing.assert_allclose(each[:3], [1.5, 1.0 + 0.5 / np.e, 1.0])
     np.testing.assert_array_equal(dry, np.ones(N))
 
@@ -316,7 +316,7 @@ def test_what_goes_wrong_with_a_hand_can_stop_it(
 ) -> None:
     hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
     calm = Thresholds(np.full((2, N), 0.02), np.full(4, 3e-4))
-    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
     each = Mirror(spec, observer, np.ones(N), calm, (what,))
     with pytest.raises(
         HandFault, match=r"(the motor of middle_2 gives \d+ %|the encoder of ring_1 jumped by \d+ mrad)"

@@ -10,7 +10,7 @@ from allegro_twin.control.trajectory import Hold
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.sim.drivetrain.backlash import allow_backlash
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
@@ -53,7 +53,7 @@ def test_a_hand_whose_fingertip_comes_loose_is_called_so(
 ) -> None:
     middle = (spec.lower + spec.upper) / 2.0
     hand = make_sim(allow_backlash(spec, [7]), posture=middle)
-    each = Mirror(spec, Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003), np.ones(N))
+    each = Mirror(spec, StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003), np.ones(N))
     done = False
     for sample in each.watch(until(4.0, run(hand, PD(Hold(middle), load_gains("v4", spec))))):
         if not done and sample.state.t >= 2.5:

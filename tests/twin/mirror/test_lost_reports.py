@@ -18,7 +18,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record
-from allegro_twin.sim.observer.observer import NOISE, Observer, joint_filter
+from allegro_twin.sim.observer.observer import NOISE, StateObserver, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.cli.twin.mirror_run import missing_checks
@@ -218,7 +218,7 @@ def test_an_error_in_speed_grows_in_a_gap_as_falling_friction_makes_it_grow(spec
 
     def gap(speed: float) -> Array:
         """Of a middle joint, period by period: rad/s, and what is left of an error in it, (20, 2)."""
-        each = Observer(breaking, drive_parameters(breaking, np.ones(N), np.zeros(N)), 0.003, bristly=True)
+        each = StateObserver(breaking, drive_parameters(breaking, np.ones(N), np.zeros(N)), 0.003, bristly=True)
         each.reset((spec.lower + spec.upper) / 2.0)
         player, data, kept, rows = each._player, each._data, 1.0, []
         data.qvel[player.dofs][5] = speed
@@ -271,7 +271,7 @@ def test_a_hand_is_stopped_by_a_touch_and_by_no_lost_report(spec: HandSpec, make
 
 def test_thresholds_go_out_with_what_noise_alone_makes_now(spec: HandSpec) -> None:
     above, one = np.full((2, N), 0.01), np.ones(N)
-    observer = Observer(spec, drive_parameters(spec, one, np.zeros(N)), 0.003)
+    observer = StateObserver(spec, drive_parameters(spec, one, np.zeros(N)), 0.003)
     calm = Thresholds(above, np.full(4, np.inf), observer.spread)
     each = Mirror(spec, observer, one, calm)
     np.testing.assert_array_equal(each.contact_thresholds, above[0])

@@ -18,7 +18,7 @@ from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Observer, joint_filter
+from allegro_twin.sim.observer.observer import StateObserver, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.hand import Hand
@@ -43,7 +43,7 @@ ONE, ZERO = np.ones(N), np.zeros(N)
 
 def mirror(spec: HandSpec, above: Vector | None = None, stop: tuple[str, ...] = ()) -> Mirror:
     calm = None if above is None else Thresholds(np.stack([above, above]), np.full(4, np.inf))
-    return Mirror(spec, Observer(spec, drive_parameters(spec, ONE, np.zeros(N)), 0.003), ONE, calm, stop)
+    return Mirror(spec, StateObserver(spec, drive_parameters(spec, ONE, np.zeros(N)), 0.003), ONE, calm, stop)
 
 
 def moving(spec: HandSpec, backend: SimBackend, push: Vector | None = None, at: float = 2.0) -> Iterator[Sample]:
@@ -231,12 +231,12 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
     off = replace(spec, drive=Drive.from_values({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_parameters(off, ONE, np.full(N, 0.05))
-    each = Mirror(spec, Observer(spec, drive, 0.003), ONE)
+    each = Mirror(spec, StateObserver(spec, drive, 0.003), ONE)
     hand = make_sim(off, posture=(spec.lower + spec.upper) / 2.0)
     t, disturbance, error = estimates(each, moving(off, hand))
     assert np.abs(error[t > 1.0]).max() < 1e-4
     assert np.abs(disturbance[t > 1.0]).max() < 0.005
-    observer = Observer(spec, drive, 0.003)
+    observer = StateObserver(spec, drive, 0.003)
     for sample in moving(off, hand):
         if sample.state.tick == 0:
             observer.reset(sample.state.position)
@@ -279,7 +279,7 @@ def sticky(spec: HandSpec) -> HandSpec:
 def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tuple[Vector, Array, Mirror]:
     """Times and disturbances of a hand that moves for 1 s and rests for 7, pushed from 6 s on, and its mirror."""
     backend, middle = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0), (spec.lower + spec.upper) / 2.0
-    each = Mirror(spec, Observer(spec, drive_parameters(spec, ONE, np.zeros(N)), 0.003, bristly=True), ONE)
+    each = Mirror(spec, StateObserver(spec, drive_parameters(spec, ONE, np.zeros(N)), 0.003, bristly=True), ONE)
     away = Moves([Waypoint(middle + np.tile([0.05, 0.3, -0.2, 0.2], 4), seconds=1.0)])
 
     def samples() -> Iterator[Sample]:

@@ -11,7 +11,7 @@ from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.sim.observer.observer import Estimate, Observer
+from allegro_twin.sim.observer.observer import Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.fault_detection import ROWS, FaultDetector, LinkWeights, Thresholds
@@ -114,7 +114,7 @@ def held(spec: HandSpec, name: str = "rubiks_cube") -> tuple[Trial, TrialRunner,
 @pytest.mark.parametrize("slippery", [True, False])
 def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippery: bool) -> None:
     trial, bench, at = held(spec)
-    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
     calm = Thresholds(
         np.full((2, N), 0.01), np.full(4, 3e-4)
     )  # As of a free motion: what holds an object is far above.

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Observer
+from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.fault_detection import Thresholds
@@ -27,7 +27,7 @@ def hand(spec: HandSpec, make_sim: MakeSim) -> SimBackend:
 
 
 def test_the_view_has_both_hands_what_pushes_and_what_happens(spec: HandSpec, hand: SimBackend, tmp_path: Path) -> None:
-    observer = Observer(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
     each = Mirror(spec, observer, np.ones(N), Thresholds.default(spec))
     push, health = np.zeros(N), Health(missed=7)
     push[9] = 0.06

@@ -23,7 +23,7 @@ _TICK = 0.1  # s after which silence is told, so that a display goes on.
 
 
 @dataclass(slots=True)
-class Row:
+class TrafficRow:
     """One identifier."""
 
     frame: Frame
@@ -51,11 +51,11 @@ class Sniffer:
         }
         self._known = dict.fromkeys(versions, 0)
         self._guessed = version is None
-        self.rows: dict[tuple[bool, int, bool], Row] = {}
+        self.rows: dict[tuple[bool, int, bool], TrafficRow] = {}
         """By extended, identifier and remote."""
         self.errors = self.frames = 0
 
-    def hear(self, message: can.Message, t: float) -> Row | None:
+    def hear(self, message: can.Message, t: float) -> TrafficRow | None:
         """Take a message in at `t` s; its row, None for an error frame."""
         self.frames += 1
         if message.is_error_frame:
@@ -66,7 +66,7 @@ class Sniffer:
         key = (message.is_extended_id, frame.id, frame.remote)
         row = self.rows.get(key)
         if row is None:
-            row = self.rows[key] = Row(frame, t, t, extended=message.is_extended_id)
+            row = self.rows[key] = TrafficRow(frame, t, t, extended=message.is_extended_id)
             if not row.extended:
                 for version in self._known:
                     self._known[version] += self._read(version, frame) is not None
@@ -90,7 +90,7 @@ class Sniffer:
         others = f"; {' and '.join(found[1:])} would do as well: say --version" if found[1:] else ""
         return f"guessed: {found[0]} hand{others}"
 
-    def description(self, row: Row) -> Description:
+    def description(self, row: TrafficRow) -> Description:
         """What the last frame of a row says."""
         if row.extended or not self.versions:
             return Description("", "")
@@ -104,7 +104,7 @@ class Sniffer:
         words = describe(message)
         return words._replace(name=f"{words.name} ({device})") if device else words
 
-    def line(self, row: Row) -> str:
+    def line(self, row: TrafficRow) -> str:
         """A frame in one line: time, identifier, raw data, what it is and what it says."""
         name, text = self.description(row)
         raw = "remote" if row.frame.remote else row.frame.data.hex(" ")
@@ -123,7 +123,7 @@ class Sniffer:
             return None
 
 
-def name_of(row: Row) -> str:
+def name_of(row: TrafficRow) -> str:
     """An identifier as it is written."""
     return f"{row.frame.id:08X}" if row.extended else f"{row.frame.id:03X}"
 

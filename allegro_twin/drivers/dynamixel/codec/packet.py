@@ -41,7 +41,7 @@ class Instruction(IntEnum):
     BULK_WRITE = 0x93
 
 
-class Refusal(IntEnum):
+class PacketError(IntEnum):
     """Why a servo did not do what it was told: the error number of a status packet."""
 
     RESULT = 1

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
-from allegro_twin.drivers.dynamixel.codec.packet import ALERT, BROADCAST, Instruction, Packet, Refusal
+from allegro_twin.drivers.dynamixel.codec.packet import ALERT, BROADCAST, Instruction, Packet, PacketError
 from allegro_twin.drivers.dynamixel.codec.rows import AROUND, clean
 from allegro_twin.drivers.dynamixel.codec.table import ERRORS, Model
 from allegro_twin.drivers.dynamixel.driver.line import SdkLine
@@ -17,13 +17,13 @@ _DONE, _OVERDUE, _GARBLED = 0, -3001, -3002
 """COMM_SUCCESS, COMM_RX_TIMEOUT, COMM_RX_CORRUPT of dynamixel_sdk.robotis_def."""
 _CODES = {1: "b", 2: "h", 4: "i"}
 _REASONS = {
-    Refusal.RESULT: "it could not do it",
-    Refusal.INSTRUCTION: "it does not know the instruction",
-    Refusal.CRC: "it heard it garbled",
-    Refusal.RANGE: "the value is out of range, or its bus watchdog has struck",
-    Refusal.LENGTH: "the length is wrong",
-    Refusal.LIMIT: "the value is beyond its limit",
-    Refusal.ACCESS: "the item cannot be accessed, or is locked while torque is on",
+    PacketError.RESULT: "it could not do it",
+    PacketError.INSTRUCTION: "it does not know the instruction",
+    PacketError.CRC: "it heard it garbled",
+    PacketError.RANGE: "the value is out of range, or its bus watchdog has struck",
+    PacketError.LENGTH: "the length is wrong",
+    PacketError.LIMIT: "the value is beyond its limit",
+    PacketError.ACCESS: "the item cannot be accessed, or is locked while torque is on",
 }
 
 
@@ -138,7 +138,7 @@ class Sdk:
         for _ in range(self._tries):
             self._free()
             outcome = exchange()
-            heard = outcome[-1] & ~ALERT != Refusal.CRC
+            heard = outcome[-1] & ~ALERT != PacketError.CRC
             if heard and outcome[-2] not in (_OVERDUE, _GARBLED):
                 break
         return outcome
@@ -158,7 +158,11 @@ class Sdk:
         if error & ALERT:
             self.alerts.add(identifier)
         if error & ~ALERT:
-            why = _REASONS.get(Refusal(error & ~ALERT), "") if error & ~ALERT <= Refusal.ACCESS else f"error {error}"
+            why = (
+                _REASONS.get(PacketError(error & ~ALERT), "")
+                if error & ~ALERT <= PacketError.ACCESS
+                else f"error {error}"
+            )
             raise ProtocolError(f"cannot {doing} {who}: {why}")
 
     def _whole(self, identifier: int, data: Sequence[int], size: int) -> bytes:

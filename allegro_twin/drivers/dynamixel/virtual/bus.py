@@ -16,8 +16,8 @@ from allegro_twin.drivers.dynamixel.codec.packet import (
     Heard,
     Instruction,
     Packet,
+    PacketError,
     Parser,
-    Refusal,
     status,
 )
 from allegro_twin.drivers.dynamixel.codec.rows import answers
@@ -130,7 +130,7 @@ def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:
 
 
 def _damaged(servo: Servo) -> bytes:
-    return _status(servo, Refusal.CRC)
+    return _status(servo, PacketError.CRC)
 
 
 def _read(servo: Servo, address: int, length: int) -> bytes:
@@ -155,7 +155,7 @@ def _obey(servo: Servo, heard: Packet) -> bytes:
                 return b""
             if len(given) == _WHERE.size:
                 return _read(servo, *_WHERE.unpack(given))
-            return _status(servo, Refusal.LENGTH) if level >= 1 else b""
+            return _status(servo, PacketError.LENGTH) if level >= 1 else b""
         case Instruction.WRITE if len(given) >= 2:
             error = servo.write(int.from_bytes(given[:2], "little"), given[2:])
         case Instruction.REG_WRITE if len(given) >= 2:
@@ -172,7 +172,7 @@ def _obey(servo: Servo, heard: Packet) -> bytes:
         case Instruction.CLEAR:
             error = servo.clear(given)
         case _:
-            error = Refusal.INSTRUCTION
+            error = PacketError.INSTRUCTION
     return _status(servo, error) if level == 2 else b""
 
 

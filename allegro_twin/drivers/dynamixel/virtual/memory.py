@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from allegro_twin.drivers.dynamixel.codec.packet import Refusal
+from allegro_twin.drivers.dynamixel.codec.packet import PacketError
 from allegro_twin.drivers.dynamixel.codec.table import EEPROM_END, MODES, POSITION, TRIPPED, Field, Model
 
 _SIZE = 662
@@ -17,7 +17,7 @@ _TRIPPED = TRIPPED & 0xFF
 class Refused(Exception):
     """A servo's answer is this error number. It never leaves the servo."""
 
-    def __init__(self, why: Refusal) -> None:
+    def __init__(self, why: PacketError) -> None:
         super().__init__(why)
         self.why = why
 
@@ -55,7 +55,7 @@ class Memory:
     def read(self, address: int, length: int) -> bytes:
         """Raises Refused."""
         if not length:
-            raise Refused(Refusal.LENGTH)
+            raise Refused(PacketError.LENGTH)
         if (address, length) in self._plain:
             return bytes(self.bytes[address : address + length])
         if all(k in self.model.at for k in range(address, address + length)):
@@ -66,7 +66,7 @@ class Memory:
         """The items that these bytes are for, and their values, checked; pointers of indirect addresses are set at
         once. Raises Refused."""
         if not data:
-            raise Refused(Refusal.LENGTH)
+            raise Refused(PacketError.LENGTH)
         item = self.model.at.get(address)
         if item is not None and item.address == address and item.size == len(data):
             value = int.from_bytes(data, "little", signed=item.signed)
@@ -87,7 +87,7 @@ class Memory:
         if pointer is not None:
             address = int.from_bytes(self.bytes[pointer : pointer + 2], "little")
         elif address not in self.model.at and address & ~1 not in self._pointers.values():
-            raise Refused(Refusal.ACCESS)
+            raise Refused(PacketError.ACCESS)
         return self.bytes[address] if address < _SIZE else 0
 
     def _runs(self, address: int, data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -99,10 +99,10 @@ class Memory:
         for k, value in enumerate(data):
             pointer = self._pointers.get(address + k)
             if pointer is None:
-                raise Refused(Refusal.ACCESS)
+                raise Refused(PacketError.ACCESS)
             target = int.from_bytes(self.bytes[pointer : pointer + 2], "little")
             if target in self._pointers:
-                raise Refused(Refusal.ACCESS)
+                raise Refused(PacketError.ACCESS)
             if target != last + 1 and run:
                 yield begin, bytes(run)
                 run.clear()
@@ -113,10 +113,10 @@ class Memory:
 
     def _point(self, address: int, data: bytes) -> None:
         if len(data) % 2 or not {*range(address, address + len(data), 2)} <= {*self._pointers.values()}:
-            raise Refused(Refusal.LENGTH if len(data) % 2 else Refusal.ACCESS)
+            raise Refused(PacketError.LENGTH if len(data) % 2 else PacketError.ACCESS)
         targets = [int.from_bytes(data[k : k + 2], "little") for k in range(0, len(data), 2)]
         if any(not EEPROM_END <= target < _SIZE for target in targets):
-            raise Refused(Refusal.RANGE)
+            raise Refused(PacketError.RANGE)
         self.bytes[address : address + len(data)] = data
 
     def _items(self, address: int, data: bytes) -> Iterator[tuple[Field, int]]:
@@ -124,31 +124,31 @@ class Memory:
         while offset < len(data):
             item = self.model.at.get(address + offset)
             if item is None:
-                raise Refused(Refusal.ACCESS)
+                raise Refused(PacketError.ACCESS)
             if item.address != address + offset or item.size > len(data) - offset:
-                raise Refused(Refusal.LENGTH)
+                raise Refused(PacketError.LENGTH)
             yield item, item.value_of(data[offset : offset + item.size])
             offset += item.size
 
     def _check(self, item: Field, value: int) -> None:
         if not item.writable or (item.address < EEPROM_END and self.bytes[64]):
-            raise Refused(Refusal.ACCESS)
+            raise Refused(PacketError.ACCESS)
         if not item.low <= value <= item.high:
-            raise Refused(Refusal.RANGE)
+            raise Refused(PacketError.RANGE)
         if item.name in _GOALS:
             self._check_goal(item.name, value)
         elif (item.name == "operating_mode" and value not in MODES) or (item.name == "bus_watchdog" and value < 0):
-            raise Refused(Refusal.RANGE)
+            raise Refused(PacketError.RANGE)
         elif item.name == "torque_enable" and value and self.bytes[70] & self.bytes[63]:
-            raise Refused(Refusal.RESULT)  # "REBOOT is the only method", and no number: e-Manual, Shutdown.
+            raise Refused(PacketError.RESULT)  # "REBOOT is the only method", and no number: e-Manual, Shutdown.
 
     def _check_goal(self, name: str, value: int) -> None:
         if self.bytes[98] == _TRIPPED:
-            raise Refused(Refusal.RANGE)
+            raise Refused(PacketError.RANGE)
         if name in _LIMITED:
             if abs(value) > self.get(_LIMITED[name]):
-                raise Refused(Refusal.LIMIT)
+                raise Refused(PacketError.LIMIT)
         elif self.bytes[11] == POSITION:
             lowest, highest = self.get("min_position_limit"), self.get("max_position_limit")
             if not lowest <= value <= highest:
-                raise Refused(Refusal.LIMIT)
+                raise Refused(PacketError.LIMIT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from allegro_twin.drivers.dynamixel.codec.packet import ALERT, Refusal
+from allegro_twin.drivers.dynamixel.codec.packet import ALERT, PacketError
 from allegro_twin.drivers.dynamixel.codec.table import (
     BAUDS,
     CURRENT_POSITION,
@@ -171,7 +171,7 @@ class Servo:
     def act(self) -> int:
         """Do what was registered. The error number."""
         if self.registered is None:
-            return Refusal.INSTRUCTION
+            return PacketError.INSTRUCTION
         (address, data), self.registered = self.registered, None
         self.memory.bytes[69] = 0
         return self.write(address, data)
@@ -192,7 +192,7 @@ class Servo:
     def factory_reset(self, option: int) -> int:
         """0xFF: all; 0x01: all but the id; 0x02: all but id and baud rate. The error number."""
         if option not in (0xFF, 0x01, 0x02):
-            return Refusal.RANGE
+            return PacketError.RANGE
         identifier, baud = self.memory.bytes[7], self.memory.bytes[8]
         self.memory.restore(range(EEPROM_END))
         if option != 0xFF:
@@ -206,9 +206,9 @@ class Servo:
     def clear(self, parameters: bytes) -> int:
         """Forget whole turns, standing still. The error number."""
         if parameters != _MULTI_TURN:
-            return Refusal.RANGE
+            return PacketError.RANGE
         if self.memory.get("present_velocity"):
-            return Refusal.RESULT
+            return PacketError.RESULT
         self._turns -= self.memory.get("present_position") // TURN * TURN
         self._place()
         return 0

@@ -58,10 +58,6 @@ OwnSeed = Annotated[
         rich_help_panel=options.TRIALS,
     ),
 ]
-Count = Annotated[
-    int | None,
-    typer.Option("--jobs", min=1, help="Processes; default: one for each core.", rich_help_panel=options.COMPUTE),
-]
 
 
 def evaluate(
@@ -101,7 +97,7 @@ def evaluate(
     address: Annotated[
         str | None, typer.Option(help="Address of the cluster, HOST:PORT.", rich_help_panel=options.COMPUTE)
     ] = None,
-    count: Count = None,
+    count: options.Count = None,
     episodes: Annotated[
         int | None,
         typer.Option(
@@ -179,7 +175,7 @@ def compare(
     protocol: Rules = None,
     side: Annotated[options.Sides | None, typer.Option(help="right or left; default: A's.")] = None,
     seed: Seed = 0,
-    count: Count = None,
+    count: options.Count = None,
 ) -> None:
     """Compare two grasps in the same draws (exact McNemar test)."""
     from allegro_twin.grasping.evaluation.campaign import TargetOptions, check_one_protocol

@@ -16,7 +16,7 @@ from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
-    from allegro_twin.app.rig import Scene
+    from allegro_twin.app.rig import SimulatedScene
     from allegro_twin.drivers.can.virtual.serve import Served
     from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
     from allegro_twin.grasping.verdict import TrialReport
@@ -138,7 +138,7 @@ def firmware(
         return _serve_serial(loaded, step, seconds, more=bool(report or wire_log))
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"{configs[0]} has backend {settings.kind}; a hand on a bus needs `backend: {{kind: can}}`")
-    scenes: list[Scene] = []
+    scenes: list[SimulatedScene] = []
     hands = virtual_hands(loaded, step=step, scenes=scenes, restart=True)
     log = None if wire_log is None else WireLog(wire_log, Path(settings.channel).name)
     bus = far_end(settings) if log is None else LoggedBus(far_end(settings), log)
@@ -160,7 +160,7 @@ def firmware(
 
 
 def _serve_can(
-    serving: Iterator[Served], hands: VirtualHands, scenes: list[Scene], seconds: float | None
+    serving: Iterator[Served], hands: VirtualHands, scenes: list[SimulatedScene], seconds: float | None
 ) -> tuple[Served | None, dict[str, TrialReport]]:
     """Serve until `seconds` are over or Ctrl-C. Returns statistics, and the verdicts on scenarios."""
     from allegro_twin.app.serve_can import judged
@@ -181,7 +181,7 @@ def _serve_can(
 def _serve_serial(configs: Sequence[RunConfig], step: float | None, seconds: float | None, *, more: bool) -> None:
     """Serve the config's hand in real time at a pseudo-terminal in place of its port. `more`: a report or a bus log is
     requested. Raises ConfigError or LinkError."""
-    from allegro_twin.app.rig import Scene, context_of
+    from allegro_twin.app.rig import SimulatedScene, context_of
     from allegro_twin.drivers.base.serve import serve
     from allegro_twin.drivers.base.settings import VIRTUAL_PORT
     from allegro_twin.drivers.base.terminal import Terminal
@@ -200,7 +200,7 @@ def _serve_serial(configs: Sequence[RunConfig], step: float | None, seconds: flo
     if settings.port == VIRTUAL_PORT:
         raise ConfigError(f"port {VIRTUAL_PORT} is a line inside one program; give the path that a terminal shall have")
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    hand = BACKENDS.kind(settings.kind).virtual(settings, context_of(config, Scene()), step or config.period)
+    hand = BACKENDS.kind(settings.kind).virtual(settings, context_of(config, SimulatedScene()), step or config.period)
     who: str = settings.kind
     if isinstance(settings, DynamixelSettings):
         who = "ids " + ", ".join(str(servo.id) for servo in hand.servos)

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from allegro_twin.drivers.can.driver.link import Message
 from allegro_twin.drivers.can.tools.findings import Finding
-from allegro_twin.drivers.can.tools.sniff import Row, Sniffer, name_of
+from allegro_twin.drivers.can.tools.sniff import Sniffer, TrafficRow, name_of
 from allegro_twin.surfaces.cli import console
 
 Heard = Iterable[tuple[float, Message | None]]
@@ -72,7 +72,7 @@ def rows(sniffer: Sniffer, bus: str) -> Table:
     return table
 
 
-def _cells(sniffer: Sniffer, row: Row) -> tuple[str, ...]:
+def _cells(sniffer: Sniffer, row: TrafficRow) -> tuple[str, ...]:
     name, text = sniffer.description(row)
     raw = "remote" if row.frame.remote else row.frame.data.hex(" ")
     rate = f"{row.rate:.1f}" if row.count > 1 else ""

@@ -18,7 +18,7 @@ from allegro_twin.surfaces.cli.start.jobs import RunJob, outputs_in
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from allegro_twin.app.session import Outcome, Outputs
+    from allegro_twin.app.session import Outputs, RunOutcome
     from allegro_twin.spec import HandSpec
     from allegro_twin.sweep.workers import UnitDone, UnitFailed, WorkerLost
 
@@ -32,7 +32,7 @@ class RunResult(NamedTuple):
     """The outcome of one run."""
 
     spec: HandSpec
-    outcome: Outcome
+    outcome: RunOutcome
     grasp: str
     """Name of the grasp of its trial; empty without a trial."""
 

@@ -14,7 +14,7 @@ from allegro_twin.surfaces.panel.stream import StreamFrame
 
 GOOD, BAD, CALM = "#0a7d38", "#c8102e", "#555"
 FONT = "font:12px/1.5 system-ui,sans-serif;color:#333;padding:2px 12px"
-_WARM = 60.0  # °C, from which on the guard fades torques: docs/safety.md.
+_WARM = 60.0  # °C, from which on the guard fades torques: docs/explanation/safety.md.
 
 
 class JointGroup(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.app.rig import Scene
+from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame, single
@@ -69,7 +69,7 @@ def walked(
         for config, serial in zip((ours, theirs), serials, strict=True)
     )
     assert isinstance(ours.backend, CanSettings)
-    hand = virtual_firmware(theirs, Scene(), step=0.003, restart=False)
+    hand = virtual_firmware(theirs, SimulatedScene(), step=0.003, restart=False)
     if reporting:
         for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
@@ -125,7 +125,7 @@ def test_a_hand_that_switches_its_motors_off_by_itself_is_a_fault() -> None:
 
 def test_a_run_says_who_reports_instead_of_the_configs_hand(spec: HandSpec) -> None:
     theirs, ours = can_config("v4"), can_config("v2")
-    hand = virtual_firmware(theirs, Scene(), step=0.003, restart=False)
+    hand = virtual_firmware(theirs, SimulatedScene(), step=0.003, restart=False)
     for message in (m.SetPeriod(0.003), m.ServoOn()):
         hand.receive(hand.codec.encode(message))
     assert isinstance(ours.backend, CanSettings)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.app.rig import Scene
+from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame, single
@@ -28,7 +28,7 @@ VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
 
 
 def virtual(version: Version = "v4", **backend: Any) -> Firmware:
-    return virtual_firmware(can_config(version, **backend), Scene(), step=PERIOD, restart=False)
+    return virtual_firmware(can_config(version, **backend), SimulatedScene(), step=PERIOD, restart=False)
 
 
 def started(version: Version = "v4") -> Firmware:
@@ -231,7 +231,7 @@ def test_a_published_hands_encoders_are_read_right_with_its_own_file_and_wrong_w
 
 def test_fingertips_of_a_v5_hand_feel_what_they_touch() -> None:
     config = can_config("v5").changed(task={"scenario": "rubiks_cube", "posture": None}, controller={"kind": "pd"})
-    scene = Scene()
+    scene = SimulatedScene()
     hand = virtual_firmware(config, scene, step=PERIOD, restart=False)
     assert scene.trial is not None
     hand.receive(hand.codec.encode(m.SetPeriod(PERIOD)))
@@ -281,7 +281,7 @@ def test_a_hand_that_works_at_half_its_torque_ends_a_quarter_as_much_warmer() ->
 
 @pytest.mark.parametrize("restart", [True, False])
 def test_a_scene_begins_anew_with_the_session_when_it_is_told_to(restart: bool) -> None:
-    hand = virtual_firmware(can_config("v4"), Scene(), step=PERIOD, restart=restart)
+    hand = virtual_firmware(can_config("v4"), SimulatedScene(), step=PERIOD, restart=restart)
     hand.backend.write(TorqueCommand(np.full(16, 0.1)))
     for _ in range(50):
         hand.step()

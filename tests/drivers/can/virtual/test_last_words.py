@@ -9,7 +9,7 @@ from collections import deque
 
 import can
 
-from allegro_twin.app.rig import Scene
+from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.versions import make_codec
@@ -37,7 +37,7 @@ class Waiting(can.BusABC):
 
 
 def test_a_hand_that_is_late_at_every_step_still_hears_its_host() -> None:
-    hand = virtual_firmware(can_config("v4"), Scene(), step=0.003, restart=False)
+    hand = virtual_firmware(can_config("v4"), SimulatedScene(), step=0.003, restart=False)
     hand.receive(V4.encode(m.ServoOn()))
     off = V4.encode(m.ServoOff())
     bus = Waiting([can.Message(arbitration_id=off.id, is_extended_id=False, data=off.data)] * 5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.app.rig import Scene
+from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame, single
@@ -16,7 +16,7 @@ from tests.drivers.can.rigs import PERIOD
 
 
 def virtual(**quirks: str) -> Firmware:
-    return virtual_firmware(can_config("v4", firmware=quirks), Scene(), step=PERIOD, restart=False)
+    return virtual_firmware(can_config("v4", firmware=quirks), SimulatedScene(), step=PERIOD, restart=False)
 
 
 def told(hand: Firmware, *messages: m.Message) -> None:
