@@ -86,7 +86,7 @@ FLOORS: dict[str, list[str | set[str]]] = {
     "hands": ["description", "generate", "library", "settings", "limits"],
     "learning": ["policy", {"tasks", "environments"}, "training"],
     "sim": [
-        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop",
+        "settings", "drivetrain", "objects", "hand_import", "model", "engine", "contact", "batch", "open_loop",
         "observer",
     ],
     "surfaces": ["worker_process", "hand", "ros", "panel", "teleop", "cli"],

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.sim.mjcf_import.explore import explore_mjcf
+from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.spec import HandSpec
 
 GRIPPER = """
@@ -77,7 +77,7 @@ def made(name: str, folder: Path) -> Path:
     """The MJCF of a hand in a folder, and its card beside it; the card."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.xml").write_text(HANDS[name])
-    found = explore_mjcf(folder / f"{name}.xml")
+    found = explore_hand(folder / f"{name}.xml")
     write_settings(folder / f"{name}.yaml", found.card | {"mjcf": f"{name}.xml"}, name)
     return folder / f"{name}.yaml"
 

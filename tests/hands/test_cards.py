@@ -12,8 +12,8 @@ import yaml
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.sim.mjcf_import.adapt import read_mjcf
-from allegro_twin.sim.mjcf_import.explore import explore_mjcf
+from allegro_twin.sim.hand_import.adapt import read_mjcf
+from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.surfaces.cli.main import app
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
@@ -36,7 +36,7 @@ def test_a_file_becomes_a_card_and_a_config_that_run(
 
 
 def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> None:
-    card = explore_mjcf(_file(tmp_path, GRIPPER)).card
+    card = explore_hand(_file(tmp_path, GRIPPER)).card
     (motor,) = card["driven"]
     said = {"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0, "stiffness": 400.0}
     assert motor == said
@@ -47,7 +47,7 @@ def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> 
 
 
 def test_fingers_along_x_that_close_downwards_are_seen(tmp_path: Path) -> None:
-    palm = explore_mjcf(_file(tmp_path, SOFT)).card["palm"]
+    palm = explore_hand(_file(tmp_path, SOFT)).card["palm"]
     assert palm == {"facing": [0.0, 0.0, -1.0], "fingers": [1.0, 0.0, 0.0]}
 
 
@@ -79,7 +79,7 @@ def test_a_file_that_is_no_hand_says_why(words: str, tmp_path: Path) -> None:
         assert old in text
         text = text.replace(old, new)
     with pytest.raises(ConfigError, match=words) as raised:
-        explore_mjcf(_file(tmp_path, text))
+        explore_hand(_file(tmp_path, text))
     assert "\n" not in str(raised.value)
 
 
@@ -106,10 +106,10 @@ def test_two_things_that_move_need_a_root(tmp_path: Path) -> None:
     ball = '<body name="ball" pos="1 0 0"><freejoint/><geom size="0.1"/></body>'
     path = _file(tmp_path, GRIPPER.replace("</worldbody>", f"{ball}</worldbody>"))
     with pytest.raises(ConfigError, match=r"2 things that move \(base, ball\): say which with --root"):
-        explore_mjcf(path)
-    assert explore_mjcf(path, "base").card["root"] == "base"
-    with pytest.raises(ConfigError, match="no body under the world named 'bas'; did you mean 'base'"):
-        explore_mjcf(path, "bas")
+        explore_hand(path)
+    assert explore_hand(path, "base").card["root"] == "base"
+    with pytest.raises(ConfigError, match="--root: no body named 'bas'; did you mean 'base'"):
+        explore_hand(path, "bas")
 
 
 def changed(card: dict[str, Any], **blocks: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.mjcf_import.explore import explore_mjcf
+from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
@@ -47,7 +47,7 @@ def hold(sim: SimBackend, joint: str, at: float) -> None:
 @pytest.mark.parametrize("name", CARDS)
 def test_what_a_card_says_of_followers_is_what_they_do(name: str) -> None:
     spec = load_spec(name)
-    found = explore_mjcf(data_root() / "models" / "mjcf" / f"{name}_right.xml").card
+    found = explore_hand(data_root() / "models" / "mjcf" / f"{name}_right.xml").card
     true = {row["name"]: row["positions"] for row in found["followers"]}
     assert sorted(true) == sorted(each.name for each in spec.followers)
     for each in spec.followers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -30,8 +30,9 @@ class DrivenCard(Settings):
     lower: float
     """Lowest position, in the units of the actuator's command."""
     upper: float
-    effort: Annotated[float, Field(gt=0.0)]
-    """The most that the motor gives, N·m; N on a slide or a tendon."""
+    effort: Annotated[float, Field(gt=0.0)] | Literal["unknown"]
+    """The most that the motor gives, N·m; N on a slide or a tendon. `unknown`: nothing limits it in simulation, and no
+    share of a limit can be said."""
     stiffness: Annotated[float, Field(gt=0.0)] | None = None
     """Stiffness of the loop that it closes, effort per unit of position; None: unknown, or it takes torques."""
 
@@ -59,6 +60,15 @@ class FingerCard(Settings):
     """The body that ends it, and the fingertip's centre in that body's frame, m."""
 
 
+class WristCard(Settings):
+    """Joints between the root and the palm. They are driven as the others are, and no finger's."""
+
+    joints: tuple[str, ...]
+    """Driven joints, from the root outward."""
+    palm: str
+    """The body on which the fingers are."""
+
+
 class PalmCard(Settings):
     """Axes in the frame of the root body."""
 
@@ -74,7 +84,8 @@ class HandCard(Settings):
     mjcf: Path
     """A relative path is the card's own."""
     root: str
-    """The body that is the palm."""
+    """The body that stands still: the palm, or what carries the wrist; `world` for fingers that hang on the world."""
+    wrist: WristCard | None = None
     side: Side = "right"
     commands: Annotated[tuple[CommandKind, ...], Field(min_length=1)]
     driven: Annotated[tuple[DrivenCard, ...], Field(min_length=1)]
@@ -96,6 +107,7 @@ class HandCard(Settings):
             if twice := next((name for name in taken if taken.count(name) > 1), None):
                 raise ValueError(f"{twice} is named twice")
         asked = [(name, f"fingers.{finger}") for finger, each in self.fingers.items() for name in each.joints]
+        asked += [(name, "wrist") for name in (self.wrist.joints if self.wrist is not None else ())]
         asked += [(each.follows, f"followers: {each.name}") for each in self.followers]
         for name, where in asked:
             if name not in names:
@@ -145,7 +157,7 @@ def _actuation(card: HandCard) -> Actuation:
     """Friction and inertia stay in the MJCF: nothing reads them from the spec."""
     nothing = frozen(np.zeros(len(card.driven)))
     stiff = [each.stiffness for each in card.driven if each.stiffness is not None]
-    effort = frozen([each.effort for each in card.driven])
+    effort = frozen([np.inf if each.effort == "unknown" else each.effort for each in card.driven])
     return Actuation(effort, nothing, nothing, nothing, frozen(stiff) if len(stiff) == len(card.driven) else None)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.fingerprints import fingerprint
-from allegro_twin.sim.mjcf_import.adapt import find_mjcf
+from allegro_twin.sim.hand_import.adapt import find_mjcf
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -13,7 +13,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.appearance import STAND, TABLE
 from allegro_twin.sim.drivetrain import drivetrain
 from allegro_twin.sim.drivetrain.servos import limit_forces
-from allegro_twin.sim.mjcf_import.adapt import adapt_hand, find_mjcf, read_mjcf, rename_parts
+from allegro_twin.sim.hand_import.adapt import adapt_hand, find_mjcf, read_mjcf, rename_parts
 from allegro_twin.sim.model.arm_with_hand import MountedHand, add_pedestal, attach_hand, set_load
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.wrist import WRIST_JOINTS, add_wrist

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -12,7 +13,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import options
 from allegro_twin.surfaces.cli.options import Config, OtherHand
 
-hand = typer.Typer(name="hand", help="Group: `hand show` its data, `hand new` from an MJCF.")
+if TYPE_CHECKING:
+    from allegro_twin.sim.hand_import.explore import ExploredHand
+    from allegro_twin.spec import HandSpec
+
+hand = typer.Typer(name="hand", help="Group: `hand show` its data, `hand new` from an MJCF or URDF.")
 calibrate = typer.Typer(name="calibrate", help="Group: `calibrate limits` measures a hand's joint ranges.")
 
 
@@ -91,29 +96,62 @@ def show(
 
 @hand.command()
 def new(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.xml", help="An MJCF of a hand or gripper, with actuators.")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="MJCF with actuators, or URDF, of a hand or gripper.")],
     name: Annotated[str | None, typer.Option(help="Name of the hand; default: the file's name.")] = None,
-    root: Annotated[str | None, typer.Option(help="Body that is the palm, if several are possible.")] = None,
+    root: Annotated[str | None, typer.Option(help="Body that stands still, if several are possible.")] = None,
+    palm: Annotated[str | None, typer.Option(help="Body on which the fingers begin, if the guess is wrong.")] = None,
+    finger: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=BODY", help="A finger and the body that ends it; again for each; default: guessed."),
+    ] = None,
     side: Annotated[Literal["right", "left"], typer.Option(help="Which hand it is.")] = "right",
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("mine"),
     force: Annotated[bool, typer.Option(help="Overwrite existing files.")] = False,
+    film: Annotated[bool, typer.Option("--film/--no-film", help="Film each joint as it moves (10 s).")] = True,
+    check: Annotated[Path | None, typer.Option(metavar="CARD", help="Write nothing; compare this card.")] = None,
 ) -> None:
-    """Make the card of a hand from its MJCF, and a config that runs it.
+    """Make the card of a hand from its MJCF or URDF, a config that runs it, a page, a picture and a film.
 
     The card lists the driven joints and their ranges, the joints that follow, and guesses of fingers and palm."""
-    from allegro_twin.files.yaml_edit import write_settings
-    from allegro_twin.sim.mjcf_import.explore import explore_mjcf
-    from allegro_twin.surfaces.cli import console
+    from allegro_twin.sim.hand_import.explore import explore_hand
 
     called = name or model.stem
     if not called.isidentifier():
         raise ConfigError(f"--name {called!r}: a hand's name is letters, digits and _, for files are called after it")
+    fingers = dict(_pair(each) for each in finger or ())
+    if check is not None:
+        _check(check, explore_hand(model, root, palm, fingers))
+        return
     card, config = out / f"{called}.yaml", out / f"sim_{called}.yaml"
     for path in (card, config):
         if path.exists() and not force:
             raise ConfigError(f"{path} is there already: --force writes over it, --name calls the hand something else")
-    found = explore_mjcf(model, root)
-    content = found.card | {"mjcf": os.path.relpath(model.resolve(), out.resolve()), "side": side}
+    _write_hand(model, called, side, out, explore_hand(model, root, palm, fingers), film=film)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, body = text.partition("=")
+    if not (name.isidentifier() and equals and body):
+        raise ConfigError(f"--finger {text}: it is NAME=BODY, such as thumb=th_tip")
+    return name, body
+
+
+def _write_hand(
+    model: Path, called: str, side: Literal["right", "left"], out: Path, found: ExploredHand, *, film: bool
+) -> None:
+    """Write card, config, page, picture and film; of a URDF also the MJCF."""
+    from allegro_twin.files.yaml_edit import write_settings
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.sim.hand_import.page import hand_page
+    from allegro_twin.sim.hand_import.urdf import write_mjcf
+    from allegro_twin.surfaces.cli import console
+
+    card, config, source = out / f"{called}.yaml", out / f"sim_{called}.yaml", model
+    out.mkdir(parents=True, exist_ok=True)
+    if model.suffix.lower() == ".urdf":
+        source = out / f"{called}.xml"
+        write_mjcf(found.spec, source)
+    content = found.card | {"mjcf": os.path.relpath(source.resolve(), out.resolve()), "side": side}
     write_settings(
         card,
         content,
@@ -123,10 +161,68 @@ def new(
     run = {"hand": {"model": str(card), "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
     write_settings(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
     for note in found.notes:
-        console.console.print(f"Note: {note}", soft_wrap=True)
+        console.console.print(f"Note: {note}", soft_wrap=True, highlight=False)
+    filmed = _picture(load_spec(str(card), side), out / called, film=film)
+    (out / f"{called}.md").write_text(hand_page(called, model.name, content, found.notes, filmed))
     driven, followers = len(content["driven"]), len(content.get("followers", ()))
     console.console.print(
         f"Wrote {card}: {driven} driven, {followers} following, fingers {', '.join(content['fingers']) or 'none'}. "
-        f"Look at it: allegro-twin run {config} --image {called}.png",
+        f"What is known, guessed and missing: {out / called}.md. Next: allegro-twin run {config} --image {called}.png",
         soft_wrap=True,
     )
+
+
+def _picture(spec: HandSpec, stem: Path, *, film: bool) -> bool:
+    """A picture, and a film; whether there is a film. Where nothing can be rendered that is said, and all else goes
+    on."""
+    from allegro_twin.surfaces.cli import console
+
+    try:
+        from allegro_twin.viewing.hand_portrait import HandPortrait
+
+        portrait = HandPortrait(spec)
+    except (ConfigError, ImportError) as error:
+        console.warn(f"no picture of the hand: {error}")
+        return False
+    try:
+        portrait.still(stem.with_suffix(".png"))
+        if film:
+            portrait.film(stem.with_suffix(".mp4"))
+    except ConfigError as error:
+        console.warn(str(error))
+        return False
+    finally:
+        portrait.close()
+    return film
+
+
+def _check(path: Path, found: ExploredHand) -> None:
+    """Print where a card and the file that it names say different things. Raises ConfigError if they do."""
+    from allegro_twin.files.assets import read_yaml
+    from allegro_twin.surfaces.cli import console
+
+    differences = card_differences(read_yaml(path), found.card)
+    for line in differences:
+        console.console.print(line, soft_wrap=True, highlight=False)
+    if differences:
+        raise ConfigError(f"{path}: {len(differences)} entries differ from the file; `hand new --force` writes it anew")
+    console.console.print(f"{path}: as its file", highlight=False)
+
+
+def card_differences(card: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    """A line for each entry of a card that its file says otherwise; what only a person can know is left alone."""
+    lines = []
+    for block in ("root", "commands", "palm", "wrist"):
+        if card.get(block) != found.get(block):
+            lines.append(f"{block}: {card.get(block)}; the file: {found.get(block)}")
+    for block in ("driven", "followers"):
+        mine = {row["name"]: row for row in card.get(block, ())}
+        theirs = {row["name"]: row for row in found.get(block, ())}
+        for name in {**theirs, **mine}:
+            if mine.get(name) != theirs.get(name):
+                lines.append(f"{block} {name}: {mine.get(name, 'missing')}; the file: {theirs.get(name, 'missing')}")
+    for name in {**found["fingers"], **card.get("fingers", {})}:
+        mine, theirs = card.get("fingers", {}).get(name), found["fingers"].get(name)
+        if mine != theirs:
+            lines.append(f"fingers {name}: {mine or 'missing'}; the file: {theirs or 'missing'}")
+    return lines

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import warnings
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import mujoco
@@ -14,6 +16,9 @@ from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.spec import ForeignModel, HandSpec
 from allegro_twin.types import Array
 
+PID_PLUGIN = "mujoco.pid"
+WORLD = "world"
+"""Root of a hand whose fingers hang on the world itself."""
 _FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
 """Folders that robot_descriptions has, and in which of its modules; it fetches them at the first import."""
 
@@ -49,13 +54,50 @@ def _fetched(module: str, git_error: type[Exception]) -> str:
 
 def read_mjcf(file: Path) -> mujoco.MjSpec:
     """With its angles in radians, as all that is edited into it. Raises ConfigError."""
+    if file.suffix.lower() == ".urdf":
+        raise ConfigError(f"{file}: a URDF: `allegro-twin hand new {file.name}` makes an MJCF of it")
     try:
-        spec = mujoco.MjSpec.from_file(str(file))
+        plain = _without_pid_plugin(file)
+        spec = mujoco.MjSpec.from_file(str(file)) if plain is None else mujoco.MjSpec.from_string(plain)
     except ValueError as error:
         raise ConfigError(f"{file}: not a readable MJCF: {str(error).strip().splitlines()[0]}") from error
     if spec.compiler.degree:
         _to_radians(spec)
     return spec
+
+
+def _without_pid_plugin(file: Path) -> str | None:
+    """The text of a file whose actuators are MuJoCo's PID plugin, with position servos of the same kp, kd and force
+    range in their place: no command could stand for the plugin's integral and its slew. None: it has none."""
+    try:
+        text = file.read_text()
+        if PID_PLUGIN not in text:
+            return None
+        root = ElementTree.fromstring(text)
+    except (OSError, ElementTree.ParseError, UnicodeDecodeError):
+        return None  # MuJoCo says what is wrong.
+    settings = {}
+    for extension in root.findall("extension"):
+        for plugin in [each for each in extension.findall("plugin") if each.get("plugin") == PID_PLUGIN]:
+            for instance in plugin.findall("instance"):
+                settings[instance.get("name")] = {c.get("key"): c.get("value") for c in instance.findall("config")}
+            extension.remove(plugin)
+    for actuators in root.findall("actuator"):
+        for servo in [each for each in actuators.findall("plugin") if each.get("plugin") == PID_PLUGIN]:
+            gains = settings.get(servo.get("instance"), {}) | {c.get("key"): c.get("value") for c in servo}
+            servo.tag = "position"
+            kept = {key: value for key, value in servo.attrib.items()
+                    if key not in ("plugin", "instance", "dyntype", "actdim")}  # fmt: skip
+            for child in list(servo):
+                servo.remove(child)
+            servo.attrib.clear()
+            servo.attrib.update(kept | {"kp": gains.get("kp") or "1", "kv": gains.get("kd") or "0"})
+    compiler = root.find("compiler")
+    compiler = ElementTree.SubElement(root, "compiler") if compiler is None else compiler
+    for key in ("meshdir", "texturedir"):
+        folder = file.resolve().parent / (compiler.get(key) or compiler.get("assetdir") or "")
+        compiler.set(key, str(folder))
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _to_radians(spec: mujoco.MjSpec) -> None:
@@ -79,7 +121,9 @@ def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
 
     Raises ConfigError with the nearest name when the card names something that the file does not have.
     """
-    root = _get(theirs.bodies, foreign.root, "body", foreign.mjcf)
+    if foreign.root == WORLD:
+        theirs = _under_a_palm(theirs)
+    root = _get(theirs.bodies, "palm_link" if foreign.root == WORLD else foreign.root, "body", foreign.mjcf)
     if root.parent != theirs.worldbody:
         raise ConfigError(f"{foreign.mjcf}: root {foreign.root} hangs on {root.parent.name}; take that, or cut it free")
     if list(root.joints):
@@ -102,6 +146,21 @@ def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
         _turn(root, quaternion_conjugate(foreign.palm))
     _add_tips(theirs, spec, foreign)
     return theirs
+
+
+def _under_a_palm(theirs: mujoco.MjSpec) -> mujoco.MjSpec:
+    """A model whose fingers hang on the world, with everything on one body instead."""
+    for element in (*theirs.worldbody.lights, *theirs.worldbody.cameras, *theirs.keys):
+        theirs.delete(element)
+    hand = mujoco.MjSpec()
+    hand.compiler.degree, hand.modelname = False, theirs.modelname
+    for name in ("timestep", "integrator", "cone", "impratio", "noslip_iterations", "noslip_tolerance", "solver",
+                 "iterations", "tolerance", "gravity"):  # fmt: skip
+        setattr(hand.option, name, getattr(theirs.option, name))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # It is never saved, and the options are copied.
+        hand.attach(theirs, prefix="", frame=hand.worldbody.add_body(name="palm_link").add_frame())
+    return hand
 
 
 def _turn(root: mujoco.MjsBody, turn: Array) -> None:

@@ -1,0 +1,364 @@
+"""What an MJCF or a URDF says of the hand in it, and what it does when it is moved: enough for its card."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.sim.drivetrain import lugre_friction
+from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, read_mjcf
+from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
+from allegro_twin.sim.hand_import.urdf import read_urdf
+from allegro_twin.types import Array
+
+UNKNOWN = "unknown"
+"""The effort of a motor whose file does not say it."""
+
+
+class ImportedMotor:
+    """One actuator, read. Raises ConfigError for one that nobody could command as a hand."""
+
+    def __init__(self, model: mujoco.MjModel, number: int, path: Path) -> None:
+        self.number, self.actuator = number, model.actuator(number).name
+        if not self.actuator:
+            raise ConfigError(f"{path}: actuator {number} has no name: give it one")
+        where, kind = f"{path}: actuator {self.actuator}", int(model.actuator_trntype[number])
+        target = int(model.actuator_trnid[number, 0])
+        on_tendon = kind == mujoco.mjtTrn.mjTRN_TENDON
+        if kind != mujoco.mjtTrn.mjTRN_JOINT and not on_tendon:
+            raise ConfigError(f"{where} acts on neither a joint nor a tendon")
+        if model.actuator_dyntype[number] != mujoco.mjtDyn.mjDYN_NONE:
+            raise ConfigError(f"{where} has dynamics of its own, which no command can stand for")
+        self.joint = None if on_tendon else target
+        """That it turns; None: it pulls a tendon."""
+        self.tendon = target if on_tendon else None
+        self.name = self.actuator if on_tendon else model.joint(target).name
+        gain, bias = float(model.actuator_gainprm[number, 0]), model.actuator_biasprm[number]
+        self.torque = not bias[:3].any()
+        if self.torque and on_tendon:
+            raise ConfigError(f"{where} pulls a tendon with a given force, and nobody would know where its joints are")
+        if not self.torque and bias[1] >= 0.0:
+            raise ConfigError(f"{where} is no position servo: a velocity, say, is no place to go to")
+        self.lower, self.upper = _span(model, number, target, on_tendon, self.torque, where)
+        self.effort = _effort(model, number, gain, self.torque)
+        """The most that it gives by the file; None: the file does not say it."""
+        self._gain, self._bias = gain, bias
+
+    def told(self, position: float) -> float:
+        """What a position servo is told to go to a position."""
+        return float(-(self._bias[0] + self._bias[1] * position) / self._gain)
+
+    def row(self) -> dict[str, Any]:
+        """Its row in the card."""
+        effort = UNKNOWN if self.effort is None else round(self.effort, 6)
+        numbers = {"lower": round(self.lower, 6), "upper": round(self.upper, 6), "effort": effort}
+        loop = {} if self.torque else {"stiffness": round(-float(self._bias[1]), 6)}
+        return {"name": self.name, "actuator": self.actuator} | numbers | loop
+
+
+def _span(
+    model: mujoco.MjModel, number: int, target: int, on_tendon: bool, torque: bool, where: str
+) -> tuple[float, float]:
+    """The range of what it moves, met with the range that its command can ask for."""
+    limited, span = (
+        (model.tendon_limited[target], model.tendon_range[target])
+        if on_tendon
+        else (model.jnt_limited[target], model.jnt_range[target])
+    )
+    commanded = not torque and bool(model.actuator_ctrllimited[number])
+    if not limited and not commanded:
+        raise ConfigError(f"{where}: neither it nor what it moves has a range: where may it go?")
+    lower, upper = (float(span[0]), float(span[1])) if limited else (-np.inf, np.inf)
+    if commanded:
+        gain, bias = float(model.actuator_gainprm[number, 0]), model.actuator_biasprm[number]
+        ends = -(bias[0] + gain * model.actuator_ctrlrange[number]) / bias[1]
+        met = max(lower, float(ends.min())), min(upper, float(ends.max()))
+        if met[0] >= met[1]:
+            raise ConfigError(
+                f"{where}: its range of control comes to {ends.min():g} … {ends.max():g}, and what it moves has the "
+                f"range {lower:g} … {upper:g}: they have nothing in common"
+            )
+        lower, upper = met
+    return lower, upper
+
+
+def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> float | None:
+    """The most that it can give by the file: the smallest of its force range, its joint's force range, and, of a motor
+    that takes torques, its range of control. None: it has none of them."""
+    found = []
+    gear = abs(float(model.actuator_gear[number, 0])) or 1.0
+    if model.actuator_forcelimited[number]:
+        found.append(gear * float(np.abs(model.actuator_forcerange[number]).max()))
+    if torque and model.actuator_ctrllimited[number]:
+        found.append(gear * float(np.abs(gain * model.actuator_ctrlrange[number]).max()))
+    if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
+        joint = int(model.actuator_trnid[number, 0])
+        if model.jnt_actfrclimited[joint]:
+            found.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+    else:
+        tendon = int(model.actuator_trnid[number, 0])
+        if model.tendon_actfrclimited[tendon]:
+            found.append(float(np.abs(model.tendon_actfrcrange[tendon]).max()))
+    return min((each for each in found if each > 0.0), default=None)
+
+
+_POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
+_STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
+_MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
+_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+class ExploredHand(NamedTuple):
+    """The content of a card, and what a person should look at."""
+
+    card: dict[str, Any]
+    notes: list[str]
+    """What was guessed, repaired and assumed."""
+    spec: mujoco.MjSpec
+    """The model; of a URDF, with servos: to be written beside the card."""
+    structure: HandStructure
+
+
+def explore_hand(
+    path: Path, root: str | None = None, palm: str | None = None, fingers: Mapping[str, str] | None = None
+) -> ExploredHand:
+    """Read a hand, and move each of its motors alone through its range, without gravity and contacts.
+
+    `root`: the body that stands still; None: the one under the world that carries all motors. `palm`, `fingers`: what
+    `find_structure` takes. Raises ConfigError for a file without a hand that can be driven.
+    """
+    notes: list[str] = []
+    if path.suffix.lower() == ".urdf":
+        hand = read_urdf(path)
+        spec, notes = hand.spec, list(hand.notes)
+    else:
+        spec = read_mjcf(path)
+        if PID_PLUGIN in path.read_text():
+            notes.append("the PID plugin is read as position servos of its kp and kd: no integral, no slew")
+    for element in spec.keys:
+        spec.delete(element)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    given = [
+        k
+        for k in range(model.nu)
+        if not lugre_friction.is_friction_only(model.actuator_gaintype[k], model.actuator_gainprm[k])
+    ]
+    if not given:
+        raise ConfigError(f"{path} has no actuators: nothing in it can be driven")
+    structure = find_structure(model, path, root, palm, fingers)
+    motors = [ImportedMotor(model, k, path) for k in given]
+    commands = {"torque" if motor.torque else "limited_position" for motor in motors}
+    if len(commands) > 1:
+        raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
+    moves = _moved(model, motors)
+    drives = [_driven_joints(model, motor) for motor in motors]
+    ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
+    followers, free = _followers(model, motors, moves)
+    notes += _notes(model, structure, motors, free)
+    torque = commands == {"torque"}
+    card = {
+        "mjcf": str(path),
+        "root": structure.root,
+        "side": "right",
+        "commands": ["torque"] if torque else ["position", "limited_position"],
+        "driven": [motor.row() for motor in motors],
+        "fingers": {finger.name: _finger_row(model, finger, motors, drives) for finger in structure.fingers},
+        "palm": _axes(model, structure, motors, ways, drives),
+    }
+    if structure.wrist:
+        names = [motor.name for motor, own in zip(motors, drives, strict=True) if own & set(structure.wrist)]
+        card["wrist"] = {"joints": names, "palm": model.body(structure.palm).name}
+    return ExploredHand(card | ({"followers": followers} if followers else {}), notes, spec, structure)
+
+
+def _driven_joints(model: mujoco.MjModel, motor: ImportedMotor) -> set[int]:
+    """Joints that a motor moves by what connects them: its own, its tendon's, and those coupled to one of these."""
+    if motor.joint is not None:
+        found = {motor.joint}
+    else:
+        assert motor.tendon is not None
+        found = _wrapped(model, motor.tendon)
+    links = [(int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) for k in range(model.neq)
+             if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0]  # fmt: skip
+    while more := {a for a, b in links if b in found} - found:
+        found |= more
+    return found
+
+
+def _wrapped(model: mujoco.MjModel, tendon: int) -> set[int]:
+    """Joints that change a tendon's length: those of a fixed one; of a spatial one, those between its sites."""
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    kinds, objects = model.wrap_type[first : first + count], model.wrap_objid[first : first + count]
+    if (kinds == mujoco.mjtWrap.mjWRAP_JOINT).any():
+        return {int(each) for each in objects}
+    ways = []
+    for kind, each in zip(kinds, objects, strict=True):
+        if kind == mujoco.mjtWrap.mjWRAP_SITE:
+            ways.append(_ancestors(model, int(model.site_bodyid[each])))
+        elif kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER):
+            ways.append(_ancestors(model, int(model.geom_bodyid[each])))
+    shared = set.intersection(*ways) if ways else set()
+    return set().union(*ways) - shared
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    """Joints between the world and a body."""
+    found: set[int] = set()
+    while body:
+        first = int(model.body_jntadr[body])
+        found |= set(range(first, first + int(model.body_jntnum[body]))) if first >= 0 else set()
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _finger_row(
+    model: mujoco.MjModel, finger: FingerStructure, motors: Sequence[ImportedMotor], drives: Sequence[set[int]]
+) -> dict[str, Any]:
+    """A finger of the card: the motors that move a joint of its chain, from the palm outward."""
+    order = {joint: place for place, joint in enumerate(finger.joints)}
+    mine = [(min(order[joint] for joint in own & set(order)), motor.name)
+            for motor, own in zip(motors, drives, strict=True) if own & set(order)]  # fmt: skip
+    return {"joints": [name for _, name in sorted(mine, key=lambda each: each[0])],
+            "tip": [model.body(finger.body).name, finger.centre.round(4).tolist()]}  # fmt: skip
+
+
+def _notes(
+    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str]
+) -> list[str]:
+    if not structure.fingers:
+        return ["no finger was found: nothing that moves hangs on the palm"]
+    notes = [f"fingers and their names are guesses, by what hangs on {model.body(structure.palm).name}: "
+             f"{', '.join(finger.name for finger in structure.fingers)}; --finger NAME=BODY says others"]  # fmt: skip
+    if structure.root == WORLD:
+        notes.append("the fingers hang on the world itself: it is taken for the palm")
+    if structure.wrist:
+        names = ", ".join(model.joint(joint).name for joint in structure.wrist)
+        notes.append(f"a wrist: {names}, between {structure.root} and {model.body(structure.palm).name}")
+    unknown = [motor.name for motor in motors if motor.effort is None]
+    if unknown:
+        which = "all motors" if len(unknown) == len(motors) else ", ".join(unknown)
+        notes.append(f"effort unknown of {which}: the file limits no force, so in simulation none is limited, and no "
+                     "share of a limit can be said; write the maker's into the card")  # fmt: skip
+    notes += [f"{name}: nobody drives this joint, and it follows none; it swings freely" for name in free]
+    return notes
+
+
+def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
+    """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq)."""
+    model.opt.gravity[:] = 0.0
+    # Light links on stiff tendons: a file that says nothing of steps means them as our scenes take them.
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 0.001
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    found = np.empty((len(motors), _POINTS, model.nq))
+    for k, motor in enumerate(motors):
+        data = mujoco.MjData(model)
+        for place, position in enumerate(np.linspace(motor.lower, motor.upper, _POINTS)):
+            if motor.torque:
+                data.qpos[model.jnt_qposadr[motor.joint]] = position
+            else:
+                _rest(model, data, motors)
+                data.ctrl[k] = motor.told(position)
+                _settle(model, data)
+            found[k, place] = data.qpos
+    return found
+
+
+def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    end = data.time + _LONGEST
+    while data.time < end:
+        mujoco.mj_step(model, data, round(_LOOKS / model.opt.timestep))
+        if np.abs(data.qvel).max() < _STILL:
+            return
+
+
+def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor]) -> None:
+    """Every servo is told to stay as near to zero as it can be."""
+    for each in motors:
+        data.ctrl[each.number] = each.told(min(max(0.0, each.lower), each.upper))
+
+
+def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandStructure) -> Array:
+    """Where the tips are as one motor goes through its range, in the palm's frame: (places, tips, 3), m."""
+    data, found = mujoco.MjData(model), []
+    for qpos in moves[motor]:
+        data.qpos = qpos
+        mujoco.mj_kinematics(model, data)
+        frame, origin = data.xmat[structure.palm].reshape(3, 3), data.xpos[structure.palm]
+        rows = [data.xpos[each.body] + data.xmat[each.body].reshape(3, 3) @ each.centre - origin
+                for each in structure.fingers]  # fmt: skip
+        found.append(np.array(rows).reshape(-1, 3) @ frame)
+    return np.array(found)
+
+
+def _followers(
+    model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Joints without a motor: after which they go, and how far; and those that go after none."""
+    own = {motor.joint for motor in motors}
+    followers, free = [], []
+    for joint in range(model.njnt):
+        if joint in own or int(model.jnt_type[joint]) not in _JOINTS:
+            continue
+        rows = moves[:, :, model.jnt_qposadr[joint]]
+        motor = int(np.argmax(np.ptp(rows, axis=1)))
+        name = model.joint(joint).name
+        if np.ptp(rows[motor]) < _MOVES:
+            free.append(name)
+            continue
+        followers.append({"name": name, "follows": motors[motor].name, "positions": rows[motor].round(5).tolist()})
+    return followers, free
+
+
+def _axes(
+    model: mujoco.MjModel,
+    structure: HandStructure,
+    motors: Sequence[ImportedMotor],
+    ways: Sequence[Array],
+    drives: Sequence[set[int]],
+) -> dict[str, list[float]]:
+    """Guessed: fingers point from the palm to the tips, and the palm looks where the tips go when all motors close;
+    along the fingers where they close on each other, as a gripper's do. In the root's frame."""
+    wrist = set(structure.wrist)
+    closing_of = [_closing(motor, way) for motor, way, own in zip(motors, ways, drives, strict=True) if not own & wrist]
+    tips = np.concatenate([way[0][None] for way in ways]).reshape(-1, 3) if ways else np.empty((0, 3))
+    if not len(tips):
+        return {"facing": [1.0, 0.0, 0.0], "fingers": [0.0, 0.0, 1.0]}
+    turn = _palm_in_root(model, structure)
+    along = _nearest_axis(turn @ tips.mean(axis=0))
+    closing = turn @ np.sum(closing_of, axis=0) if closing_of else np.zeros(3)
+    closing = closing - along * (closing @ along)
+    if np.linalg.norm(closing) < 1e-3:
+        return {"facing": along.tolist(), "fingers": np.roll(along, 1).tolist()}
+    return {"facing": _nearest_axis(closing).tolist(), "fingers": along.tolist()}
+
+
+def _closing(motor: ImportedMotor, way: Array) -> Array:
+    """How the tips move, in the mean, as a motor goes from its place nearest zero to its end furthest from it, m."""
+    places = np.linspace(motor.lower, motor.upper, len(way))
+    start, end = int(np.argmin(np.abs(places))), int(np.argmax(np.abs(places)))
+    if motor.lower * motor.upper < 0.0 and min(-motor.lower, motor.upper) > 0.5 * max(-motor.lower, motor.upper):
+        return np.zeros(3)  # To either side alike: it spreads, it does not close.
+    return np.asarray((way[end] - way[start]).mean(axis=0))
+
+
+def _palm_in_root(model: mujoco.MjModel, structure: HandStructure) -> Array:
+    """The rotation from the palm's frame to the root's, at rest."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    root = 0 if structure.root == WORLD else model.body(structure.root).id
+    return np.asarray(data.xmat[root].reshape(3, 3).T @ data.xmat[structure.palm].reshape(3, 3))
+
+
+def _nearest_axis(vector: Array) -> Array:
+    axis = np.zeros(3)
+    largest = int(np.argmax(np.abs(vector)))
+    axis[largest] = np.sign(vector[largest]) or 1.0
+    return axis

@@ -1,0 +1,291 @@
+"""A URDF of a hand as an MJCF with position servos: meshes found, inertias repaired, mimic joints coupled."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.types import Array
+
+READABLE = (".obj", ".stl", ".msh")
+"""Mesh formats that MuJoCo reads."""
+PLACEHOLDER = 100.0
+"""N·m or N. An effort from here on is no motor's of a hand; 0 is none either."""
+ANGLE, WAY = 0.1, 0.005
+"""rad, m. How far a servo is from its goal when it gives its full effort: the gain that a URDF does not have."""
+UNKNOWN_GAIN = 5.0
+"""N·m/rad (times 100: N/m). The gain where the effort is not known either."""
+_FREQUENCY = 100.0  # rad/s. A loop is not faster: armature makes up what light links lack.
+_LIGHTEST = 1e-3  # kg. What a moving link weighs where nothing says it.
+
+
+class UrdfHand(NamedTuple):
+    """A URDF, read."""
+
+    spec: mujoco.MjSpec
+    notes: list[str]
+    """What was repaired, assumed and left out."""
+    unknown: tuple[str, ...]
+    """Joints whose largest effort the file does not say."""
+
+
+def read_urdf(path: Path) -> UrdfHand:
+    """Raises ConfigError for a file that is no URDF, and for a mesh that touches and is not there."""
+    try:
+        robot = ElementTree.parse(path).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise ConfigError(f"{path}: not a readable URDF: {error}") from error
+    if robot.tag != "robot":
+        raise ConfigError(f"{path}: not a URDF: its first element is <{robot.tag}>, not <robot>")
+    notes: list[str] = []
+    _find_meshes(robot, path, notes)
+    _repair_inertias(robot, notes)
+    for old in robot.findall("mujoco"):
+        robot.remove(old)
+    options = Element("mujoco")
+    ElementTree.SubElement(
+        options, "compiler", discardvisual="false", fusestatic="false", strippath="false", balanceinertia="false"
+    )
+    robot.insert(0, options)
+    unlimited = _efforts(robot, notes)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
+    except ValueError as error:
+        raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    spec.modelname = path.stem
+    _under_one_root(spec, robot)
+    _couple(spec, robot, path)
+    _drive(spec, robot, path, notes)
+    _exclude_touching(spec, path, notes)
+    return UrdfHand(spec, notes, unlimited)
+
+
+def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
+    """Write the model beside its card; meshes stay where they are, named relative to the new file."""
+    folder = path.parent.resolve()
+    for mesh in spec.meshes:
+        mesh.file = os.path.relpath(mesh.file, folder)
+    spec.meshdir = ""
+    path.write_text(spec.to_xml())
+
+
+def _find_meshes(robot: Element, path: Path, notes: list[str]) -> None:
+    """Name every mesh by its full path; drop visual ones that MuJoCo cannot read."""
+    left_out = []
+    for link in robot.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                mesh = element.find("geometry/mesh")
+                if mesh is None:
+                    continue
+                named = mesh.get("filename", "")
+                file = _mesh_file(named, path)
+                if file is not None and file.suffix.lower() in READABLE:
+                    mesh.set("filename", str(file))
+                elif kind == "visual":
+                    link.remove(element)
+                    left_out.append(named)
+                elif file is None:
+                    raise ConfigError(f"{path}: link {link.get('name')}: no mesh {named} beside it or above it")
+                else:
+                    raise ConfigError(
+                        f"{path}: link {link.get('name')}: MuJoCo reads no {file.suffix} ({named}); convert it to OBJ"
+                    )
+    if left_out:
+        notes.append(f"{len(left_out)} visual meshes are left out, as {left_out[0]}: MuJoCo reads OBJ and STL, and the "
+                     "collision shapes are shown")  # fmt: skip
+
+
+def _mesh_file(name: str, path: Path) -> Path | None:
+    """A mesh beside the file, or, by `package://name/rest`, below a folder above it."""
+    rest = name.removeprefix("file://")
+    if name.startswith("package://"):
+        package, _, inner = name.removeprefix("package://").partition("/")
+        for folder in path.resolve().parents:
+            for candidate in (folder / package / inner, folder / inner):
+                if candidate.is_file():
+                    return candidate
+        return None
+    file = Path(rest) if Path(rest).is_absolute() else path.resolve().parent / rest
+    return file if file.is_file() else None
+
+
+def _repair_inertias(robot: Element, notes: list[str]) -> None:
+    """A rigid body's principal moments satisfy a + b ≥ c; where they do not, the largest becomes what they allow, about
+    the same axes. Links that move and have no mass get one."""
+    repaired, light = [], []
+    moving = {joint.find("child").get("link") for joint in robot.findall("joint")  # type: ignore[union-attr]
+              if joint.get("type") != "fixed"}  # fmt: skip
+    for link in robot.findall("link"):
+        name, inertial = str(link.get("name")), link.find("inertial")
+        solid = any(link.find(f"{kind}/geometry") is not None for kind in ("collision", "visual"))
+        mass = float(inertial.find("mass").get("value", 0)) if inertial is not None else 0.0  # type: ignore[union-attr]
+        if inertial is None or mass <= 0.0:
+            if inertial is not None:
+                link.remove(inertial)
+            if name in moving and not solid:
+                light.append(name)
+                link.append(_point(_LIGHTEST))
+            continue
+        element = inertial.find("inertia")
+        if element is None:
+            continue
+        tensor = _tensor(element)
+        moments, axes = np.linalg.eigh(tensor)
+        sound = np.maximum(moments, max(1e-12, 1e-6 * float(moments.max())))
+        sound[2] = min(sound[2], (1.0 - 1e-6) * (sound[0] + sound[1]))
+        if (sound != moments).any():
+            _set_tensor(element, axes @ np.diag(sound) @ axes.T)
+        if not np.allclose(sound, moments, rtol=1e-4, atol=1e-15):
+            repaired.append(name)
+    if repaired:
+        notes.append(f"inertias that no rigid body has were repaired about the same axes: {', '.join(repaired)}")
+    if light:
+        notes.append(f"links without a mass or a shape weigh {_LIGHTEST:g} kg: {', '.join(light)}")
+
+
+def _point(mass: float) -> Element:
+    inertial = Element("inertial")
+    ElementTree.SubElement(inertial, "mass", value=str(mass))
+    inertia: dict[str, str] = {
+        key: "1e-7" if key[1] == key[2] else "0" for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    }
+    ElementTree.SubElement(inertial, "inertia", inertia)
+    return inertial
+
+
+def _tensor(element: Element) -> Array:
+    xx, yy, zz, xy, xz, yz = (float(element.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _set_tensor(element: Element, tensor: Array) -> None:
+    for key, (row, column) in {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2),
+                               "iyz": (1, 2)}.items():  # fmt: skip
+        element.set(key, repr(float(tensor[row, column])))
+
+
+def _efforts(robot: Element, notes: list[str]) -> tuple[str, ...]:
+    """Take out efforts that are placeholders; the joints that have none."""
+    unlimited, placeholders = [], set()
+    for joint in robot.findall("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") not in ("revolute", "continuous", "prismatic") or joint.find("mimic") is not None:
+            if limit is not None:
+                limit.set("effort", "0")  # A mimic joint has no motor.
+            continue
+        effort = float(limit.get("effort", 0.0)) if limit is not None else 0.0
+        if not 0.0 < effort < PLACEHOLDER:
+            unlimited.append(str(joint.get("name")))
+            if limit is not None:
+                limit.set("effort", "0")
+            if effort:
+                placeholders.add(effort)
+    if placeholders:
+        found = ", ".join(f"{value:g}" for value in sorted(placeholders))
+        notes.append(f"an effort of {found} is no motor's of a hand: taken as unknown")
+    return tuple(unlimited)
+
+
+def _under_one_root(spec: mujoco.MjSpec, robot: Element) -> None:
+    """Raises ConfigError where MuJoCo has read the first link as the world itself."""
+    children = {joint.find("child").get("link") for joint in robot.findall("joint")}  # type: ignore[union-attr]
+    first = next(str(link.get("name")) for link in robot.findall("link") if link.get("name") not in children)
+    if not any(body.name == first for body in spec.bodies):
+        raise ConfigError(f"link {first} is missing in what MuJoCo read")
+
+
+def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
+    """`mimic` as an equality of joints: q = multiplier · q_master + offset. A joint that mimics one that mimics
+    follows the first."""
+    laws = {}
+    for joint in robot.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            law = float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0))
+            laws[str(joint.get("name"))] = (str(mimic.get("joint")), *law)
+    for equality in list(spec.equalities):  # MuJoCo's own reading of a chain of them is another.
+        spec.delete(equality)
+    names = {joint.name for joint in spec.joints}
+    for name, (master, factor, offset) in laws.items():
+        seen = {name}
+        while master in laws:
+            if master in seen:
+                raise ConfigError(f"{path}: joint {name} mimics itself by way of {master}")
+            seen.add(master)
+            master, outer, shift = laws[master]
+            factor, offset = factor * outer, factor * shift + offset
+        if master not in names:
+            raise ConfigError(f"{path}: joint {name} mimics {master}, which is no joint that moves")
+        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=master)
+        equality.data[:5] = [offset, factor, 0.0, 0.0, 0.0]
+        follower, driven = spec.joint(name), spec.joint(master)
+        ends = [offset + factor * end for end in driven.range]
+        follower.range = [min(follower.range[0], *ends), max(follower.range[1], *ends)]
+
+
+def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, notes: list[str]) -> None:
+    """A position servo for every joint that mimics none. Its gain gives the full effort at 0.1 rad (5 mm); where the
+    effort is unknown it is 5 N·m/rad (500 N/m). Critically damped, with as much armature as keeps it under
+    100 rad/s."""
+    mimics = {joint.get("name") for joint in robot.findall("joint") if joint.find("mimic") is not None}
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    inertia = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    for joint in spec.joints:
+        if joint.name in mimics or joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            continue
+        number = model.joint(joint.name).id
+        slide = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
+        limited = bool(model.jnt_actfrclimited[number])
+        effort = float(model.jnt_actfrcrange[number, 1]) if limited else 0.0
+        gain = effort / (WAY if slide else ANGLE) if effort else UNKNOWN_GAIN * (100.0 if slide else 1.0)
+        own = float(inertia[model.jnt_dofadr[number], model.jnt_dofadr[number]])
+        least = gain / _FREQUENCY**2
+        joint.armature = max(0.0, least - own)
+        servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(kp=gain, kv=2.0 * float(np.sqrt(gain * max(own, least))))
+        if not model.jnt_limited[number]:
+            joint.range, joint.limited = [-np.pi, np.pi], True
+            notes.append(f"{joint.name} has no range: it may turn by ±π")
+        servo.ctrlrange = joint.range
+        if effort:
+            servo.forcerange = [-effort, effort]
+            joint.actfrcrange = [0.0, 0.0]
+            joint.actfrclimited = False
+    for joint in spec.joints:
+        if joint.name in mimics:
+            joint.armature = max(float(joint.armature), 1e-5)
+    notes.append(
+        f"gains are assumed: full effort at {ANGLE:g} rad ({1e3 * WAY:g} mm), {UNKNOWN_GAIN:g} N·m/rad where the "
+        "effort is unknown, critically damped"
+    )
+
+
+def _exclude_touching(spec: mujoco.MjSpec, path: Path, notes: list[str]) -> None:
+    """No contact between links that touch at rest: their shapes overlap, and would push each other for ever."""
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    pairs = {tuple(sorted(int(model.geom_bodyid[geom]) for geom in contact.geom)) for contact in data.contact}
+    for first, second in sorted(pairs):
+        spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
+    if pairs:
+        shown = ", ".join(f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs)[:3])
+        notes.append(f"{len(pairs)} pairs of links touch at rest and are let through each other: {shown}"
+                     f"{' …' if len(pairs) > 3 else ''}")  # fmt: skip
