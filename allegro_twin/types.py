@@ -76,15 +76,15 @@ class PositionCommand:
     position: Vector
     """Per actuator, shape (m,), rad."""
     effort: Vector | None = None
-    """The most that each motor may give on the way, shape (m,), N·m; None: what the hand allows. Zero everywhere is
-    limp, and every hand takes that."""
+    """The most that each motor may give on the way, shape (m,), N·m, infinite where its limit is unknown; None: what
+    the hand allows. Zero everywhere is limp, and every hand takes that."""
     duration: float | None = None
     """What the way may take, s; None: as fast as the hand goes."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _checked(self.position, "position"))
         if self.effort is not None:
-            object.__setattr__(self, "effort", _checked(self.effort, "effort"))
+            object.__setattr__(self, "effort", _checked(self.effort, "effort", infinite=True))
             if self.effort.shape != self.position.shape or (self.effort < 0.0).any():
                 raise CommandError(
                     f"effort needs a number from 0 for each of {len(self.position)} positions, not {self.effort}"
@@ -109,14 +109,15 @@ class Sample(NamedTuple):
     """The one computed from this state, not the one that led to it."""
 
 
-def _checked(values: ArrayLike, name: str) -> Vector:
+def _checked(values: ArrayLike, name: str, *, infinite: bool = False) -> Vector:
     try:
         array = frozen(values)
     except (TypeError, ValueError) as error:
         raise CommandError(f"{name} must be an array of numbers, not {values!r}") from error
     if array.ndim != 1:
         raise CommandError(f"{name} must have one axis, one value per actuator; it has shape {array.shape}")
-    if not np.isfinite(array).all():
-        bad = int(np.flatnonzero(~np.isfinite(array))[0])
+    sound = np.isfinite(array) | (infinite & np.isposinf(array))
+    if not sound.all():
+        bad = int(np.flatnonzero(~sound)[0])
         raise CommandError(f"{name}[{bad}] is {array[bad]}; every value must be finite")
     return array

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.arguments import finite, numbers, short_repr
+from allegro_twin.kinematics.chain import Chain
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.closed_form.geometry import has_closed_form
 from allegro_twin.kinematics.finger import FingerKinematics
@@ -61,15 +62,21 @@ class HandKinematics:
     def finger(self, name: str) -> FingerKinematics:
         """Forward and inverse kinematics of one finger: in closed form where its axes have one, else by iteration.
 
-        Raises ConfigError for an unknown name, for a finger whose motor moves others as well, and for one whose closed
-        form does not have the fingertip where somebody else's model has it.
+        Raises ConfigError for an unknown name, and for a finger whose closed form does not have the fingertip where
+        somebody else's model has it.
         """
         if name not in self._fingers:
             closed = has_closed_form(self.spec.model, self.spec.finger(name).name)
             if closed:
                 self.check_closed_form([name])
-            self._fingers[name] = ClosedFormFinger(self.spec, name) if closed else NumericFinger(self, name)
+            self._fingers[name] = ClosedFormFinger(self.spec, name) if closed else self.numeric(name)
         return self._fingers[name]
+
+    def numeric(self, name: str) -> NumericFinger:
+        """A finger by iteration, whatever its axes."""
+        rest = self._coupling.configuration(np.asarray(self.spec.rest))
+        finger = self.spec.finger(name).name
+        return NumericFinger(self.spec, Chain(self.spec, self._model, finger, rest), finger)
 
     def check_closed_form(self, fingers: Iterable[str], position: ArrayLike | None = None) -> None:
         """Raise ConfigError, with the distance, where somebody else's model of the hand has a fingertip elsewhere than

@@ -127,7 +127,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}")
     names = tuple(each.name for each in card.driven)
     fingers = tuple(
-        Finger(name, tuple(names.index(joint) for joint in each.joints), f"{name}_tip")
+        Finger(name, tuple(names.index(joint) for joint in each.joints), _tip_name(name, each.tip[0]))
         for name, each in card.fingers.items()
     )
     mjcf = card.mjcf if card.mjcf.is_absolute() else path.parent / card.mjcf
@@ -151,6 +151,11 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
             CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),
     )  # fmt: skip
+
+
+def _tip_name(finger: str, body: str) -> str:
+    """The frame of a fingertip, of a name that its body does not have already."""
+    return f"{finger}_tip" if body != f"{finger}_tip" else f"{finger}_tip_centre"
 
 
 def _actuation(card: HandCard) -> Actuation:

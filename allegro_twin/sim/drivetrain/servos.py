@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
+_UNLIMITED = 1e6  # N·m. More than any servo of a hand can ask for.
 Rows: TypeAlias = NDArray[np.int64]
 ONE: Rows = np.zeros(1, dtype=np.int64)
 """The row of a simulation alone."""
@@ -30,7 +31,7 @@ class Servos:
         self._models, self._period, n = list(models), period, len(models)
         self._ids = ids = np.array([models[0].actuator(name).id for name in spec.joints])
         self._offset, self._slope = map(np.array, zip(*(control_map(model, ids) for model in models), strict=True))
-        self._limit = spec.actuation.torque_limit
+        self._limit = _in_simulation(spec.actuation.torque_limit)
         self._range = np.array([model.actuator_forcerange[ids] for model in models])
         self._share = np.ones((n, len(ids)))
         self._wish, self._from = np.zeros((2, n, len(ids)))
@@ -94,8 +95,14 @@ def control_map(model: mujoco.MjModel, motors: slice | list[int] | NDArray[np.in
 
 def limit_forces(model: mujoco.MjModel, spec: HandSpec) -> None:
     """Give no motor of a compiled scene more force than its hand says, whatever its file lets it have."""
-    ids, limit = np.array([model.actuator(name).id for name in spec.joints]), spec.actuation.torque_limit[:, None]
+    ids = np.array([model.actuator(name).id for name in spec.joints])
+    limit = _in_simulation(spec.actuation.torque_limit)[:, None]
     limited = model.actuator_forcelimited[ids].astype(bool)[:, None]
     own = np.where(limited, model.actuator_forcerange[ids], limit * [-1.0, 1.0])
     model.actuator_forcerange[ids] = np.clip(own, -limit, limit)
     model.actuator_forcelimited[ids] = True
+
+
+def _in_simulation(limit: Vector) -> Vector:
+    """Limits with a number for those that are unknown, N·m, so that they can be scaled to zero."""
+    return np.where(np.isinf(limit), _UNLIMITED, limit)

@@ -12,8 +12,10 @@ from allegro_twin.sim.hand_import.explore import UNKNOWN
 def hand_page(name: str, source: str, card: Mapping[str, Any], notes: Sequence[str], film: bool) -> str:
     """`source`: the file that it was made of. `film`: whether there is one beside it."""
     driven, followers = card["driven"], card.get("followers", ())
-    fingers_of = {row["name"]: ", ".join(name for name, each in card["fingers"].items() if row["name"] in each["joints"])
-                  for row in driven}  # fmt: skip
+    fingers_of = {
+        row["name"]: ", ".join(name for name, each in card["fingers"].items() if row["name"] in each["joints"])
+        for row in driven
+    }
     wrist = card.get("wrist", {}).get("joints", ())
     lines = [
         f"# {name}",

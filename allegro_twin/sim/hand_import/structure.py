@@ -284,7 +284,7 @@ def _word(model: mujoco.MjModel, links: _Links, palm: int, leaves: Sequence[int]
     bodies = [model.body(body).name for link in path for body in links.bodies[link] if model.body(body).name]
     names = bodies + [model.joint(joint).name for link in path for joint in links.joints(link)]
     votes = [finger for name in names for word in _words(name) if (finger := _anatomical(word))]
-    if votes.count("middle") == 1:
+    if votes.count("middle") == 1 and not any({"middle", "tip"} <= {*_words(name)} for name in names):
         votes.remove("middle")  # It is a phalanx, too.
     if votes:
         return max(dict.fromkeys(votes), key=votes.count)
