@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.files.schema import Settings, json_schema
+from allegro_twin.files.schema import json_schema
 from allegro_twin.surfaces.cli.data.schemas import PLACES, models
-from tests.snapshots import assert_snapshot
+from tests.snapshots import assert_snapshot, settings_text
 from tests.surfaces.cli.conftest import Run
 
 jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema: extra dev")
@@ -68,37 +67,6 @@ def test_the_command_writes_them_and_says_how_an_editor_finds_them(command: Run,
     assert "yaml.schemas" in out
 
 
-def settings_of(model: Any) -> list[str]:
-    """Each key of a kind of settings with what it is unless somebody says otherwise, and its bounds."""
-    lines = []
-    for name, field in model.model_fields.items():
-        default = "required" if field.is_required() else field.get_default(call_default_factory=True)
-        said = type(default).__name__ if isinstance(default, Settings) else str(default)
-        bounds = [
-            text for each in field.metadata if re.fullmatch(r"[A-Z][A-Za-z]+\([a-z_]+=[-\d.e]+\)", text := str(each))
-        ]
-        lines.append(" ".join([f"{model.__name__}.{name} = {said}", *bounds]))
-    return lines
-
-
-def every(model: Any, found: dict[str, Any]) -> dict[str, Any]:
-    """A kind of file and the settings in it, by name."""
-    if model.__name__ not in found:
-        found[model.__name__] = model
-        for field in model.model_fields.values():
-            todo = [field.annotation]
-            while todo:
-                each = todo.pop()
-                todo += getattr(each, "__args__", ())
-                if isinstance(each, type) and issubclass(each, Settings):
-                    every(each, found)
-    return found
-
-
 def test_what_can_be_set_is_what_it_was_unless_somebody_says_otherwise() -> None:
     """A default or a bound is changed on purpose, and then looked at here: those who left a key out get the new one."""
-    found: dict[str, Any] = {}
-    for model in models().values():
-        every(model, found)
-    lines = [line for name in sorted(found) for line in settings_of(found[name])]
-    assert_snapshot("\n".join(lines), Path(__file__).with_name("snapshots") / "settings.txt")
+    assert_snapshot(settings_text(*models().values()), Path(__file__).with_name("snapshots") / "settings.txt")
