@@ -1,321 +1,344 @@
-"""Which small errors in the package would no test see? A mutation test of a random sample.
+"""Mutation testing of a random sample: which small errors in the package would no test see?
 
-`python -m tests.mutants --map` runs the tests once and notes which lines each of them reaches (out/mutants/map.json).
-`python -m tests.mutants --count 200 --seed 1` then draws mutants at random over the whole package, runs for each the
-tests that reach its line in a copy of the repository, and prints those that no test killed and a table by room.
+`python -m tests.mutants --map` runs the tests once and notes which lines each of them reaches (out/mutants/map): what
+fixtures do that several tests share, threads, and programs that tests start. A file of tests that has not changed
+since is not run again. `python -m tests.mutants --count 200 --seed 1` then draws mutants at random over the whole
+package, runs for each the tests that reach its line in a copy of the repository, and prints those that no test killed
+and a table by wing. What has been judged is kept (out/mutants/*.jsonl): a run that is cut off goes on where it was.
 
-A mutant changes one thing: a comparison, an operator of arithmetic or logic, a number, a condition, the way out of a
-loop, or what is returned. Text, annotations and declarations are left alone. A line that no test reaches is a survivor.
-A mutant on which the tests do not end is killed.
+Which mutants there are, and what is left alone, stands in `tests/mutation/operators.py`. A line that no test reaches is
+a survivor. A mutant on which the tests do not end is killed. A test kills only if it passes without the mutant in the
+same way, and one that needs time, twice. Of the tests of a line those of its wing are run for `--budget` seconds,
+those that cost and reach little first; then others, then the rest of their files, for half as long each. With 20 s or
+more what survives is tried again in a process that imports it anew.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import json
+import math
 import os
 import random
+import re
 import shutil
-import signal
 import subprocess
 import sys
-from collections import defaultdict
-from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pytest
+from tests.mutation.coverage_map import Map, is_current, write_coverage
+from tests.mutation.operators import PACKAGE, ROOT, Mutant, found_in, mutants
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "allegro_twin"
+__all__ = ["Mutant", "found_in", "mutants"]
+
 OUT = ROOT / "out" / "mutants"
-MAP = OUT / "map.json"
-FIRST = 25
-"""Tests of a line that are run before the rest of their files."""
-
-_COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
-}  # fmt: skip
-_OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
-    ast.Mod: ast.Mult, ast.Pow: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.LShift: ast.RShift,
-    ast.RShift: ast.LShift, ast.BitXor: ast.BitAnd, ast.MatMult: ast.Add,
-}  # fmt: skip
+LEAST = 3
+"""Tests of a line that are run whatever they cost."""
+THOROUGH = 20.0
+"""Seconds of budget from which on what survives is tried in a process that imports it anew, too: what is computed when
+other modules are imported goes through it."""
+PATIENCE = 200.0
+"""s: for the tests of a file that need time, of which one that waits for ever on a busy computer ends the others."""
 
 
-@dataclass(frozen=True)
-class Mutant:
-    """One change: the file, the line, and the text that stands for a part of that file (offsets in characters)."""
-
-    path: Path
-    line: int
-    begin: int
-    end: int
-    text: str
-    was: str
-
-    def __str__(self) -> str:
-        return f"{self.path.relative_to(ROOT)}:{self.line}  {self.was}  →  {self.text}"
-
-    @property
-    def room(self) -> str:
-        return self.path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-
-    def applied(self) -> str:
-        source = self.path.read_text()
-        return source[: self.begin] + self.text + source[self.end :]
-
-
-class _Finder(ast.NodeVisitor):
-    """All mutants of a file."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.source = path, path.read_text()
-        self.found: list[Mutant] = []
-        lines = self.source.splitlines(keepends=True)
-        self._starts = [0]
-        for line in lines:
-            self._starts.append(self._starts[-1] + len(line))
-        self._lines = [line.encode() for line in lines]
-        self.visit(ast.parse(self.source))
-
-    def _at(self, line: int, column: int) -> int:
-        """An offset in characters of a place that ast gives in bytes of its line."""
-        return self._starts[line - 1] + len(self._lines[line - 1][:column].decode())
-
-    def _replace(self, node: ast.expr | ast.stmt, text: str) -> None:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        begin, end = self._at(node.lineno, node.col_offset), self._at(node.end_lineno, node.end_col_offset)
-        self.found.append(Mutant(self.path, node.lineno, begin, end, text, self.source[begin:end]))
-
-    def visit(self, node: ast.AST) -> None:
-        for field, value in ast.iter_fields(node):
-            if field in ("annotation", "returns", "decorator_list", "type_params", "bases", "keywords_of_class"):
-                continue
-            for each in value if isinstance(value, list) else [value]:
-                if isinstance(each, ast.AST):
-                    self._look(each)
-                    self.visit(each)
-
-    def _look(self, node: ast.AST) -> None:
-        match node:
-            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _COMPARISONS:
-                self._replace(node, ast.unparse(ast.Compare(left, [_COMPARISONS[type(op)]()], [right])))
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS and not _textual(node):
-                self._replace(node, f"({ast.unparse(ast.BinOp(left, _OPERATORS[type(op)](), right))})")
-            case ast.BoolOp(op=op, values=values):
-                other = ast.And() if isinstance(op, ast.Or) else ast.Or()
-                self._replace(node, f"({ast.unparse(ast.BoolOp(other, values))})")
-            case ast.UnaryOp(op=ast.Not(), operand=operand):
-                self._replace(node, f"bool({ast.unparse(operand)})")
-            case ast.UnaryOp(op=ast.USub(), operand=operand) if not isinstance(operand, ast.Constant):
-                self._replace(node, f"(+{ast.unparse(operand)})")
-            case ast.Constant(value=bool(value)):
-                self._replace(node, str(not value))
-            case ast.Constant(value=int(value)):
-                self._replace(node, str(value + 1))
-            case ast.Constant(value=float(value)):
-                self._replace(node, repr(value * 2.0 if value else 1.0))
-            case ast.If(test=test) | ast.While(test=test) | ast.IfExp(test=test) if not isinstance(test, ast.Compare):
-                self._replace(test, f"(not ({ast.unparse(test)}))")
-            case ast.Break():
-                self._replace(node, "continue")
-            case ast.Continue():
-                self._replace(node, "break")
-            case ast.Return(value=ast.expr() as value) if not _nothing(value):
-                self._replace(value, "None")
-            case ast.AugAssign(target=target, op=op, value=value) if type(op) in _OPERATORS and not _textual(value):
-                other_op = _OPERATORS[type(op)]()
-                self._replace(node, ast.unparse(ast.AugAssign(target, other_op, value)))
-
-
-def _textual(node: ast.AST) -> bool:
-    """Whether text, a path or a union of types is put together."""
-    return any(
-        isinstance(each, ast.JoinedStr) or (isinstance(each, ast.Constant) and not isinstance(each.value, int | float))
-        for each in ast.walk(node)
-    )
-
-
-def _nothing(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-def found_in(path: Path) -> list[Mutant]:
-    """Every mutant of a file, in the order of places."""
-    return sorted(_Finder(path).found, key=lambda one: (one.begin, one.end))
-
-
-def mutants() -> list[Mutant]:
-    """Every mutant of the package, in the order of files and places."""
-    return [mutant for path in sorted(PACKAGE.rglob("*.py")) for mutant in found_in(path)]
-
-
-class Contexts:
-    """A pytest plugin: coverage by test, its fixtures included."""
-
-    def __init__(self) -> None:
-        import coverage
-
-        self.coverage = coverage.Coverage(data_file=str(OUT / "coverage"), source=[str(PACKAGE)], config_file=False)
-
-    def pytest_sessionstart(self) -> None:
-        self.coverage.erase()
-        self.coverage.start()
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
-        self.coverage.switch_context(item.nodeid)
-        try:
-            return (yield)
-        finally:
-            self.coverage.switch_context("")
-
-    def pytest_sessionfinish(self) -> None:
-        self.coverage.stop()
-        self.coverage.save()
-
-
-def make_map(words: list[str]) -> int:
-    """Run the tests that `words` choose, in this process, and write which test reaches which lines."""
-    import coverage
-
-    OUT.mkdir(parents=True, exist_ok=True)
-    costs = OUT / "cpu.txt"
-    status = pytest.main(["--cpu-file", str(costs), *words], plugins=[Contexts()])
-    data = coverage.CoverageData(str(OUT / "coverage"))
-    data.read()
-    dear = {name: float(cost) for cost, name in (line.split(maxsplit=1) for line in costs.read_text().splitlines())}
-    found: dict[str, dict[str, list[str]]] = json.loads(MAP.read_text())["lines"] if MAP.is_file() else {}
-    for name in data.measured_files():
-        lines = found.setdefault(str(Path(name).relative_to(ROOT)), {})
-        for line, tests in data.contexts_by_lineno(name).items():
-            lines[str(line)] = sorted({*lines.get(str(line), []), *(test for test in tests if test)})
-    known = json.loads(MAP.read_text())["cpu"] if MAP.is_file() else {}
-    MAP.write_text(json.dumps({"lines": found, "cpu": known | dear}))
-    print(f"{MAP.relative_to(ROOT)}: {len(found)} files; pytest ended with {int(status)}")
-    return int(status)
-
-
-def copied(folder: Path) -> Path:
-    """A copy of the repository's files to be spoiled."""
-    if folder.exists():
-        shutil.rmtree(folder)
+def copy_repository(folder: Path) -> Path:
+    """A copy of the repository's files to be spoiled; what is compiled in it stays."""
     names = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
         capture_output=True,
         check=True,
     ).stdout.decode()
-    for name in filter(None, names.split("\0")):
-        if (ROOT / name).is_file():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, folder / name)
+    wanted = {name for name in names.split("\0") if name and (ROOT / name).is_file()}
+    for path in folder.rglob("*") if folder.exists() else ():
+        if path.is_file() and "__pycache__" not in path.parts and str(path.relative_to(folder)) not in wanted:
+            path.unlink()
+    for name in wanted:
+        source, target = ROOT / name, folder / name
+        if not target.is_file() or target.read_bytes() != source.read_bytes():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target)
+        os.utime(target, (source.stat().st_atime, source.stat().st_mtime))
     return folder
 
 
-def failed(folder: Path, tests: list[str], seconds: float) -> bool:
-    """Whether one of the tests fails, or they do not end within so many seconds of CPU time."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "", "-o", "addopts=", *tests]
-    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-    # A busy computer gives less than a core; what sleeps for ever takes no CPU time at all.
-    process = subprocess.Popen(
-        ["prlimit", f"--cpu={round(seconds)}", *command],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    try:
-        status = process.wait(timeout=4.0 * seconds)
-    except subprocess.TimeoutExpired:
-        status = -1
-    finally:
+class ServerProcess:
+    """The server of `tests/mutation/server.py` in a folder."""
+
+    def __init__(self, folder: Path, how: str, **more: str) -> None:
+        environment = os.environ | {"PYTHONPATH": str(folder), "MUTANTS_LOG": str(OUT / f"{how}.log")} | more
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.mutation.server", how],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.first = self._read()
+        if "error" in self.first:
+            raise SystemExit(self.first["error"])
+
+    def _read(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise SystemExit(f"the server of tests ended with {self._process.wait()}: see {OUT}")
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def ask(self, **job: Any) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(job) + "\n")
+        self._process.stdin.flush()
+        return self._read()
+
+
+class Judge:
+    """Says of mutants whether a test sees them."""
+
+    def __init__(self, budget: float) -> None:
+        self.folder, self.budget = copy_repository(OUT / "copy"), budget
+        self.hot = ServerProcess(self.folder, "hot")
+        self.marks: dict[str, list[str]] = self.hot.first["tests"]
+        self._cold: ServerProcess | None = None
+        self.map = Map(OUT / "map")
+        self._green: dict[tuple[str, str], bool] = {}
+        self._count = 0
+
+    @property
+    def cold(self) -> ServerProcess:
+        if self._cold is None:
+            more = {"MUTANTS_MODULES": json.dumps(self.hot.first["strangers"])} | self.hot.first["environment"]
+            self._cold = ServerProcess(self.folder, "cold", **more)
+        return self._cold
+
+    def ordered(self, tests: set[str]) -> list[str]:
+        """What costs little and reaches little first: it looks closely."""
+        return sorted(
+            (test for test in tests if test in self.marks and "long" not in self.marks[test]),
+            key=lambda test: (self.map.whole(test) * math.sqrt(1.0 + self.map.wide[test]), test),
+        )
+
+    def affordable(self, tests: list[str], budget: float) -> list[str]:
+        chosen, spent, files = list[str](), 0.0, set[str]()
+        for test in tests:
+            file = test.split("::")[0]
+            spent += self.map.cost.get(test, 10.0) if file in files else self.map.whole(test)
+            files.add(file)
+            if len(chosen) >= LEAST and spent > budget:
+                break
+            chosen.append(test)
+        return chosen
+
+    def rounds(self, mutant: Mutant) -> Iterator[tuple[str, list[str]]]:
+        """How and which tests are run, one lot after the other until one fails."""
+        how = "cold" if mutant.imported else "hot"
+        reaching = self.map.reaching(mutant)
+        mine = {test for test in reaching if test.startswith((f"tests/{mutant.wing}/", f"tests/test_{mutant.wing}"))}
+        home = self.affordable(self.ordered(mine), self.budget)
+        yield how, home
+        first = [*home, *self.affordable(self.ordered(reaching - mine), self.budget / 2.0)]
+        yield how, first[len(home) :]
+        if mutant.imported:
+            files = files_with(mutant.names)
+            named = {test for test in self.map.good if test.split("::")[0] in files} - set(first)
+            said = self.affordable(self.ordered(named), self.budget / 2.0)
+            yield how, said
+            first = [*first, *said]
+        near = {file for file, _ in Counter(test.split("::")[0] for test in first).most_common(8)}
+        if mutant.imported:
+            near |= {test.split("::")[0] for test in self.map.good if test.startswith(f"tests/{mutant.wing}")}
+        others = {test for test in self.map.good if test.split("::")[0] in near} - set(first)
+        if reaching or mutant.imported:
+            yield how, self.affordable(self.ordered(others), self.budget / 2.0)
+        if first and not mutant.imported and self.budget >= THOROUGH:
+            yield "cold", self.affordable(self.ordered(reaching), self.budget / 4.0)[:60]
+
+    def verdict(self, mutant: Mutant) -> dict[str, Any]:
+        """'killed', 'survived' or 'not reached', by which test, and what that took."""
+        target = self.folder / mutant.name
+        before, after = mutant.path.read_text(), mutant.applied()
+        tried, seconds = 0, 0.0
+        self.put(target, after)
         try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        process.wait()
-    return status not in (0, 5)
+            for how, tests in self.rounds(mutant):
+                tests = [test for test in tests if self._green.get((how, test), True)]
+                if not tests:
+                    continue
+                tried += len(tests)
+                found = self.tried(how, tests, target, before, after)
+                seconds += found["seconds"]
+                while found["killer"] and not self.confirmed(how, found["killer"], target, before, after):
+                    tests = [test for test in tests if test != found["killer"]]
+                    found = self.tried(how, tests, target, before, after) if tests else {"killer": "", "seconds": 0.0}
+                    seconds += found["seconds"]
+                if found["killer"]:
+                    return {"verdict": "killed", "by": found["killer"], "how": how, "tests": tried, "seconds": seconds}
+        finally:
+            self.put(target, before)
+            shutil.copystat(mutant.path, target)
+        return {"verdict": "survived" if tried else "not reached", "tests": tried, "seconds": seconds}
+
+    def put(self, target: Path, text: str) -> None:
+        """Write a file of the copy so that nobody takes what was compiled of another text for its own."""
+        target.write_text(text)
+        self._count += 1
+        os.utime(target, (2_000_000_000 + self._count, 2_000_000_000 + self._count))
+        for each in target.parent.glob(f"__pycache__/{target.stem}.*.pyc"):
+            each.unlink()
+
+    def tried(self, how: str, tests: list[str], target: Path, before: str, after: str) -> dict[str, Any]:
+        """Run tests on a mutant: which one failed first, and the seconds."""
+        spent = sum(self.map.whole(test) for test in tests)
+        more = {"file": str(target), "before": before, "after": after} if how == "hot" and before != after else {}
+        server = self.hot if how == "hot" else self.cold
+        found = server.ask(tests=tests, cpu=60.0 + 5.0 * spent, wall=240.0 + 10.0 * spent, **more)
+        if "refused" in found:
+            return self.tried("cold", tests, target, before, after)
+        killer = found["failed"][0] if found["failed"] else ""
+        if not killer and not found.get("collected", True):
+            killer = "it cannot be imported"
+        if not killer and (found["status"] != "ended" or found.get("error")):
+            killer = found.get("error", "") or found["status"]
+        return {"killer": killer, "seconds": found["seconds"]}
+
+    def confirmed(self, how: str, killer: str, target: Path, before: str, after: str) -> bool:
+        """Whether what failed passes without the mutant; and fails again with it, where it needs time."""
+        if killer not in self.marks:  # It cannot be imported, or it ended the tests.
+            return True
+        if (how, killer) not in self._green:
+            self.put(target, before)
+            self._green[how, killer] = not self.tried(how, [killer], target, before, before)["killer"]
+            self.put(target, after)
+        if not self._green[how, killer]:
+            return False
+        return "realtime" not in self.marks[killer] or bool(self.tried(how, [killer], target, before, after)["killer"])
 
 
-def judged(mutant: Mutant, folder: Path, lines: dict[str, Any], cpu: dict[str, float]) -> str:
-    """'killed', 'survived' or 'not reached'."""
-    name = str(mutant.path.relative_to(ROOT))
-    last = mutant.line + mutant.was.count("\n")
-    reached = {test for line in range(mutant.line, last + 1) for test in lines.get(name, {}).get(str(line), [])}
-    tests = sorted(reached, key=lambda test: cpu.get(test, 1.0))
-    if not tests and not _at_import(mutant):
-        return "not reached"
-    target = folder / name
-    original = target.read_text()
-    target.write_text(mutant.applied())
-    try:
-        for chosen in _rounds(mutant, tests, cpu):
-            spent = sum(cpu.get(test, 1.0) for test in chosen)
-            if chosen and failed(folder, chosen, 60.0 + 5.0 * spent):
-                return "killed"
-    finally:
-        target.write_text(original)
-    return "survived"
+def files_with(names: tuple[str, ...]) -> set[str]:
+    """The files of tests that have one of some names in their text, or in that of a file that is kept beside them."""
+    found = set()
+    for path, words in words_of_tests().items():
+        if not words.isdisjoint(names):
+            beside = [path] if path.suffix == ".py" else path.parent.parent.glob("test_*.py")
+            found |= {
+                str(each.relative_to(ROOT)) for each in beside if each == path or "assert_snapshot" in each.read_text()
+            }
+    return found
 
 
-def _rounds(mutant: Mutant, tests: list[str], cpu: dict[str, float]) -> Iterator[list[str]]:
-    """The cheapest tests of a line first, then the whole files that they are in: a fixture's test may be another.
-
-    What is computed when a module is imported is reached by no test; those of its room, then."""
-    yield tests[:FIRST]
-    files = list(dict.fromkeys(test.split("::")[0] for test in tests))[:6]
-    room = ROOT / "tests" / mutant.room
-    if _at_import(mutant) and room.is_dir():
-        files += [str(path.relative_to(ROOT)) for path in sorted(room.rglob("test_*.py"))]
-    wanted = [test for test in cpu if test.split("::")[0] in files and test not in tests[:FIRST]]
-    yield sorted(wanted, key=lambda test: cpu[test])[:800]
+@cache
+def words_of_tests() -> dict[Path, set[str]]:
+    files = [path for path in (ROOT / "tests").rglob("*") if path.suffix in (".py", ".txt") and path.is_file()]
+    return {path: set(re.findall(r"\w+", path.read_text())) for path in files}
 
 
-def _at_import(mutant: Mutant) -> bool:
-    """Whether the line stands outside every function."""
-    tree = ast.parse(mutant.path.read_text())
-    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
-    return not any(
-        isinstance(node, kinds) and node.lineno <= mutant.line <= (node.end_lineno or 0) for node in ast.walk(tree)
-    )
+def make_map(words: list[str], anew: bool) -> int:
+    """Run the tests of the files that `words` begin, all by default, and write which of them reaches which lines."""
+    folder = OUT / "map"
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = copy_repository(OUT / "copy")
+    server = ServerProcess(copy, "hot")
+    files: dict[str, list[str]] = defaultdict(list)
+    for test, marks in server.first["tests"].items():
+        if "long" not in marks:
+            files[test.split("::")[0]].append(test)
+    bad = 0
+    for number, (file, tests) in enumerate(sorted(files.items()), 1):
+        if (words and not file.startswith(tuple(words))) or (not anew and is_current(folder, file)):
+            continue
+        timed = [test for test in tests if "realtime" in server.first["tests"][test]]
+        data = OUT / "coverage"
+        shutil.rmtree(data, ignore_errors=True)
+        answers = list[dict[str, Any]]()
+        for lot, wall in (([test for test in tests if test not in timed], 3600.0), (timed, PATIENCE)):
+            if lot:
+                place = data / str(len(answers))
+                place.mkdir(parents=True)
+                answers.append(server.ask(tests=lot, cpu=3600.0, wall=wall, map=str(place)))
+        lines = write_coverage(data, copy, answers, file, folder)
+        failed = [test for each in answers for test in each["failed"]]
+        failed += [each.get("error", each["status"]) for each in answers if each["status"] != "ended"]
+        bad += len(failed)
+        seconds = sum(each["seconds"] for each in answers)
+        said = f"{len(tests)} tests, {lines} lines, {seconds:.0f} s"
+        print(f"{number:4d} of {len(files)}  {file}: {said}", *failed, flush=True)
+    return int(bad > 0)
+
+
+def wilson(killed: int, count: int) -> tuple[float, float]:
+    """The interval of 95 % of a share, after Wilson."""
+    z = 1.959964
+    middle = (killed + z * z / 2.0) / (count + z * z)
+    half = z / (count + z * z) * math.sqrt(killed * (count - killed) / count + z * z / 4.0)
+    return middle - half, middle + half
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--map", action="store_true", help="note what the tests reach; takes pytest's words")
+    parser.add_argument("--map", action="store_true", help="note what the tests reach; takes the files' beginnings")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--room", default="", help="only of this room")
-    parser.add_argument("--at", default="", help="only of a place: path:line")
+    parser.add_argument("--wing", default="", help="only of this wing")
+    parser.add_argument("--at", default="", help="only of a place: path or path:line")
+    parser.add_argument("--budget", type=float, default=40.0, help="seconds of tests for each mutant")
+    parser.add_argument("--anew", action="store_true", help="forget what is known")
+    parser.add_argument("--again", action="store_true", help="judge what survived again: there are new tests")
     parser.add_argument("--bar", type=float, default=0.0, help="exit status 1 below this share")
     options, words = parser.parse_known_args()
     if options.map:
-        return make_map(words)
-    known = json.loads(MAP.read_text())
-    pool = [one for one in mutants() if options.room in ("", one.room)]
+        return make_map(words, options.anew)
+    pool = [one for one in mutants() if options.wing in ("", one.wing)]
     if options.at:
-        chosen = [one for one in pool if str(one).split()[0] == options.at]
+        chosen = [one for one in pool if options.at in (one.name, f"{one.name}:{one.line}")]
+        kept = OUT / "at.jsonl"
+        kept.unlink(missing_ok=True)
     else:
         chosen = random.Random(options.seed).sample(pool, min(options.count, len(pool)))
-    folder = copied(OUT / "copy")
-    counts: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
+        kept = OUT / f"seed-{options.seed}{options.wing and '-'}{options.wing}.jsonl"
+    if options.anew:
+        kept.unlink(missing_ok=True)
+    done = judged(kept)
+    judge: Judge | None = None
     for number, mutant in enumerate(chosen, 1):
-        verdict = judged(mutant, folder, known["lines"], known["cpu"])
-        counts[mutant.room][verdict] += 1
-        print(f"{number:4d} {verdict:11s} {' '.join(str(mutant).split())}", flush=True)
-    killed = sum(each["killed"] for each in counts.values())
-    print(f"\n| room | mutants | killed |\n|---|---|---|  ({len(pool)} possible, seed {options.seed})")
-    for room, each in sorted(counts.items()):
-        print(f"| {room} | {sum(each.values())} | {each['killed']} |")
-    print(f"| all | {len(chosen)} | {killed} ({killed / max(1, len(chosen)):.0%}) |")
+        row = done.get(mutant.key)
+        if row is None or (options.again and row["verdict"] != "killed"):
+            judge = judge or Judge(options.budget)
+            row = done[mutant.key] = {"mutant": str(mutant), "key": mutant.key} | judge.verdict(mutant)
+            with kept.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            text = " ".join(str(mutant).split())
+            print(f"{number:4d} {row['verdict']:11s} {row['seconds']:5.1f} s {text}  {row.get('by', '')}", flush=True)
+    killed = table([(mutant, done[mutant.key]["verdict"]) for mutant in chosen], len(pool), options.seed)
     return int(killed < options.bar * len(chosen))
+
+
+def judged(path: Path) -> dict[str, dict[str, Any]]:
+    """What is known of mutants, the last word on each."""
+    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+    return {row["key"]: row for row in rows}
+
+
+def table(verdicts: list[tuple[Mutant, str]], possible: int, seed: int) -> int:
+    """Print what survived and how many were killed in each wing; how many in all."""
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for mutant, verdict in verdicts:
+        counts[mutant.wing if (PACKAGE / mutant.wing).is_dir() else "(modules)"][verdict] += 1
+        if verdict != "killed":
+            print(f"{verdict:11s} {' '.join(str(mutant).split())}")
+    killed = sum(each["killed"] for each in counts.values())
+    print(f"\n| wing | mutants | killed |\n|---|---|---|  ({possible} possible, seed {seed})")
+    for wing, each in sorted(counts.items()):
+        print(f"| {wing} | {sum(each.values())} | {each['killed']} |")
+    low, high = wilson(killed, len(verdicts)) if verdicts else (0.0, 1.0)
+    print(f"| all | {len(verdicts)} | {killed} ({killed / max(1, len(verdicts)):.1%}, {low:.0%} to {high:.0%}) |")
+    return killed
 
 
 if __name__ == "__main__":

@@ -5,10 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests import mutants
+from tests.mutation.server import exchange_code
 from tests.patience import comes_true, exit_code, wait_for
 from tests.skips import REASONS, Account, known
 
@@ -56,6 +58,11 @@ def test_in_ci_what_it_installs_is_not_left_out() -> None:
     assert all(reason.remedy for reason in REASONS)
 
 
+def test_no_folder_of_tests_is_passed_over(pytestconfig: pytest.Config) -> None:
+    for folder in {path.parent for path in (ROOT / "tests").rglob("test_*.py")}:
+        assert not pytestconfig.hook.pytest_ignore_collect(collection_path=folder, config=pytestconfig), folder
+
+
 def test_patience_ends_with_what_was_waited_for() -> None:
     count = iter(range(5))
     assert comes_true(lambda: next(count) == 3)
@@ -85,3 +92,65 @@ def test_a_mutant_is_one_change_that_still_parses(tmp_path: Path) -> None:
     for one in mutants.found_in(path):
         compile(one.applied(), "a.py", "exec")
         assert one.applied() != path.read_text()
+
+
+IDLE = """
+import time
+from typing import TYPE_CHECKING, Protocol
+if TYPE_CHECKING:
+    A = 1
+class Seen(Protocol):
+    def f(self, x: int = 3) -> int: ...
+class Thing:
+    def __repr__(self) -> str:
+        return "a" if 1 < 2 else "b"
+def f(a, b, wait):
+    pairs = list(zip(a, b, strict=True))
+    path.mkdir(parents=True, exist_ok=True)
+    lock.acquire(timeout=3.0)
+    time.sleep(0.5)
+    data = socket.recv(4096)
+    text = f"{round(wait, 3)}"
+if __name__ == "__main__":
+    f(1, 2, 3)
+"""
+
+
+def test_what_says_nothing_of_the_package_is_no_mutant_and_its_neighbours_are(tmp_path: Path) -> None:
+    path = tmp_path / "idle.py"
+    path.write_text(IDLE)
+    assert mutants.found_in(path) == []
+    path.write_text(
+        "x = round(wait, 3)\nlock.acquire(timeout=2.0 * wait)\nf(zip(a[1:], b, strict=True), frozen=frost)\n"
+    )
+    assert {(one.line, one.was) for one in mutants.found_in(path)} == {
+        (1, "3"), (2, "2.0 * wait"), (2, "2.0"), (3, "1"),
+    }  # fmt: skip
+
+
+def test_a_mutant_knows_what_uses_it(tmp_path: Path) -> None:
+    path = tmp_path / "uses.py"
+    path.write_text("NEAR = 3\nclass Thing:\n    wide: int = 4\ndef f(x=5):\n    y = 6\n    return None\n")
+    near, wide, default, inside = mutants.found_in(path)
+    assert (near.imported, near.names, near.lines) == (True, ("NEAR",), None)
+    assert (wide.imported, wide.names) == (True, ("wide",))
+    assert (default.imported, default.lines) == (True, (5, 6))
+    assert (inside.imported, inside.lines) == (False, (5, 5))
+
+
+def test_functions_that_are_there_already_take_the_code_of_a_mutant(tmp_path: Path) -> None:
+    before = "def f(x):\n    def g(y):\n        return x + y\n    return g\ndef h():\n    return 1\n"
+    path = tmp_path / "module.py"
+    made: dict[str, Any] = {}
+    exec(compile(before, str(path), "exec", dont_inherit=True), made)
+    inner = made["f"](1)
+    assert exchange_code(str(path), before, before.replace("x + y", "x - y")) == 2
+    assert (inner(3), made["f"](1)(3), made["h"]()) == (-2, -2, 1)
+    with pytest.raises(ValueError, match="other functions"):
+        exchange_code(str(path), before, "def f():\n    return 1\n")
+
+
+def test_a_share_of_mutants_has_an_interval() -> None:
+    low, high = mutants.wilson(30, 53)
+    assert (low, high) == pytest.approx((0.433, 0.691), abs=1e-3)
+    assert mutants.wilson(10, 10)[1] == pytest.approx(1.0)

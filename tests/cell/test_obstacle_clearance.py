@@ -2,63 +2,81 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.reachability import far_path
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.states import MachineState
-from allegro_twin.sim.contact.obstacle_clearance import NEAR
+from allegro_twin.sim.contact.obstacle_clearance import NEAR, ObstacleClearance
 from allegro_twin.types import Array, Vector
 from tests.cell.test_run import cell_of, states, still
 
-CELL = cell_of()
-APART = CELL.clearance
-PALM = CELL.robot.palm(CELL.robot.arm.reset()).position
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    """A cell whose arm stands where it waits; made once."""
+    return cell_of()
 
 
-def through(*postures: Vector) -> tuple[Array, Array]:
+@pytest.fixture
+def clearance(cell: Cell) -> Iterator[ObstacleClearance]:
+    cell.robot.arm.reset()
+    yield cell.clearance
+    cell.clearance.nothing()
+
+
+def through(cell: Cell, *postures: Vector) -> tuple[Array, Array]:
     """Postures on the way, and an open hand for each."""
     legs = [far_path(begin, end, 1.5)[0] for begin, end in pairwise(postures)]
     arm = np.concatenate(legs)
-    return arm, np.tile(CELL.open, (len(arm), 1))
+    return arm, np.tile(cell.open, (len(arm), 1))
 
 
-def moved(**joints: float) -> Vector:
-    posture = CELL.posture.copy()
+def moved(cell: Cell, **joints: float) -> Vector:
+    posture = cell.posture.copy()
     for name, by in joints.items():
         posture[int(name[1:])] += by
     return posture
 
 
-def test_nothing_is_in_the_way_of_a_hand_that_turns_in_the_air() -> None:
-    APART.nothing()
-    assert APART.on_way(*through(CELL.posture, moved(q0=0.8), moved(q0=-0.8))) is None
+def test_nothing_is_in_the_way_of_a_hand_that_turns_in_the_air(cell: Cell, clearance: ObstacleClearance) -> None:
+    clearance.nothing()
+    assert clearance.on_way(*through(cell, cell.posture, moved(cell, q0=0.8), moved(cell, q0=-0.8))) is None
 
 
 @pytest.mark.parametrize("kind", ["box", "sphere", "cylinder", "lying ellipsoid", "lying cylinder"])
-def test_a_thing_that_stands_in_the_way_is_named_and_one_beside_it_is_none(kind: str) -> None:
-    way = through(moved(q0=-0.6), moved(q0=0.6))
-    APART.see(kind, (0.1, 0.1, 0.1), PALM - np.array([0.0, 0.0, 0.05]), 0.3)
-    met = APART.on_way(*way)
+def test_a_thing_that_stands_in_the_way_is_named_and_one_beside_it_is_none(
+    cell: Cell, clearance: ObstacleClearance, kind: str
+) -> None:
+    palm = cell.robot.palm(cell.robot.arm.reset()).position
+    way = through(cell, moved(cell, q0=-0.6), moved(cell, q0=0.6))
+    clearance.see(kind, (0.1, 0.1, 0.1), palm - np.array([0.0, 0.0, 0.05]), 0.3)
+    met = clearance.on_way(*way)
     assert met is not None
     assert met.other == "the thing"
     assert met.distance < NEAR
-    APART.see(kind, (0.1, 0.1, 0.1), PALM + np.array([0.5, 0.0, -0.05]), 0.3)
-    assert APART.on_way(*way) is None
+    clearance.see(kind, (0.1, 0.1, 0.1), palm + np.array([0.5, 0.0, -0.05]), 0.3)
+    assert clearance.on_way(*way) is None
 
 
-def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise() -> None:
-    APART.nothing()
-    down = through(CELL.posture, moved(q1=1.0))
-    met = APART.on_way(*down)
+def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise(
+    cell: Cell, clearance: ObstacleClearance
+) -> None:
+    clearance.nothing()
+    down = through(cell, cell.posture, moved(cell, q1=1.0))
+    met = clearance.on_way(*down)
     assert met is not None
     assert str(met).endswith("the table")
-    near = next(row for row in range(len(down[0])) if APART.on_way(down[0][: row + 1], down[1][: row + 1]) is not None)
+    near = next(
+        row for row in range(len(down[0])) if clearance.on_way(down[0][: row + 1], down[1][: row + 1]) is not None
+    )
     up = down[0][near::-1], down[1][near::-1]
-    assert APART.on_way(*up) is None
+    assert clearance.on_way(*up) is None
 
 
 @pytest.mark.slow
@@ -91,17 +109,18 @@ def test_a_way_back_through_the_table_is_not_gone() -> None:
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])
-def test_every_fingertip_that_is_near_something_is_found_whatever_its_shapes(finger: str) -> None:
-    CELL.robot.arm.reset()
-    tip = CELL.robot.world.data.site(CELL.hand.spec.finger(finger).tip).xpos.copy()
-    here = CELL.posture[None], CELL.open[None]
-    APART.nothing()
-    assert APART.of_others(*here) is None
-    APART.beside([(tip - np.array([0.0, 0.0, 0.055]), np.array([0.02, 0.02, 0.1]))])
-    met = APART.of_others(*here)
+def test_every_fingertip_that_is_near_something_is_found_whatever_its_shapes(
+    cell: Cell, clearance: ObstacleClearance, finger: str
+) -> None:
+    tip = cell.robot.world.data.site(cell.hand.spec.finger(finger).tip).xpos.copy()
+    here = cell.posture[None], cell.open[None]
+    clearance.nothing()
+    assert clearance.of_others(*here) is None
+    clearance.beside([(tip - np.array([0.0, 0.0, 0.055]), np.array([0.02, 0.02, 0.1]))])
+    met = clearance.of_others(*here)
     assert met is not None
     assert met.other == "another object"
-    APART.see("box", (0.02, 0.02, 0.1), tip - np.array([0.0, 0.0, 0.055]), 0.0)
-    assert {other for _, other in APART._near(CELL.posture, CELL.open)} >= {"the thing", "another object"}
-    APART.nothing()
-    assert not APART.crowded
+    clearance.see("box", (0.02, 0.02, 0.1), tip - np.array([0.0, 0.0, 0.055]), 0.0)
+    assert {other for _, other in clearance._near(cell.posture, cell.open)} >= {"the thing", "another object"}
+    clearance.nothing()
+    assert not clearance.crowded

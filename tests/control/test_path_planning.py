@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.control.path_planning import CLEARANCE, PlanningSpace, _shorten, crossing_pairs, is_clear, plan_path
+from allegro_twin.control.path_planning import (
+    CLEARANCE,
+    PlanningSpace,
+    _back_out,
+    _shorten,
+    _Tree,
+    crossing_pairs,
+    is_clear,
+    plan_path,
+    postures_on_line,
+)
 from allegro_twin.types import Array, Vector
 
 RADIUS = 0.02  # m. Two round fingers in a plane, 0.1 m a radian: joints 0 and 1 place one, 2 and 3 the other.
@@ -166,3 +176,75 @@ def test_a_stop_at_a_corner_is_kept_and_one_on_a_straight_is_not() -> None:
     assert np.array(_shorten(space, rows)).tolist() == [[0.0, -0.8], [0.0, 0.0], [-0.8, 0.0]]
     assert np.array(_shorten(space, rows[1:])).tolist() == [[0.0, -0.4], [0.0, 0.0], [-0.8, 0.0]]
     assert np.array(_shorten(space, rows[:2])).tolist() == [[0.0, -0.8], [0.0, -0.4]]
+
+
+def flat(*rows: tuple[float, float, float]) -> PlanningSpace:
+    """Every pair's distance is a x + b y + c: its gradient is the same everywhere."""
+    slopes, offsets = np.array([row[:2] for row in rows]), np.array([row[2] for row in rows])
+    return PlanningSpace(lambda at: at @ slopes.T + offsets, [(0, 1)], np.zeros(2), np.full(2, -1.0), np.ones(2))
+
+
+def test_out_of_contact_one_goes_up_the_slope_of_the_nearest_pair_in_steps_of_twenty_milliradians() -> None:
+    """0.05 m a radian along x: from 1 mm deep 4 mm are four steps, the longest joint's part 0.02 rad."""
+    rows = _back_out(flat((0.05, -0.025, -0.001)), np.zeros(2))
+    assert rows is not None
+    np.testing.assert_allclose(rows, [(0.02 * k, -0.01 * k) for k in range(5)], atol=1e-12)
+
+
+def test_a_pair_that_is_half_a_millimetre_further_apart_counts_e_times_less_and_a_clear_one_nothing() -> None:
+    nearest, further, clear_of = (0.1, 0.0, 0.0), (0.0, 0.1, 5e-4), (0.0, 5.0, 0.0041)
+    rows = _back_out(flat(nearest, further, clear_of), np.zeros(2))
+    assert rows is not None
+    np.testing.assert_allclose(rows[1], [0.02, 0.02 / np.e], rtol=1e-9)
+
+
+def test_what_cannot_come_apart_in_a_hundred_steps_or_has_no_slope_has_no_way_out() -> None:
+    assert _back_out(flat((0.0, 0.0, 0.002)), np.zeros(2)) is None
+    least = flat((0.0032 / 1.98, 0.0, 0.0))  # 3.2 mm in 99 steps, of which 3 are wanted.
+    out = _back_out(least, np.full(2, -0.99))
+    assert out is None, "it begins below nought"
+    assert _back_out(flat((0.0032 / 1.98, 0.0, 0.0)), np.zeros(2)) is None, "the limit is in the way"
+    ways = _back_out(flat((0.003 / 1.0, 0.0, 0.0)), np.zeros(2))
+    assert ways is not None
+    assert len(ways) == 51  # To the limit of 1 rad, where the pair is clear, and no further.
+    assert ways[-1][0] == pytest.approx(1.0)
+
+
+def test_a_line_is_looked_at_every_hundredth_of_a_radian_at_least() -> None:
+    rows = postures_on_line(np.array([0.0, 0.1]), np.array([0.095, 0.05]))
+    assert rows.shape == (11, 2)
+    np.testing.assert_allclose(np.diff(rows, axis=0), np.tile([0.0095, -0.005], (10, 1)))
+    np.testing.assert_array_equal(postures_on_line(np.ones(2), np.ones(2)), [[1.0, 1.0], [1.0, 1.0]])
+
+
+def test_a_branch_is_three_tenths_of_a_radian_long_at_most_and_goes_on_from_the_nearest_posture() -> None:
+    space = flat((0.0, 0.0, 0.01))
+    tree = _Tree(np.zeros(2))
+    assert tree.grow(space, np.zeros(2)) == (0, True)
+    assert tree.grow(space, np.array([0.6, 0.3])) == (1, True)
+    np.testing.assert_allclose(tree.postures[1], [0.3, 0.15])
+    assert tree.grow(space, np.array([0.6, 0.3])) == (2, True)
+    np.testing.assert_allclose(tree.postures[2], [0.6, 0.3])
+    assert tree.grow(space, np.array([-0.1, 0.05])) == (3, True)
+    np.testing.assert_allclose(tree.postures[3], [-0.1, 0.05])
+    np.testing.assert_allclose(np.array(tree.path(2)), [[0.6, 0.3], [0.3, 0.15], [0.0, 0.0]])
+    np.testing.assert_allclose(np.array(tree.path(3)), [[-0.1, 0.05], [0.0, 0.0]])
+
+
+def test_a_branch_into_a_contact_is_none() -> None:
+    tree = _Tree(np.zeros(2))
+    assert tree.grow(flat((-0.1, 0.0, 0.01)), np.array([0.0701, 0.0])) == (0, False)
+    assert tree.grow(flat((-0.1, 0.0, 0.01)), np.array([0.0699, 0.0])) == (1, True)
+
+
+def test_a_goal_within_a_twentieth_of_a_radian_is_reached_without_leaving_a_contact() -> None:
+    """The two lean on each other 1 mm deep, and slide."""
+    leaning = np.array([-0.195, 0.0, 0.195, 0.0])
+    near = leaning + np.array([0.0, 0.049, 0.0, 0.049])
+    found = plan_path(room(), leaning, near)
+    assert found is not None
+    np.testing.assert_array_equal(found, [near])
+    far = leaning + np.array([0.0, 0.051, 0.0, 0.051])
+    further = plan_path(room(), leaning, far)
+    assert further is not None
+    assert len(further) > 1

@@ -217,3 +217,19 @@ def test_recordings_that_differ_make_no_common_set(
     with pytest.raises(ConfigError, match="do not both have target: they make two data sets"):
         there([first, more], tmp_path / "set-v0")
     assert not (tmp_path / "set-v0").exists()
+
+
+def test_minaris_file_has_what_minari_asks_for(episodes: list[Recording], tmp_path: Path) -> None:
+    """An episode ends with its recording: nobody ended it, so it is cut."""
+    h5py = pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
+    to_minari(episodes, tmp_path / "allegro" / "home-v0")
+    with h5py.File(tmp_path / "allegro" / "home-v0" / "data" / "main_data.hdf5") as file:
+        for number, ours in enumerate(episodes):
+            group, steps = file[f"episode_{number}"], len(ours) - 1
+            assert (group.attrs["id"], group.attrs["total_steps"]) == (number, steps)
+            assert group["observations"].shape == (steps + 1, 32)
+            np.testing.assert_array_equal(group["observations"][:, :16], ours.columns["position"])
+            np.testing.assert_array_equal(group["actions"][()], ours.columns["command_torque"][:-1])
+            assert group["truncations"][()].tolist() == [False] * (steps - 1) + [True]
+            assert group["terminations"][()].tolist() == [False] * steps
+            assert group["rewards"][()].tolist() == [0.0] * steps

@@ -15,11 +15,21 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.sim.contact.contact_surfaces import box_edges
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.model.wrist import wrist_load, wrist_set_points
+from allegro_twin.sim.model.wrist import (
+    STIFF_WRIST,
+    WRIST_JOINTS,
+    WristSegment,
+    WristServo,
+    _shaken,
+    set_wrist_servo,
+    wrist_load,
+    wrist_set_points,
+)
 from allegro_twin.sim.objects.catalogue import (
     GraspObject,
     PlacedObject,
@@ -222,3 +232,85 @@ def test_the_left_wrist_moves_and_turns_as_the_mirror_image_of_the_right(tmp_pat
     mirror = np.diag([1.0, -1.0, 1.0])
     np.testing.assert_allclose(poses["left"][0], mirror @ poses["right"][0], atol=1e-6)
     np.testing.assert_allclose(poses["left"][1], mirror @ poses["right"][1] @ mirror, atol=1e-6)
+
+
+def test_the_wrist_is_as_stiff_as_a_good_arms_end_and_critically_damped() -> None:
+    """20 N/mm and 8 kg along, 600 N·m/rad and 0.08 kg·m² about, 2 √(k m) of damping."""
+    model = backend_at(scenario()).model
+    for number, name in enumerate(WRIST_JOINTS):
+        stiffness, inertia = (2e4, 8.0) if number < 3 else (600.0, 0.08)
+        motor, joint = model.actuator(name), model.joint(name)
+        assert motor.gainprm[0] == stiffness
+        assert motor.biasprm[1] == -stiffness
+        assert motor.biasprm[2] == pytest.approx(-2.0 * math.sqrt(stiffness * inertia))
+        assert model.dof_armature[joint.dofadr[0]] == inertia
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if number < 3 else mujoco.mjtJoint.mjJNT_HINGE
+        assert model.jnt_type[joint.id] == kind
+
+
+def test_a_wrist_that_yields_has_the_drive_that_it_is_given_and_the_hands_mass_counts_to_its_slides() -> None:
+    model = backend_at(scenario()).model
+    servo = WristServo(np.arange(1.0, 7.0) * 100.0, np.arange(1.0, 7.0))
+    carried = wrist_load(model)
+    assert carried == pytest.approx(model.body_subtreemass[model.body("palm_link").id])
+    set_wrist_servo(model, servo)
+    for number, name in enumerate(WRIST_JOINTS):
+        motor = model.actuator(name)
+        assert motor.gainprm[0] == servo.stiffness[number]
+        np.testing.assert_allclose(motor.biasprm[1:3], [-servo.stiffness[number], -servo.damping[number]])
+        inertia = servo.inertia[number] - (carried if number < 3 else 0.0)
+        assert model.dof_armature[model.joint(name).dofadr[0]] == pytest.approx(inertia)
+
+
+def test_set_points_lead_the_wrist_by_what_its_drive_lags_and_lift_what_it_carries() -> None:
+    """Half way through minimum jerk: half of the way, 15/8 of the mean speed and no acceleration."""
+    move = np.array([0.1, 0.0, 0.2, 0.0, 0.3, 0.0])
+    table = wrist_set_points([WristSegment(1.0, move, np.zeros(6)), WristSegment(0.5, -move, np.zeros(6))], 0.01, 2.0)
+    assert table.shape == (150, 6)
+    servo = STIFF_WRIST
+    weight = np.array([0.0, 0.0, 2.0 * 9.81 / 2e4, 0.0, 0.0, 0.0])
+    half = move / 2.0 + servo.damping * 1.875 * move / servo.stiffness + weight
+    np.testing.assert_allclose(table[49], half, atol=1e-12)
+    np.testing.assert_allclose(table[99], move + weight, atol=1e-12)
+    np.testing.assert_allclose(table[149], weight, atol=1e-12)
+    speed = servo.damping * -1.875 * move / 0.5 / servo.stiffness
+    np.testing.assert_allclose(table[124], move / 2.0 + speed + weight, atol=1e-12)
+    # At a quarter of the time: 0.103515625 of the way, 1.0546875 of the speed, 5.625 of the acceleration.
+    quarter = 0.103515625 * move + (servo.damping * 1.0546875 * move + servo.inertia * 5.625 * move) / servo.stiffness
+    np.testing.assert_allclose(table[24], quarter + weight, atol=1e-12)
+    np.testing.assert_array_equal(wrist_set_points([], 0.01, 0.0), np.zeros((1, 6)))
+
+
+def test_a_shake_goes_one_axis_after_the_other_and_rises_and_falls_over_a_cycle() -> None:
+    shake = np.array([2.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+    table = wrist_set_points([WristSegment(4.0, np.zeros(6), shake)], 1e-3, 0.0)
+    omega = 4.0 * math.pi
+    assert np.abs(table[:, [1, 2, 3, 5]]).max() == 0.0
+    assert np.abs(table[2002:, 0]).max() == 0.0
+    assert np.abs(table[:1998, 4]).max() == 0.0
+    t = 1e-3 * np.arange(1.0, 4001.0)
+    full = (t > 0.6) & (t < 1.4)  # The envelope is whole between the first and the last of four cycles.
+    wanted = 2.0 / omega**2 * np.sin(omega * t)
+    ahead = STIFF_WRIST.damping[0] * 2.0 / omega * np.cos(omega * t) - STIFF_WRIST.inertia[0] * 2.0 * np.sin(omega * t)
+    np.testing.assert_allclose(table[full, 0], (wanted + ahead / 2e4)[full], atol=2e-6)
+    early = t[:125] * 2.0
+    envelope = early**3 * (10 - 15 * early + 6 * early**2)
+    lag = WristSegment(4.0, np.zeros(6), shake)
+    position = _shaken(t, lag)[0]
+    np.testing.assert_allclose(position[:125, 0], (wanted[:125] * envelope), atol=1e-12)
+    np.testing.assert_allclose(position[2000:2125, 4], 1.5 * wanted[:125] * envelope, atol=1e-9)
+
+
+def test_the_edges_of_an_object_are_of_the_box_around_all_its_shapes(tmp_path: Path) -> None:
+    """A box that lies askew beside a ball."""
+    file = tmp_path / "two.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="two"><freejoint/>'
+        '<geom type="box" size="0.01 0.02 0.03" pos="0.05 0 0" euler="0 0 30"/>'
+        '<geom type="sphere" size="0.015" pos="-0.02 0.01 0.04"/></body></worldbody></mujoco>'
+    )
+    model = mujoco.MjModel.from_xml_path(str(file))
+    along, across = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    x, y = 0.01 * along + 0.02 * across, 0.01 * across + 0.02 * along
+    expected = [(0.05 + x) - (-0.02 - 0.015), max(y, 0.025) + y, 0.04 + 0.015 + 0.03]
+    np.testing.assert_allclose(box_edges(model, "two"), expected, atol=1e-9)

@@ -6,11 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pytest
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.sweep import Local, Store, run
-from studies.preemption.folder import TRIALS, gathered, read, write
+from studies.preemption.folder import TRIALS, Held, gathered, read, write
 from studies.preemption.jobs import sweep_of
 from studies.preemption.protocol import Study
 from tests.studies import small
@@ -127,3 +128,17 @@ def test_a_hand_that_is_made_anew_takes_the_place_of_the_old_one(done: Path, tmp
     write(found._replace(table=mended), tmp_path)
     for folders, table in (([done, tmp_path], mended), ([tmp_path, done], found.table)):
         assert gathered(folders).table["held"].to_pylist() == table["held"].to_pylist()
+
+
+def test_a_report_says_where_and_when_its_trials_were_made_if_somebody_does(tmp_path: Path) -> None:
+    of = study()
+    rate = dict.fromkeys(("P0", "P0e", "P25", "P50", "P75", "P90", "Pd", "Pc"), 0.8)
+    table = pa.Table.from_pylist([row | {"key": str(k)} for k, row in enumerate(small.rows(of, rate))])
+    held = Held(of, {"protocol": of.digest}, table)
+    write(held, tmp_path / "plain")
+    assert "made" not in (tmp_path / "plain" / "report.html").read_text().split("</header>")[0].split("<h1>")[1]
+    write(held, tmp_path / "said", "on <a> computer")
+    assert "made on &lt;a&gt; computer" in (tmp_path / "said" / "report.html").read_text()
+    again = read(tmp_path / "said")
+    assert again.study.digest == of.digest
+    assert again.table.num_rows == table.num_rows

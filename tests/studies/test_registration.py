@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
 from studies.preemption import registration
 from studies.preemption.jobs import sweep_of
-from studies.preemption.protocol import load_study
+from studies.preemption.protocol import Study, load_study
 from studies.preemption.registration import (
     CODE,
     EXPLORATORY,
@@ -24,6 +24,7 @@ from studies.preemption.registration import (
     stamp_of,
     status_of,
 )
+from tests.snapshots import assert_snapshot, settings_text
 from tests.studies import small
 
 
@@ -124,3 +125,7 @@ def test_a_registration_that_cannot_be_read_is_a_line(protocol: Path) -> None:
 )
 def test_a_report_says_what_its_trials_can_show(stamps: dict[str, str], said: str) -> None:
     assert status_of(stamps).startswith(said)
+
+
+def test_a_protocol_has_the_keys_defaults_and_bounds_that_it_had() -> None:
+    assert_snapshot(settings_text(Study), Path(__file__).with_name("snapshots") / "protocol.txt")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 import json
 from pathlib import Path
 
@@ -9,7 +10,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.appearance import VisualShape, object_appearance, series_color
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.hands.description.appearance import (
+    ObjectAppearance,
+    VisualShape,
+    lighten,
+    object_appearance,
+    parse_color,
+    series_color,
+)
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.appearance import scene_appearance, simplified
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -111,3 +121,76 @@ def test_a_large_mesh_is_thinned_and_keeps_its_extent() -> None:
     vertices, triangles = simplified(grid.reshape(-1, 3), np.stack([a, b, c], axis=2).reshape(-1, 3), 600)
     assert 50 < len(triangles) <= 600
     np.testing.assert_allclose(np.ptp(vertices[triangles.reshape(-1)], axis=0), [2, 2, 2], atol=0.3)
+
+
+def test_a_colour_is_read_in_parts_of_255_and_a_lighter_one_is_half_way_to_white() -> None:
+    assert parse_color("#ff8000") == (1.0, 128 / 255, 0.0)
+    assert parse_color("0033cc") == (0.0, 0.2, 0.8)
+    assert lighten((1.0, 0.5, 0.0)) == (1.0, 0.75, 0.5)
+    for text in ("#ff80", "#ff800000", "red"):
+        with pytest.raises(ConfigError, match="is no colour like #2a5fa8"):
+            parse_color(text)
+
+
+def test_the_first_eight_series_are_the_palettes_and_others_go_round_the_circle_of_hues() -> None:
+    assert series_color(0) == parse_color("#0072b2")
+    assert series_color(7) == parse_color("#8c8c00")
+    hue, saturation, value = colorsys.rgb_to_hsv(*series_color(8))
+    assert (hue, saturation, value) == pytest.approx((8 * 0.6180339887 % 1.0, 0.75, 0.7))
+
+
+def test_a_thing_without_a_look_has_a_calm_one_that_is_of_its_name() -> None:
+    look = object_appearance("no such thing")
+    hue = sum(ord(letter) * (7 + place) for place, letter in enumerate("no such thing")) * 0.6180339887 % 1.0
+    assert colorsys.rgb_to_hsv(*look.color) == pytest.approx((hue, 0.6, 0.85))
+    assert colorsys.rgb_to_hsv(*look.second) == pytest.approx((hue, 0.6, 0.6))
+    assert object_appearance("another thing") != look
+
+
+def test_the_handle_of_a_mug_is_in_metres_and_radians() -> None:
+    row = read_yaml(data_root() / "conf" / "appearance" / "objects.yaml")["mug"]["handle"]
+    handle = object_appearance("mug").handle
+    assert handle is not None
+    assert handle.height == pytest.approx(1e-3 * row["height"])
+    assert (handle.reach, handle.thick) == pytest.approx((1e-3 * row["reach"], 1e-3 * row["thick"]))
+    assert handle.at == pytest.approx(np.radians(row["at"]))
+
+
+WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "plain", "second"),
+    [
+        ("plain", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.5)], []),
+        ("band", [(1.0, 0.0, 0.46), (0.3, 0.2, 1.0), (0.0, 0.1, 0.2)], [(1.0, 0.0, 0.44), (0.0, -1.0, -0.44)]),
+        ("lines", [(1.0, 0.08, 0.3), (0.5, 0.5, -0.5)], [(1.0, 0.06, 0.3), (0.0, 1.0, 1.0)]),
+        (
+            "halves",  # On either side of x + y + z / 2 = 0.3.
+            [(-0.25, 0.0, 1.0), (0.0, -0.25, 1.0), (1.0, -0.75, 0.0)],
+            [(-0.15, 0.0, 1.0), (0.0, -0.15, 1.0), (1.0, -0.65, 0.0)],
+        ),
+    ],
+)
+def test_a_pattern_is_where_it_is_said_to_be(
+    pattern: str, plain: list[tuple[float, ...]], second: list[tuple[float, ...]]
+) -> None:
+    look = ObjectAppearance(WHITE, BLACK, pattern)
+    assert (look.paint(np.array(plain)) == 1.0).all()
+    assert not second or (look.paint(np.array(second)) == 0.0).all()
+
+
+def test_a_cube_of_faces_has_nine_stickers_a_face_with_lines_between_them() -> None:
+    look = ObjectAppearance(WHITE, (0.5, 0.5, 0.5), "faces")
+    colors = ("#c41e3a", "#ff5800", "#009e60", "#0051ba", "#ffd500", "#ffffff")
+    for number, color in enumerate(colors):
+        axis, sign = number // 2, 1.0 if number % 2 == 0 else -1.0
+        for across in (-2 / 3, 0.0, 2 / 3):
+            for up in (-2 / 3, 0.0, 2 / 3):
+                place = np.roll([sign, across, up], axis)
+                np.testing.assert_allclose(look.paint(0.7 * place[None])[0], parse_color(color), err_msg=str(place))
+        for line in (-1 / 3, 1 / 3, 0.98):
+            place = np.roll([sign, line, 0.0], axis)
+            np.testing.assert_array_equal(look.paint(place[None])[0], [0.5, 0.5, 0.5])
+        wide = np.roll([sign, 1 / 3 + 0.08, 0.0], axis)  # A line is 0.2 of a sticker's edge, 2/3, wide.
+        np.testing.assert_allclose(look.paint(wide[None])[0], parse_color(color))

@@ -361,3 +361,31 @@ def test_the_keeper_speaks_where_nobody_confirms_and_else_is_dismissed(bench: Be
         bench.backend._opened.send = gone  # type: ignore[method-assign]
     bench.backend.close()
     assert keeper.said == ("limp" if unplugged else "nothing")
+
+
+def test_a_line_on_which_time_passes_keeps_the_computer_awake_and_one_in_lockstep_does_not(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from allegro_twin.drivers.base import backend as module
+
+    asked: list[str] = []
+
+    class Awake:
+        def __init__(self) -> None:
+            asked.append("held")
+
+        def close(self) -> None:
+            asked.append("let go")
+
+    monkeypatch.setattr(module, "Inhibitor", Awake)
+    bench.backend.reset()
+    assert asked == []
+    bench.backend.close()
+    monkeypatch.setattr(LockstepPort, "lockstep", False)
+    bench.backend.reset()
+    assert asked == ["held"]
+    bench.backend.reset()
+    assert asked.count("held") - asked.count("let go") == 1
+    bench.backend.close()
+    assert asked[-1] == "let go"
+    assert asked.count("held") == asked.count("let go")

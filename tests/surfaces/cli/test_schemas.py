@@ -11,6 +11,7 @@ import pytest
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.schema import json_schema
 from allegro_twin.surfaces.cli.data.schemas import PLACES, models
+from tests.snapshots import assert_snapshot, settings_text
 from tests.surfaces.cli.conftest import Run
 
 jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema: extra dev")
@@ -64,3 +65,8 @@ def test_the_command_writes_them_and_says_how_an_editor_finds_them(command: Run,
     assert {path.name for path in (tmp_path / "schemas").iterdir()} == {f"{kind}.schema.json" for kind in PLACES}
     assert json.loads((tmp_path / "schemas/config.schema.json").read_text())["title"] == "allegro-twin: config"
     assert "yaml.schemas" in out
+
+
+def test_what_can_be_set_is_what_it_was_unless_somebody_says_otherwise() -> None:
+    """A default or a bound is changed on purpose, and then looked at here: those who left a key out get the new one."""
+    assert_snapshot(settings_text(*models().values()), Path(__file__).with_name("snapshots") / "settings.txt")

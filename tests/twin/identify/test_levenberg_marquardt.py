@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import LONGEST, DescentResult, descend
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import LONGEST, DescentResult, _step, descend
 from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
@@ -126,3 +126,42 @@ def test_derivatives_of_single_joints_are_found_anew_in_every_round_only_where_t
     found(anew, anew=True)
     assert plain.forgot == 0
     assert 2 <= anew.forgot <= 4
+
+
+def bounded(least: list[float], active: list[int] | None = None) -> Any:
+    """What a step asks of a problem: two fingers with a parameter each, and the delay."""
+    return SimpleNamespace(
+        columns=lambda finger: np.array([finger]), active=np.array(active or [0, 1, 2]), least=np.array(least)
+    )
+
+
+NORMAL = np.array([[2.0, 0.0, 0.5], [0.0, 1.0, -0.3], [0.5, -0.3, 4.0]])
+GRADIENT = np.array([0.8, -0.4, 0.6])
+
+
+def test_a_step_solves_for_all_at_once_with_each_finger_damped_by_itself() -> None:
+    damped = NORMAL + np.diag([0.5 * 2.0, 0.25 * 1.0, 0.0])
+    step = _step(bounded([-9.0] * 3), np.zeros(3), NORMAL, GRADIENT, np.array([0.5, 0.25]))
+    np.testing.assert_allclose(step, np.linalg.solve(damped, -GRADIENT))
+
+
+def test_what_would_leave_its_range_goes_to_its_end_and_the_others_are_solved_for_again() -> None:
+    free = np.linalg.solve(NORMAL, -GRADIENT)
+    assert free[0] < -0.2
+    step = _step(bounded([-0.1, -9.0, -9.0]), np.array([0.1, 0.0, 0.0]), NORMAL, GRADIENT, np.zeros(2))
+    assert step[0] == pytest.approx(-0.2)
+    others = np.linalg.solve(NORMAL[1:, 1:], -GRADIENT[1:] - NORMAL[1:, 0] * -0.2)
+    np.testing.assert_allclose(step[1:], others)
+    wide = _step(bounded([-0.9, -9.0, -9.0]), np.zeros(3), NORMAL, GRADIENT, np.zeros(2))
+    np.testing.assert_allclose(wide, free)
+
+
+def test_what_is_held_does_not_move_and_a_finger_goes_a_unit_at_most() -> None:
+    step = _step(bounded([-9.0] * 3, [1, 2]), np.zeros(3), NORMAL, GRADIENT, np.zeros(2))
+    assert step[0] == 0.0
+    np.testing.assert_allclose(step[1:], np.linalg.solve(NORMAL[1:, 1:], -GRADIENT[1:]))
+    far = _step(bounded([-99.0] * 3), np.zeros(3), NORMAL, 10.0 * GRADIENT, np.zeros(2))
+    free = np.linalg.solve(NORMAL, -10.0 * GRADIENT)
+    assert np.abs(free[:2]).min() > LONGEST
+    np.testing.assert_allclose(far[:2], np.sign(free[:2]) * LONGEST)
+    assert far[2] == pytest.approx(free[2]), "the delay is all fingers'"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 
 import pytest
@@ -28,3 +29,10 @@ def test_trouble_is_told_in_words_and_its_absence_is_silent() -> None:
         "2 periods without a state",
         "1 commands that the full transmit queue did not take",
     ]
+
+
+def test_nothing_has_gone_wrong_at_first_and_every_kind_of_trouble_has_its_line() -> None:
+    names = [field.name for field in dataclasses.fields(Health)]
+    assert [getattr(Health(), name) for name in names] == [0] * len(names)
+    assert len(Health(**dict.fromkeys(names, 3)).lines()) == len(names) - 1  # States are no trouble.
+    assert all(line.startswith("3 ") for line in Health(**dict.fromkeys(names, 3)).lines())

@@ -1,0 +1,1 @@
+"""Small errors that are put into the package: which there are, which test reaches them, and who judges them fast."""
