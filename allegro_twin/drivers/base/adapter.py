@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import select
 import termios
 import threading
@@ -59,6 +60,7 @@ class Adapter(Port):
 
     def close(self) -> None:
         with suppress(OSError, termios.error):  # The adapter is gone, and so is the port.
+            fcntl.flock(self._port.fileno(), fcntl.LOCK_UN)  # Others may hold this descriptor: a keeper, a child.
             self._port.close()
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.backend import position_of
 from allegro_twin.drivers.base.driver import Answer, Driver
-from allegro_twin.drivers.base.keeper import Keeper
+from allegro_twin.drivers.base.keeper.keeper import Keeper
 from allegro_twin.drivers.base.port import Port
 from allegro_twin.drivers.base.settings import HostSettings
 from allegro_twin.drivers.base.suspend import Inhibitor, SuspendWatch
@@ -153,7 +153,9 @@ class SerialBackend:
             self._driver = self._driver_of(port)
             self._driver.find()
             if self._settings.keeper and port.shared is not None:
-                self._keeper = Keeper(port.shared, self._driver.limp_words)
+                words = self._driver.limp_words.hex()
+                self._keeper = Keeper({"kind": "bytes", "fd": port.shared, "words": words})
+                self._keeper.arm()
         except HandError:
             self._hang_up()
             raise
@@ -161,8 +163,10 @@ class SerialBackend:
     def _hang_up(self) -> None:
         """Close the line. Raises nothing."""
         keeper, self._keeper = self._keeper, None
-        if keeper is not None:
-            (keeper.speak if self.unconfirmed else keeper.dismiss)()
+        if keeper is not None and self.unconfirmed:
+            keeper.take_over(wait=True)
+        elif keeper is not None:
+            keeper.dismiss()
         if self._port is not None:
             self._port.close()
         self._port = None
@@ -178,6 +182,7 @@ class SerialBackend:
         elif slept := self._suspend.fault():
             raise self._stopped(slept)
         if self._driver.on and self._keeper is not None and not self._keeper.alive:
+            self._keeper.dismiss()  # What it left behind would speak while this program does.
             why = "the keeper of this hand has ended, and nobody would leave it limp; reset to go on"
             raise self._stopped(HandFault(why))
         silent = self._opened.now() - self._spoken

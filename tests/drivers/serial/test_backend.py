@@ -343,7 +343,7 @@ def test_the_keeper_speaks_where_nobody_confirms_and_else_is_dismissed(bench: Be
     class Watching:
         alive, said = True, ""
 
-        def speak(self) -> None:
+        def take_over(self, *, wait: bool) -> None:
             self.said = "limp"
 
         def dismiss(self) -> None:

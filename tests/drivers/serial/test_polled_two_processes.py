@@ -26,6 +26,7 @@ from allegro_twin.drivers.polled.device import VirtualHand
 from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.types import HandState, PositionCommand
+from tests.drivers.keeper import ALL_THREE, end
 from tests.drivers.serial.polled_rigs import BAUD, KINDS, MOTORS, Kind, scale_of, spec_of, virtual, wire_of
 from tests.drivers.serial.rigs import MADE, Serving, soon
 
@@ -197,11 +198,8 @@ def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: 
     assert soon(lambda: not Path(f"/proc/{keeper}").exists())
 
 
-def test_killed_with_its_keeper_the_hands_own_watchdog_lets_go(hand: VirtualHand, driver: Start) -> None:
-    program, keeper = driver("alone")
-    os.kill(keeper, signal.SIGKILL)
-    program.kill()
-    program.wait()
+def test_killed_with_its_keeper_and_the_second_the_hands_own_watchdog_lets_go(hand: VirtualHand, driver: Start) -> None:
+    end(ALL_THREE, *driver("alone"), 0.0)
     assert soon(lambda: hand.limp)
 
 

@@ -27,6 +27,7 @@ from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.types import HandState, PositionCommand
+from tests.drivers.keeper import ALL_THREE, DEATHS, end
 from tests.drivers.serial.rigs import BAUD, MADE, Joints, Serving, calibrated, small_spec, soon
 
 PERIOD = 0.02
@@ -153,10 +154,10 @@ def driver(hand: VirtualHand, tty: Path) -> Iterator[Callable[[str], tuple[subpr
         started.append(
             subprocess.Popen([sys.executable, "-c", DRIVER, str(tty), how], cwd=ROOT, stdout=subprocess.PIPE, text=True)
         )
-        assert started[0].stdout is not None
-        said = started[0].stdout.readline().split()
+        assert started[-1].stdout is not None
+        said = started[-1].stdout.readline().split()
         assert said[:1] == ["driving"]
-        return started[0], int(said[1])
+        return started[-1], int(said[1])
 
     yield start
     for each in started:
@@ -193,12 +194,19 @@ def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: 
     assert soon(lambda: not Path(f"/proc/{keeper}").exists())
 
 
-def test_killed_with_its_keeper_the_servos_stop_where_they_are(hand: VirtualHand, driver: Start) -> None:
-    """What a real servo's watchdog does as well: it stops, and holds with the current that it was allowed."""
+@pytest.mark.parametrize("order", DEATHS)
+def test_a_hand_whose_program_and_keeper_are_both_killed_is_limp(hand: VirtualHand, driver: Start, order: str) -> None:
+    """Limp, and not only stopped by the servos' own watchdogs."""
     program, keeper = driver("alone")
-    os.kill(keeper, signal.SIGKILL)
-    program.kill()
-    program.wait()
+    assert not hand.limp
+    finish = end(DEATHS[order], program, keeper, 0.002)
+    assert soon(lambda: hand.limp)
+    finish()
+
+
+def test_killed_with_its_keeper_and_the_second_the_servos_stop_where_they_are(hand: VirtualHand, driver: Start) -> None:
+    """What a real servo's watchdog does as well: it stops, and holds with the current that it was allowed."""
+    end(ALL_THREE, *driver("alone"), 0.0)
     assert soon(lambda: all(servo.memory.get("bus_watchdog") == -1 for servo in hand.servos))
     assert all(servo.on for servo in hand.servos)
     assert {servo.wants.current for servo in hand.servos} == {calibrated().current_counts[0]}

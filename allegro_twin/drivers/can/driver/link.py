@@ -6,17 +6,16 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import can
 
+from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames
 from allegro_twin.drivers.can.driver.load import Load, check_load
 
 Message: TypeAlias = can.Message
 """A frame as python-can hands it over, with its time and its direction."""
-Way: TypeAlias = dict[str, Any]
-"""How another process reaches the same bus: `kind` and what it takes; see `keeper_process`."""
 QUEUE = 4096
 """Frames kept for a hand that nobody reads."""
 TURN = 0.0005

@@ -14,8 +14,8 @@ from typing import Any
 import can
 from can.interfaces.slcan import slcanBus
 
+from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import Frame
-from allegro_twin.drivers.can.driver.link import Way
 from allegro_twin.drivers.can.driver.port_owner import holder
 
 _CHUNK = 1 << 16
@@ -46,7 +46,7 @@ class SlcanBus(slcanBus):
     @property
     def way(self) -> Way:
         """Another process can go on writing to the port that is open here."""
-        return {"kind": "serial", "fd": self.serialPortOrig.fileno()}
+        return {"kind": "slcan", "fd": self.serialPortOrig.fileno()}
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Raises can.CanOperationError with ENOBUFS when the port takes no more."""

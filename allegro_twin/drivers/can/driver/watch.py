@@ -8,10 +8,10 @@ import os
 import time
 from contextlib import suppress
 
+from allegro_twin.drivers.base.keeper.keeper import Keeper
 from allegro_twin.drivers.base.suspend import Inhibitor, SuspendWatch
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.driver.deadman import Deadman
-from allegro_twin.drivers.can.driver.keeper import Keeper
 from allegro_twin.drivers.can.driver.link import Port
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
@@ -61,7 +61,8 @@ class Watch:
         way = port.link.way if hasattr(os, "memfd_create") else "this system cannot share memory with one"
         if self._settings.keeper and isinstance(way, dict):
             answer, reports = self._shutdown.answer, self._codec.positions.fingers
-            self._guard = Keeper(way, self._shutdown.frames, reports, answer, self._settings.deadman)
+            ask = None if answer is None else (answer.ask.id, answer.byte, answer.mask)
+            self._guard = Keeper(way, self._shutdown.frames, reports, ask, self._settings.deadman)
             return
         if self._settings.keeper:
             self._alone = str(way)
@@ -133,7 +134,7 @@ class Watch:
     def _dismiss(self) -> None:
         guard, self._guard = self._guard, None
         if isinstance(guard, Keeper):
-            guard.hush()
+            guard.dismiss()
         elif guard is not None:
             guard.close()
 

@@ -193,12 +193,12 @@ def test_torques_run_from_tip_to_palm_on_v2_and_v3_and_as_configured_on_v1() -> 
 
 def test_the_torque_constant_scales_its_own_joint_in_every_version() -> None:
     for version in FULL:
-        codec, half = make_codec(version), make_codec(version, HandCalibration(torque_constant=(0.5,) * 16))  # type: ignore[arg-type]  # A version.
+        codec, half = make_codec(version), make_codec(version, HandCalibration(torque_constant=(0.5,) * 16))
         assert half.encode(m.SetTorque(1, (0.01, 0.02, 0.03, 0.04))) == codec.encode(
             m.SetTorque(1, (0.02, 0.04, 0.06, 0.08))
         )
         one = replace(UNEVEN, torque_constant=(1.0, 1.0, 0.5, *(1.0,) * 13))
-        only = make_codec(version, one)  # type: ignore[arg-type]  # A version.
+        only = make_codec(version, one)
         assert only.encode(m.SetTorque(0, (0.01, 0.02, 0.03, 0.04))) == codec.encode(
             m.SetTorque(0, (0.01, 0.02, 0.06, 0.04))
         )

@@ -18,6 +18,7 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.driver.link import Stamped
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.virtual.slcan import TAP, SlcanDevice
 from allegro_twin.errors import LinkError
@@ -103,7 +104,9 @@ def test_a_line_that_is_cut_says_that_something_was_lost_and_ends_nothing(device
     port = link.port()
     os.write(adapter.master, b"t0808001122\r")
     assert link.pump(0.1)
-    assert port.queue.popleft().frame.id == -1
+    came = port.queue.popleft()
+    assert isinstance(came, Stamped)
+    assert came.frame.id == -1
     link.leave(port)
     device.shutdown()
 

@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.frames import Frame, single
+from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
@@ -41,11 +41,11 @@ class Room(VirtualHands):
         self.said: list[Frame] = []
         self._noise, self._off_at = noise, off_at
 
-    def receive(self, frame: Frame) -> list[Frame]:
-        self.said.append(frame)
+    def receive(self, frame: Frame | JointFrames) -> list[Frame]:
+        self.said += single([frame])
         return super().receive(frame)
 
-    def step(self) -> list[Frame]:
+    def step(self) -> list[Frame | JointFrames]:
         if self.now >= self._off_at:
             self.firmwares[0].receive(self.firmwares[0].codec.encode(m.ServoOff()))
         return [*self._noise, *single(super().step())]
