@@ -10,14 +10,13 @@ import numpy as np
 
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.config import CanSettings, FaultSettings, FirmwareSettings
+from allegro_twin.drivers.can.config import CanSettings, FirmwareSettings
 from allegro_twin.drivers.can.driver import realtime
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import shared
 from allegro_twin.drivers.can.driver.link import Port
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.tools.checkup import Checkup
-from allegro_twin.drivers.can.virtual.faults import Event, FaultPlan
 from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
 from allegro_twin.drivers.can.virtual.hidden_truth import loosened, truth_of
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
@@ -94,21 +93,13 @@ def firmware_of(settings: CanSettings, context: BackendContext, *, step: float, 
     return Firmware(sim, codec, who, pressures=pressures, restart=restart, servo=servo)
 
 
-def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
-    """The faults block of a config."""
-    if settings is None:
-        return None
-    values = settings.model_dump(exclude={"script"})
-    return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script))
-
-
 def port_opener(settings: CanSettings, context: BackendContext, spec: HandSpec, codec: Codec) -> Callable[[], Port]:
     """How to get on the config's bus."""
     if not settings.virtual:
         load = (codec, context.period)
         return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)
     firmware = firmware_of(settings, context, step=context.period, restart=True)
-    hands = VirtualHands([firmware], fault_plan(settings.faults))
+    hands = VirtualHands([firmware], settings.faults)
     return lambda: LockstepLink(hands, spec.name).port()
 
 

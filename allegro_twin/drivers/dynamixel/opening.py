@@ -6,15 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.drivers.base.line_noise import Noise
 from allegro_twin.drivers.base.lockstep import LockstepPort
 from allegro_twin.drivers.base.port import Port
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.drivers.dynamixel.codec.table import model_named
-from allegro_twin.drivers.dynamixel.config import DynamixelSettings, LineFaultSettings, ServoSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings, ServoSettings
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
-from allegro_twin.drivers.dynamixel.virtual.faults import Event, FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, find_file, read_yaml
@@ -66,7 +64,7 @@ def virtual_hand(settings: DynamixelSettings, context: BackendContext, step: flo
         known = ", ".join(map(str, calibration.model.bauds))
         raise ConfigError(f"backend.baud is {settings.baud}; a {calibration.model.name} has {known}")
     sim = context.simulate(settings.scene, spec, step)
-    return VirtualHand(sim, calibration, settings.baud, plan=_plan(settings.faults))
+    return VirtualHand(sim, calibration, settings.baud, plan=settings.faults)
 
 
 def _port_opener(settings: DynamixelSettings, context: BackendContext) -> Callable[[], Port]:
@@ -99,13 +97,6 @@ def _each(given: Any, n: int, name: str) -> list[Any]:
     if len(row) != n:
         raise ConfigError(f"servos.{name} needs one value or {n}, one for each id; it has {len(row)}")
     return row
-
-
-def _plan(settings: LineFaultSettings | None) -> FaultPlan | None:
-    if settings is None:
-        return None
-    script = tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script)
-    return FaultPlan(Noise(settings.lose, settings.garble, settings.seed), script)
 
 
 KIND = BackendKind(DynamixelSettings, open_dynamixel, virtual_hand)

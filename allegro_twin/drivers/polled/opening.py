@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from allegro_twin.drivers.base.line_noise import Noise
 from allegro_twin.drivers.base.lockstep import LockstepPort
 from allegro_twin.drivers.base.port import BITS, Port
 from allegro_twin.drivers.polled.backend import PolledBackend
-from allegro_twin.drivers.polled.config import LineSettings, PolledFaultSettings, PolledSettings
+from allegro_twin.drivers.polled.config import LineSettings, PolledSettings
 from allegro_twin.drivers.polled.device import Electronics, VirtualHand
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.faults import Event, FaultPlan
 from allegro_twin.drivers.polled.scale import Scale
 from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.drivers.polled.wire import Wire
@@ -86,7 +84,7 @@ class Protocol(Generic[S]):
             raise ConfigError(f"backend.baud is {settings.baud}; such a hand has {known}")
         behind = replace(spec, commands=(*spec.commands, "limited_position"))  # One motor alone can be dead.
         sim = context.simulate(settings.scene, behind, step)
-        return VirtualHand(sim, lambda: self.electronics(settings), scale, settings.baud, _plan(settings.faults))
+        return VirtualHand(sim, lambda: self.electronics(settings), scale, settings.baud, settings.faults)
 
     def _opener(self, settings: S, context: BackendContext) -> Callable[[], Port]:
         if settings.virtual:
@@ -109,10 +107,3 @@ def _described(model: str) -> float | list[float]:
     if block is None:
         raise ConfigError(f"backend.torque_per_ampere is missing, and {path} has no block `line` that says it")
     return parse_settings(LineSettings, block, f"{path}: line").torque_per_ampere
-
-
-def _plan(settings: PolledFaultSettings | None) -> FaultPlan | None:
-    if settings is None:
-        return None
-    script = tuple(Event(e.at, e.what, e.which) for e in settings.script)
-    return FaultPlan(Noise(settings.lose, settings.garble, settings.seed), script)

@@ -12,10 +12,9 @@ from allegro_twin.app.rig import open_backend
 from allegro_twin.drivers.base.lockstep import LockstepPort
 from allegro_twin.drivers.base.port import Port
 from allegro_twin.drivers.polled.backend import PolledBackend
-from allegro_twin.drivers.polled.config import PolledSettings
+from allegro_twin.drivers.polled.config import PolledFaultSettings, PolledSettings
 from allegro_twin.drivers.polled.device import Electronics, VirtualHand
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.faults import FaultPlan
 from allegro_twin.drivers.polled.scale import Scale
 from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.drivers.polled.wire import Wire
@@ -61,7 +60,7 @@ def wire_of(kind: Kind, settings: HostSettings, identifier: int = ID) -> Callabl
     return wire
 
 
-def virtual(kind: Kind, plan: FaultPlan | None = None, period: float = PERIOD) -> VirtualHand:
+def virtual(kind: Kind, plan: PolledFaultSettings | None = None, period: float = PERIOD) -> VirtualHand:
     joints = Joints(small_spec(MOTORS[kind]), period)
     return VirtualHand(joints, boot_of(kind), scale_of(kind), BAUD[kind], plan)
 
@@ -72,7 +71,7 @@ class Polled:
     def __init__(
         self,
         kind: Kind,
-        plan: FaultPlan | None = None,
+        plan: PolledFaultSettings | None = None,
         *,
         baud: int | None = None,
         identifier: int = ID,

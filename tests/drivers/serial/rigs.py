@@ -19,11 +19,10 @@ from allegro_twin.drivers.base.serve import Device, serve
 from allegro_twin.drivers.base.terminal import Terminal
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.drivers.dynamixel.codec.table import XM430_W350, Model
-from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings, ServoFaultSettings
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.driver import ServoDriver
 from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
-from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
@@ -131,7 +130,7 @@ class Bench:
     def __init__(
         self,
         n: int = 4,
-        plan: FaultPlan | None = None,
+        plan: ServoFaultSettings | None = None,
         *,
         settings: HostSettings | None = None,
         baud: int = BAUD,

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
-from allegro_twin.drivers.base.line_noise import Noise
 from allegro_twin.drivers.dynamixel.codec.packet import HEADER, Instruction, Packet, Parser, status
 from allegro_twin.drivers.dynamixel.codec.table import XM430_W350
+from allegro_twin.drivers.dynamixel.config import ServoFaultSettings
 from allegro_twin.drivers.dynamixel.virtual.bus import Bus
-from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.servo import Servo
 from allegro_twin.errors import HandError
 from tests.drivers.serial.rigs import BAUD, Bench
@@ -132,7 +131,7 @@ def test_answers_that_nobody_gave_are_no_state(noise: list[bytes]) -> None:
 
 
 def test_noise_on_every_byte_ends_in_an_error_of_the_tree() -> None:
-    bench = Bench(plan=FaultPlan(Noise(garble=0.0)))
+    bench = Bench(plan=ServoFaultSettings(garble=0.0))
     bench.backend.reset()
     bench.hand.faults.spoil = lambda data: bytes(len(data))  # type: ignore[assignment]  # A line that is held low.
     with pytest.raises(HandError):

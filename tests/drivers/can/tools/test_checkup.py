@@ -16,7 +16,7 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.opening import codec_of, fault_plan, host_settings
+from allegro_twin.drivers.can.opening import codec_of, host_settings
 from allegro_twin.drivers.can.tools import findings
 from allegro_twin.drivers.can.tools.checkup import Checkup
 from allegro_twin.drivers.can.tools.findings import Finding
@@ -73,7 +73,7 @@ def walked(
     if reporting:
         for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
-    room = Room(hand, fault_plan(ours.backend.faults), noise, off_at)
+    room = Room(hand, ours.backend.faults, noise, off_at)
     link, codec = AdapterLink(LockstepBus(room)), codec_of(ours.backend, ours.hand)
     found = list(Checkup(load_spec(), codec, link.port, host_settings(ours.backend, ours.period)).walk())
     return found, room
