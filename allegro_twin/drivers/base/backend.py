@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.backend import position_of
+from allegro_twin.drivers.base.difference_quotient import DifferenceQuotient, Exchanged
 from allegro_twin.drivers.base.driver import Answer, Driver
+from allegro_twin.drivers.base.host_settings import SerialHostSettings
 from allegro_twin.drivers.base.keeper.keeper import Keeper
-from allegro_twin.drivers.base.port import Port
-from allegro_twin.drivers.base.settings import HostSettings
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.base.suspend import Inhibitor, SuspendWatch
 from allegro_twin.drivers.base.timed_goals import Glide, onward
-from allegro_twin.drivers.base.velocity import DifferenceQuotient, Exchanged
 from allegro_twin.errors import HandError, HandFault, LinkError, ProtocolError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, frozen
@@ -34,13 +34,13 @@ class SerialBackend:
     def __init__(
         self,
         spec: HandSpec,
-        open_port: Callable[[], Port],
-        driver_of: Callable[[Port], Driver],
-        settings: HostSettings,
+        open_port: Callable[[], SerialLine],
+        driver_of: Callable[[SerialLine], Driver],
+        settings: SerialHostSettings,
     ) -> None:
         self._spec, self._settings = spec, settings
         self._open, self._driver_of = open_port, driver_of
-        self._port: Port | None = None
+        self._port: SerialLine | None = None
         self._keeper: Keeper | None = None
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self.unconfirmed = ""
@@ -140,7 +140,7 @@ class SerialBackend:
         atexit.unregister(self.close)
 
     @property
-    def _opened(self) -> Port:
+    def _opened(self) -> SerialLine:
         assert self._port is not None
         return self._port
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from allegro_twin.drivers.base.faults import FaultEvent, LineNoise
-from allegro_twin.drivers.base.settings import VIRTUAL_PORT
+from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
 from allegro_twin.files.schema import PerJoint, Positive, Settings
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings

@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.drivers.base.faults import FaultScript, NoisyLine
-from allegro_twin.drivers.base.port import BITS
+from allegro_twin.drivers.base.serial_line import BITS
 from allegro_twin.drivers.polled.config import PolledFaultEvent, PolledFaultSettings
 from allegro_twin.drivers.polled.scale import Scale
 from allegro_twin.errors import ConfigError
@@ -45,7 +45,7 @@ class Electronics(Protocol):
         ...
 
 
-class VirtualHand:
+class VirtualPolledHand:
     """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for faults of what is not there.
 
     `backend` takes limited positions, so that one motor alone can give nothing; `boot` makes electronics as they are

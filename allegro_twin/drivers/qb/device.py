@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from allegro_twin.drivers.base.settings import WATCHDOG_UNIT
+from allegro_twin.drivers.base.host_settings import WATCHDOG_UNIT
 from allegro_twin.drivers.qb.codec import (
     ASK_INFO,
     BROADCAST,
@@ -17,8 +17,8 @@ from allegro_twin.drivers.qb.codec import (
     OFF,
     ON,
     Command,
-    Packet,
-    Parser,
+    QbPacket,
+    QbParser,
     numbers,
     words,
 )
@@ -34,7 +34,7 @@ class QbDevice:
     def __init__(self, identifier: int) -> None:
         self.id, self.active, self.watchdog = identifier, OFF, 0
         self.goal = self.tick = self.current = 0
-        self._parser, self._silent, self._seconds = Parser(), 0.0, 0.0
+        self._parser, self._silent, self._seconds = QbParser(), 0.0, 0.0
 
     @property
     def wants(self) -> list[int] | None:
@@ -57,7 +57,7 @@ class QbDevice:
     def sense(self, ticks: Array, current: Array) -> None:
         self.tick, self.current = (int(row[0]) if math.isfinite(row[0]) else 0 for row in (ticks, current))
 
-    def _answer(self, packet: Packet) -> bytes:
+    def _answer(self, packet: QbPacket) -> bytes:
         if packet.id not in (self.id, BROADCAST):
             return b""
         self._silent, given = 0.0, packet.payload
@@ -85,7 +85,7 @@ class QbDevice:
                 said = words(self.current, 0, self.tick, 0, 0)
             case Command.SET_WATCHDOG if len(given) == 1:
                 self.watchdog = min(given[0], 250)
-        return b"" if said is None else Packet(self.id, packet.command, said).encoded()
+        return b"" if said is None else QbPacket(self.id, packet.command, said).encoded()
 
     def _info(self, which: int) -> bytes:
         """The firmware's text (prepare_generic_info of its command_processing.c), of what exists here: a program that

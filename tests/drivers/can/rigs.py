@@ -18,8 +18,8 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings, FaultSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.link import Port
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
 from allegro_twin.drivers.can.virtual.serve import serve
@@ -74,7 +74,7 @@ class Bench:
         self,
         version: Version = "v4",
         plan: FaultSettings | None = None,
-        settings: HostSettings | None = None,
+        settings: CanHostSettings | None = None,
         *,
         speaks: Version | None = None,
         side: Side = "right",
@@ -90,10 +90,10 @@ class Bench:
         self.bus = SpoiltBus(self.hands)
         self.opened = 0
         gravity = None if version.startswith(("v4", "v5")) else (0.0, 0.0, -9.81)
-        settings = settings or HostSettings(gravity=gravity, imu_period=0.0 if gravity else 0.03)
+        settings = settings or CanHostSettings(gravity=gravity, imu_period=0.0 if gravity else 0.03)
         self.backend = CanBackend(load_spec(side=side), make_codec(version), self._open, settings)
 
-    def _open(self) -> Port:
+    def _open(self) -> BusPort:
         self.opened += 1
         return AdapterLink(self.bus).port()
 

@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.dynamixel.codec.packet import status
 from allegro_twin.drivers.polled.config import PolledFaultEvent, PolledFaultSettings
-from allegro_twin.drivers.polled.device import VirtualHand
+from allegro_twin.drivers.polled.device import VirtualPolledHand
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.settings import HostSettings
-from allegro_twin.drivers.qb.codec import Command, Packet
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
+from allegro_twin.drivers.qb.codec import Command, QbPacket
 from allegro_twin.drivers.qb.device import QbDevice
 from allegro_twin.drivers.schunk.codec import Question, Who
 from allegro_twin.drivers.schunk.device import SchunkDevice
@@ -276,7 +276,7 @@ def test_a_device_with_another_id_is_told() -> None:
 STRANGERS = {
     "a DYNAMIXEL servo": status(1, 0, bytes(10)).encoded(),
     "a Schunk SVH": b"\x4c\xaa" + bytes(70),
-    "a qb device": Packet(1, Command.PING).encoded(),
+    "a qb device": QbPacket(1, Command.PING).encoded(),
     "a hand of our Schunk layout": bytes.fromhex("5a19") + bytes(22),
 }
 
@@ -299,7 +299,7 @@ def test_another_hands_answer_is_named(who: str, kind: Kind) -> None:
 
 
 def test_what_came_too_late_is_no_answer_to_the_next_question() -> None:
-    port, ping = LockstepPort(virtual("qb"), BAUD["qb"]), Packet(ID, Command.PING).encoded()
+    port, ping = LockstepLine(virtual("qb"), BAUD["qb"]), QbPacket(ID, Command.PING).encoded()
     exchange = Exchange(port, "it", 0.02, 1)
     port._came = b"an answer to what was asked before"
     assert exchange(ping, lambda heard: heard or None, len(ping)) == ping
@@ -347,16 +347,16 @@ def test_the_line_being_gone_is_a_link_error_and_reset_opens_it_again(bench: Pol
 
 
 def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) -> None:
-    class Meddled(LockstepPort):
+    class Meddled(LockstepLine):
         def send(self, data: bytes) -> None:
             super().send(data)
-            assert isinstance(self.hand, VirtualHand)
+            assert isinstance(self.hand, VirtualPolledHand)
             electronics = self.hand.electronics
             if isinstance(electronics, QbDevice):
                 electronics.active = 0
 
-    def wrap(port: Port) -> Port:
-        assert isinstance(port, LockstepPort)
+    def wrap(port: SerialLine) -> SerialLine:
+        assert isinstance(port, LockstepLine)
         return Meddled(port.hand, port.baud)
 
     if kind == "schunk":  # Its answer to "on" is of the same frame.
@@ -379,13 +379,13 @@ def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) 
 )
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:
     with pytest.raises(ConfigError, match=names):
-        HostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
+        PolledHostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
 
 
 def test_a_virtual_hand_of_which_no_motor_could_be_dead_alone_is_refused(kind: Kind) -> None:
     joints = Joints(small_spec(MOTORS[kind], ("position",)))
     with pytest.raises(ConfigError, match="needs physics that take a limited_position; small_right: position"):
-        VirtualHand(joints, boot_of(kind), scale_of(kind), BAUD[kind])
+        VirtualPolledHand(joints, boot_of(kind), scale_of(kind), BAUD[kind])
 
 
 def test_a_fault_of_a_motor_that_is_not_there_is_refused() -> None:
@@ -413,7 +413,7 @@ def test_switching_off_is_asked_for_three_times_before_it_counts_as_failed(
     assert not bench.backend.unconfirmed
 
 
-class Scripted(Port):
+class Scripted(SerialLine):
     """A line on which each question has the next of some answers."""
 
     lockstep = True

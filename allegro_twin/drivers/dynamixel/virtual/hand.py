@@ -21,7 +21,7 @@ from allegro_twin.types import Array, HandState, PositionCommand, Vector
 _INT16 = 32767
 
 
-class VirtualHand:
+class VirtualServoHand:
     """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for a hand that servos cannot move.
 
     `shafts`: what a state says of the actuators, where a joint is not an actuator.

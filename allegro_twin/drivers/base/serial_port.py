@@ -12,11 +12,11 @@ from contextlib import contextmanager, suppress
 
 import serial
 
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.errors import LinkError
 
 
-class Adapter(Port):
+class SerialPort(SerialLine):
     """Opens it. Raises LinkError when it is not there, or another program has it."""
 
     def __init__(self, path: str, baud: int) -> None:
