@@ -19,7 +19,6 @@ BANNED = {
 
 UNMENDED = {
     "cell": 21,
-    "drivers": 4,
     "grasping": 6,
     "kinematics": 1,
     "loop": 1,

@@ -73,12 +73,12 @@ def size(payload: int) -> int:
     return _FRAME + 1 + payload + 1
 
 
-def words(*values: int) -> bytes:
+def pack_int16(*values: int) -> bytes:
     """Numbers of 16 bits with a sign; what does not fit is cut off at the ends."""
     return struct.pack(f">{len(values)}h", *(min(max(value, -32768), 32767) for value in values))
 
 
-def numbers(payload: bytes) -> Sequence[int]:
+def unpack_int16(payload: bytes) -> Sequence[int]:
     """The opposite."""
     return struct.unpack(f">{len(payload) // 2}h", payload)
 

@@ -19,8 +19,8 @@ from allegro_twin.drivers.qb.codec import (
     Command,
     QbPacket,
     QbParser,
-    numbers,
-    words,
+    pack_int16,
+    unpack_int16,
 )
 from allegro_twin.types import Array
 
@@ -66,7 +66,7 @@ class QbDevice:
             case Command.PING:
                 said = b""
             case Command.GET_INFO if len(given) == 2:
-                return self._info(numbers(given)[0])
+                return self._info(unpack_int16(given)[0])
             case Command.ACTIVATE if len(given) == 1:
                 if given[0] != OFF:
                     self.goal = self.tick  # Firmware: the goal becomes where the motor is.
@@ -74,15 +74,15 @@ class QbDevice:
             case Command.GET_ACTIVATE:
                 said = bytes((self.active,))
             case Command.SET_INPUTS if len(given) == 4:
-                self.goal = numbers(given)[0]
+                self.goal = unpack_int16(given)[0]
             case Command.GET_INPUTS:
-                said = words(self.goal, 0)
+                said = pack_int16(self.goal, 0)
             case Command.GET_MEASUREMENTS:
-                said = words(self.tick, 0, 0)
+                said = pack_int16(self.tick, 0, 0)
             case Command.GET_CURRENTS:
-                said = words(self.current, 0)
+                said = pack_int16(self.current, 0)
             case Command.GET_CURR_AND_MEAS:
-                said = words(self.current, 0, self.tick, 0, 0)
+                said = pack_int16(self.current, 0, self.tick, 0, 0)
             case Command.SET_WATCHDOG if len(given) == 1:
                 self.watchdog = min(given[0], 250)
         return b"" if said is None else QbPacket(self.id, packet.command, said).encoded()

@@ -20,9 +20,9 @@ from allegro_twin.drivers.qb.codec import (
     QbPacket,
     QbParser,
     answer,
-    numbers,
+    pack_int16,
     size,
-    words,
+    unpack_int16,
 )
 from allegro_twin.errors import LinkError, LinkTimeout, ProtocolError
 
@@ -35,7 +35,7 @@ _AGAIN = 10
 
 def _near(one: bytes, other: bytes) -> bool:
     """Whether two answers to GET_CURR_AND_MEAS are of one motion."""
-    return abs(numbers(one)[2] - numbers(other)[2]) <= _MOVES
+    return abs(unpack_int16(one)[2] - unpack_int16(other)[2]) <= _MOVES
 
 
 class QbWire:
@@ -56,7 +56,7 @@ class QbWire:
         self._exchange.find(knock, HEADER, BAUDS, self._other)
 
     def go(self, ticks: list[int]) -> None:
-        goal = words(ticks[0], 0)
+        goal = pack_int16(ticks[0], 0)
         if self._on:
             self._tell(Command.SET_INPUTS, goal)
             return
@@ -78,7 +78,7 @@ class QbWire:
         raise LinkError(f"the motor on {self._exchange.port.name} says that it is on")
 
     def ask(self) -> MotorState:
-        current, _, tick, *_ = numbers(self._ask(Command.GET_CURR_AND_MEAS, 10, _near))
+        current, _, tick, *_ = unpack_int16(self._ask(Command.GET_CURR_AND_MEAS, 10, _near))
         ticks, currents, when = np.array([float(tick)]), np.array([float(current)]), self._exchange.when
         self._asked += 1
         if self._on and self._asked >= _AGAIN:

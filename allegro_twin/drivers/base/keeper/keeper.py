@@ -8,6 +8,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Collection, Sequence
 from contextlib import suppress
@@ -15,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, TypeAlias
 
-from allegro_twin.drivers.base.keeper.process import ARMED, BEAT, CUTS, HUSH, PATIENCE, SPEAK, VOICE
+from allegro_twin.drivers.base.keeper.process import ARMED, BEAT, CUTS, HUSH, OWED, PATIENCE, SPEAK, VOICE
 from allegro_twin.errors import LinkError
 
 Way: TypeAlias = dict[str, Any]
@@ -23,8 +24,9 @@ Way: TypeAlias = dict[str, Any]
 _CELLS = 8
 _PROGRAM = "import sys; sys.path.append(sys.argv[1]); from process.watch import main; main()"
 """The keeper is a package of its own there, or it would load ours, and NumPy with it."""
-_START, _END = 5.0, 2.0
-"""s that it may take to start on a busy computer, 0.03 s on an idle one; and to say its last words."""
+_START, _END, _HUSHED = 5.0, 2.0, 0.2
+"""s that it may take to start on a busy computer, 0.03 s on an idle one; to say its last words; and to fall silent
+while it says them."""
 
 
 class Keeper:
@@ -114,6 +116,9 @@ class Keeper:
     def dismiss(self) -> None:
         """Silence it for good: the hand is limp, or this program speaks to it itself again."""
         self._cells[ARMED], self._cells[VOICE] = 0, HUSH
+        deadline = time.monotonic() + _HUSHED
+        while self._cells[OWED] and time.monotonic() < deadline:
+            threading.Event().wait(0.002)
         self._line.close()
 
     def _wake(self) -> None:

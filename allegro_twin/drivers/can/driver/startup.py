@@ -9,7 +9,7 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Topic
-from allegro_twin.drivers.can.codec.v5 import told_by_serial
+from allegro_twin.drivers.can.codec.v5 import parse_serial
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.link import BusPort, Stamped
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
@@ -95,7 +95,7 @@ def identify(port: BusPort, codec: Codec, spec: HandSpec, timeout: float) -> tup
         )
     side = found.side
     if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial, timeout), m.Serial):
-        version, side = told_by_serial(serial.text)
+        version, side = parse_serial(serial.text)
         if version is not None and version != codec.version:
             raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
     if side is not None and side != spec.side:

@@ -15,7 +15,7 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.drivers.can.codec.v5 import V5, told_by_serial
+from allegro_twin.drivers.can.codec.v5 import V5, parse_serial
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, ProtocolError
 from allegro_twin.hands.description.calibration import HandCalibration, Version
@@ -237,9 +237,9 @@ def test_the_side_flag_means_the_opposite_on_v3_and_v4_and_nothing_on_v5() -> No
 
 
 def test_a_v5_hands_serial_tells_its_type_and_side() -> None:
-    assert told_by_serial("5TBR0017") == ("v5plus", "right")
-    assert told_by_serial("5TAL0002") == ("v5", "left")
-    assert told_by_serial("A080R") == (None, None)
+    assert parse_serial("5TBR0017") == ("v5plus", "right")
+    assert parse_serial("5TAL0002") == ("v5", "left")
+    assert parse_serial("A080R") == (None, None)
 
 
 def test_a_serial_of_any_bytes_is_read_and_said_again() -> None:
