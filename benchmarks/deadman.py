@@ -25,7 +25,7 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import open_bus
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import TorqueCommand
 
@@ -106,7 +106,9 @@ class _Driven:
         while not self._tty.exists() and self._program.poll() is None:
             time.sleep(0.05)
         self.off: list[float] = []
-        settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman, keeper=keeper)
+        settings = CanHostSettings(
+            identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman, keeper=keeper
+        )
         options = {"sleep_after_open": 0.0}
         bus = open_bus("slcan", str(self._tty), 1_000_000, options)
         self._link = AdapterLink(bus, way=bus.way)  # type: ignore[attr-defined]  # Ours has one.

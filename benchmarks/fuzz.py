@@ -31,7 +31,7 @@ from allegro_twin.drivers.can.codec.messages import (
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
 from allegro_twin.errors import HandError, ProtocolError
 from allegro_twin.hands.description.calibration import Version
@@ -204,7 +204,7 @@ def fuzz(version: Version, frames: int, seed: int) -> Counter[str]:
 
     bus = NoisyBus(hand, overheard(), set(_sorted_identifiers(codec)["lie"]))
     backend = CanBackend(
-        spec, codec, lambda: AdapterLink(bus).port(), HostSettings(gravity=(0.0, 0.0, -9.81), deadman=None)
+        spec, codec, lambda: AdapterLink(bus).port(), CanHostSettings(gravity=(0.0, 0.0, -9.81), deadman=None)
     )
     outcome: Counter[str] = Counter()
     still = TorqueCommand(np.zeros(16))

@@ -18,7 +18,7 @@ import numpy as np
 from allegro_twin.backend import torque_of
 from allegro_twin.cell.arm.faults import PassThroughBackend
 from allegro_twin.control.controllers import PD
-from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until

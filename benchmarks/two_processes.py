@@ -24,7 +24,7 @@ from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import shared
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
@@ -74,7 +74,7 @@ def torn(seconds: float) -> tuple[int, int]:
         with _waited([sys.executable, "-m", "benchmarks.two_processes", "counting", str(tty)], tty):
             options = {"sleep_after_open": 0.0}
             port = shared("slcan", str(tty), 1_000_000, options).port()
-            settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=None)
+            settings = CanHostSettings(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=None)
             with closing(CanBackend(load_spec(), make_codec("v4"), lambda: port, settings)) as backend:
                 state, states, mixed = backend.reset(), 0, 0
                 while state.t < seconds:

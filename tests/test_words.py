@@ -17,14 +17,8 @@ BANNED = {
 }  # fmt: skip
 """Words of LEXICON's last table and its relatives: not the name of a module, a class or a function."""
 
-CLASHES = {
-    "Adapter", "Device", "Event", "FaultPlan", "Faults", "HostSettings", "Keeper", "Motors", "Packet", "Parser", "Port",
-    "Scene", "Serial", "Served", "VirtualHand",
-}  # fmt: skip
-"""Class names that still stand for several things, in the drivers. To be mended, not to grow."""
 UNMENDED = {
     "cell": 21,
-    "drivers": 4,
     "grasping": 6,
     "kinematics": 1,
     "loop": 1,
@@ -75,7 +69,7 @@ def banned() -> set[str]:
 
 
 def test_no_class_name_stands_in_two_modules() -> None:
-    assert {name: modules for name, modules in clashes().items() if name not in CLASHES} == {}
+    assert clashes() == {}
 
 
 def test_no_name_has_a_word_that_nobody_searches_for() -> None:

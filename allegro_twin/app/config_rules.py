@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from allegro_twin.app.controller_settings import CartesianSettings, FollowSettings, PolicySettings, PositionSettings
-from allegro_twin.drivers.base.settings import VIRTUAL_PORT
+from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.polled.config import PolledSettings

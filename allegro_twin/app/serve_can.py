@@ -12,7 +12,7 @@ from allegro_twin.app.rig import SimulatedScene, context_of
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.driver.buses import LOCAL, Bus, open_bus
 from allegro_twin.drivers.can.opening import checkup_of as can_checkup
-from allegro_twin.drivers.can.opening import fault_plan, firmware_of
+from allegro_twin.drivers.can.opening import firmware_of
 from allegro_twin.drivers.can.tools.checkup import Checkup
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
@@ -55,7 +55,7 @@ def virtual_hands(
     _check_apart(configs, firmwares)
     first = configs[0].backend
     assert isinstance(first, CanSettings)
-    return VirtualHands(firmwares, fault_plan(first.faults))
+    return VirtualHands(firmwares, first.faults)
 
 
 def _check_apart(configs: list[RunConfig], firmwares: list[Firmware]) -> None:

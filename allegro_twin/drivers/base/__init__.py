@@ -1,1 +1,1 @@
-"""A serial line and its ends: a port, a terminal that a virtual hand is reached by, a keeper, bytes that get spoilt."""
+"""What drivers share: a serial line and the backend of a hand on it, the keeper, faults, the pace of virtual hands."""

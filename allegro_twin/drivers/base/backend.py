@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.backend import position_of
+from allegro_twin.drivers.base.difference_quotient import DifferenceQuotient, Exchanged
 from allegro_twin.drivers.base.driver import Answer, Driver
-from allegro_twin.drivers.base.keeper import Keeper
-from allegro_twin.drivers.base.port import Port
-from allegro_twin.drivers.base.settings import HostSettings
+from allegro_twin.drivers.base.host_settings import SerialHostSettings
+from allegro_twin.drivers.base.keeper.keeper import Keeper
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.base.suspend import Inhibitor, SuspendWatch
 from allegro_twin.drivers.base.timed_goals import Glide, onward
-from allegro_twin.drivers.base.velocity import DifferenceQuotient, Exchanged
 from allegro_twin.errors import HandError, HandFault, LinkError, ProtocolError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, frozen
@@ -34,13 +34,13 @@ class SerialBackend:
     def __init__(
         self,
         spec: HandSpec,
-        open_port: Callable[[], Port],
-        driver_of: Callable[[Port], Driver],
-        settings: HostSettings,
+        open_port: Callable[[], SerialLine],
+        driver_of: Callable[[SerialLine], Driver],
+        settings: SerialHostSettings,
     ) -> None:
         self._spec, self._settings = spec, settings
         self._open, self._driver_of = open_port, driver_of
-        self._port: Port | None = None
+        self._port: SerialLine | None = None
         self._keeper: Keeper | None = None
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self.unconfirmed = ""
@@ -140,7 +140,7 @@ class SerialBackend:
         atexit.unregister(self.close)
 
     @property
-    def _opened(self) -> Port:
+    def _opened(self) -> SerialLine:
         assert self._port is not None
         return self._port
 
@@ -153,7 +153,9 @@ class SerialBackend:
             self._driver = self._driver_of(port)
             self._driver.find()
             if self._settings.keeper and port.shared is not None:
-                self._keeper = Keeper(port.shared, self._driver.limp_words)
+                words = self._driver.limp_words.hex()
+                self._keeper = Keeper({"kind": "bytes", "fd": port.shared, "words": words})
+                self._keeper.arm()
         except HandError:
             self._hang_up()
             raise
@@ -161,8 +163,10 @@ class SerialBackend:
     def _hang_up(self) -> None:
         """Close the line. Raises nothing."""
         keeper, self._keeper = self._keeper, None
-        if keeper is not None:
-            (keeper.speak if self.unconfirmed else keeper.dismiss)()
+        if keeper is not None and self.unconfirmed:
+            keeper.take_over(wait=True)
+        elif keeper is not None:
+            keeper.dismiss()
         if self._port is not None:
             self._port.close()
         self._port = None
@@ -178,6 +182,7 @@ class SerialBackend:
         elif slept := self._suspend.fault():
             raise self._stopped(slept)
         if self._driver.on and self._keeper is not None and not self._keeper.alive:
+            self._keeper.dismiss()  # What it left behind would speak while this program does.
             why = "the keeper of this hand has ended, and nobody would leave it limp; reset to go on"
             raise self._stopped(HandFault(why))
         silent = self._opened.now() - self._spoken

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from allegro_twin.drivers.base.velocity import Exchanged
+from allegro_twin.drivers.base.difference_quotient import Exchanged
 from allegro_twin.types import Vector
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from allegro_twin.drivers.base.port import Port
-from allegro_twin.drivers.base.serve import Device
+from allegro_twin.drivers.base.serial_line import SerialLine
+from allegro_twin.drivers.base.serve import SerialDevice
 
 _EPSILON = 1e-6  # Of a step: sums of periods are rounded.
 
 
-class Steppable(Device, Protocol):
+class Steppable(SerialDevice, Protocol):
     """A hand that does not exist, whose time is its own."""
 
     @property
@@ -26,7 +26,7 @@ class Steppable(Device, Protocol):
         ...
 
 
-class LockstepPort(Port):
+class LockstepLine(SerialLine):
     """The way to it. Deterministic: an answer is there at once or never, however slow the host is."""
 
     lockstep = True

@@ -6,13 +6,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Protocol
 
+from allegro_twin.drivers.base.pacing import Served
 from allegro_twin.drivers.base.terminal import Terminal
 
-BEHIND = 1.0
-"""s of lateness at which the hand gives up catching up: a real hand's clock does not wait either."""
 PAUSE = 0.02
 """s of silence on the line after which half a packet is none."""
 
@@ -20,7 +18,7 @@ GLANCE = 0.0005
 """s between two looks whether a step is over, while the line is listened to."""
 
 
-class Device(Protocol):
+class SerialDevice(Protocol):
     """A hand that does not exist, at its end of a line. `step` may run in one thread while `receive`, `clear` and
     `seconds` are asked in another: physics take longer than a driver waits for its answer."""
 
@@ -47,44 +45,17 @@ class Device(Protocol):
         ...
 
 
-@dataclass(slots=True)
-class Served:
-    """What has happened so far."""
-
-    steps: int = 0
-    heard: int = 0
-    """Bytes from the host."""
-    said: int = 0
-    """Bytes to the host."""
-    late: int = 0
-    """Steps that ended more than a step late."""
-    lost: int = 0
-    """Steps that were left out to catch up."""
-
-    def summary(self) -> str:
-        """All of it in one line."""
-        steps = f"{self.steps} steps, {self.late} late, {self.lost} left out"
-        return f"{steps}; {self.heard} bytes heard, {self.said} said"
-
-
-def serve(hand: Device, terminal: Terminal, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
-    """Be this hand at this terminal; yields after every step, until nobody consumes. Deadlines are absolute.
+def serve(hand: SerialDevice, terminal: Terminal, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
+    """Be this hand at this terminal; yields after every step, until nobody consumes.
 
     Answers come when the bytes have had their time on the line, also while a step is computed: qbAPI gives a device up
     after 4 ms. Raises LinkError when the terminal is gone.
     """
-    served, begin, skipped, line = Served(), clock(), 0, _Line(hand, terminal, clock)
+    served, line = Served(hand.period, clock, "bytes"), _Line(hand, terminal, clock)
     with ThreadPoolExecutor(1, "physics") as physics:
         while True:
-            due = begin + (served.steps + skipped + 1) * hand.period
-            line.carry(due, served)
-            late = clock() - due
-            if late > BEHIND:
-                lost = int(late / hand.period)
-                skipped += lost
-                served.lost += lost
-            served.late += late > hand.period
-            served.steps += 1
+            line.carry(served.due, served)
+            served.count()
             step = physics.submit(hand.step)
             line.carry_during(step, served)
             step.result()
@@ -94,7 +65,7 @@ def serve(hand: Device, terminal: Terminal, clock: Callable[[], float] = time.mo
 class _Line:
     """What is on its way between the terminal and the hand."""
 
-    def __init__(self, hand: Device, terminal: Terminal, clock: Callable[[], float]) -> None:
+    def __init__(self, hand: SerialDevice, terminal: Terminal, clock: Callable[[], float]) -> None:
         self._hand, self._terminal, self._clock = hand, terminal, clock
         self._answers = deque[tuple[float, bytes]]()
         self._free = self._last = clock()

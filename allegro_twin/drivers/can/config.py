@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from allegro_twin.drivers.base.faults import FaultEvent
 from allegro_twin.files.schema import Positive, Probability, Settings, Vector3
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.plugins import BackendSettings
@@ -16,11 +17,9 @@ VIRTUAL = "allegro-virtual"
 """The interface that is a bus inside this program."""
 
 
-class FaultEvent(Settings):
+class BusFaultEvent(FaultEvent):
     """Something that goes wrong on a virtual hand's bus at a given moment."""
 
-    at: Annotated[float, Field(ge=0)]
-    """s since the hand was switched on."""
     what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"] | Ailment
     which: Annotated[int, Field(ge=0, le=15)] = 0
     """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
@@ -30,6 +29,9 @@ class FaultEvent(Settings):
 
 class FaultSettings(Settings):
     """What to do to the frames of a virtual hand, by chance (per frame) and by script."""
+
+    # Chance acts in both directions, except `delay` and `reorder`: hand to host. `corrupt` turns a bit over or cuts the
+    # data short: what a CRC would have caught, so the worst case. `reorder` takes the frames of one moment.
 
     drop: Probability = 0.0
     duplicate: Probability = 0.0
@@ -41,7 +43,7 @@ class FaultSettings(Settings):
     failures: Annotated[float, Field(ge=0)] = 0.0
     """Things that go wrong with the hand itself, a minute."""
     seed: int = 0
-    script: tuple[FaultEvent, ...] = ()
+    script: tuple[BusFaultEvent, ...] = ()
 
 
 class FirmwareSettings(Settings):

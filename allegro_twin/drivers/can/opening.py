@@ -14,15 +14,14 @@ from allegro_twin.drivers.can.config import CanSettings, FaultSettings, Firmware
 from allegro_twin.drivers.can.driver import realtime
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import shared
-from allegro_twin.drivers.can.driver.link import Port
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.tools.checkup import Checkup
-from allegro_twin.drivers.can.virtual.faults import Event, FaultPlan
 from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
-from allegro_twin.drivers.can.virtual.hidden_truth import loosened, truth_of
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.hands.description.calibration import NOTHING, load_wiring
 from allegro_twin.hands.settings import HandSettings
 from allegro_twin.plugins import BackendContext, BackendKind
@@ -33,6 +32,8 @@ if TYPE_CHECKING:
     from allegro_twin.sim.engine.backend import SimBackend
 
 _HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
+_BLOCKS = ("actuation", "drive", "wire")
+"""Of a hand's file: those in which a virtual hand may differ from what its host believes."""
 
 
 def open_can(settings: CanSettings, context: BackendContext) -> CanBackend:
@@ -42,7 +43,7 @@ def open_can(settings: CanSettings, context: BackendContext) -> CanBackend:
 
 def _session(
     settings: CanSettings, context: BackendContext
-) -> tuple[HandSpec, Codec, Callable[[], Port], HostSettings]:
+) -> tuple[HandSpec, Codec, Callable[[], BusPort], CanHostSettings]:
     spec, codec = context.spec(settings.version), codec_of(settings, context.hand)
     context.check(spec)
     realtime.ask(settings.realtime)
@@ -54,9 +55,9 @@ def checkup_of(settings: CanSettings, context: BackendContext) -> Checkup:
     return Checkup(*_session(settings, context))
 
 
-def host_settings(settings: CanSettings, period: float) -> HostSettings:
+def host_settings(settings: CanSettings, period: float) -> CanHostSettings:
     """The settings of a session with a hand on its bus. `period`: of control, s."""
-    return HostSettings(
+    return CanHostSettings(
         period=period,
         timeout=settings.timeout,
         deadman=settings.deadman,
@@ -81,9 +82,9 @@ def codec_of(settings: CanSettings, hand: HandSettings, over: Mapping[str, Any] 
 
 def firmware_of(settings: CanSettings, context: BackendContext, *, step: float, restart: bool) -> Firmware:
     """A virtual hand whose physics step by `step` seconds. Raises ConfigError."""
-    truth = truth_of(settings)
+    truth = _truth(settings)
     codec, quirks = codec_of(settings, context.hand, truth), settings.firmware or FirmwareSettings()
-    spec = loosened(context.spec(settings.version, truth), settings.faults)
+    spec = _loosened(context.spec(settings.version, truth), settings.faults)
     if quirks.clip == "full":
         limit = load_wiring(context.hand.model, context.hand.serial, truth).calibration.full_torque(codec.version)
         spec = replace(spec, actuation=replace(spec.actuation, torque_limit=frozen(limit)))
@@ -94,22 +95,38 @@ def firmware_of(settings: CanSettings, context: BackendContext, *, step: float, 
     return Firmware(sim, codec, who, pressures=pressures, restart=restart, servo=servo)
 
 
-def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
-    """The faults block of a config."""
-    if settings is None:
-        return None
-    values = settings.model_dump(exclude={"script"})
-    return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script))
-
-
-def port_opener(settings: CanSettings, context: BackendContext, spec: HandSpec, codec: Codec) -> Callable[[], Port]:
+def port_opener(settings: CanSettings, context: BackendContext, spec: HandSpec, codec: Codec) -> Callable[[], BusPort]:
     """How to get on the config's bus."""
     if not settings.virtual:
         load = (codec, context.period)
         return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)
     firmware = firmware_of(settings, context, step=context.period, restart=True)
-    hands = VirtualHands([firmware], fault_plan(settings.faults))
+    hands = VirtualHands([firmware], settings.faults)
     return lambda: LockstepLink(hands, spec.name).port()
+
+
+def _truth(settings: CanSettings) -> Mapping[str, Any]:
+    """The blocks that override a hand's file in a virtual hand's own program. Raises ConfigError."""
+    truth = settings.scene.truth if settings.scene is not None else None
+    if truth is None:
+        return NOTHING
+    if isinstance(truth, str):
+        table = read_yaml(find_file(truth, "hand", "conf/hands"))
+        return {name: table[name] for name in _BLOCKS if name in table}
+    return truth
+
+
+def _loosened(spec: HandSpec, faults: FaultSettings | None) -> HandSpec:
+    """The same hand, with a play that can grow in the joints that its faults may loosen; by chance: the fingertips."""
+    if faults is None:
+        return spec
+    joints = {event.which for event in faults.script if event.what == "loose"}
+    joints |= {finger.joints[-1] for finger in spec.fingers} if faults.failures else set()
+    if not joints:
+        return spec
+    from allegro_twin.sim.drivetrain.backlash import allow_backlash
+
+    return allow_backlash(spec, sorted(joints))
 
 
 def _serial(hand: HandSettings, codec: Codec) -> str:

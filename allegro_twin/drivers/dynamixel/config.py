@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from allegro_twin.drivers.base.settings import VIRTUAL_PORT
-from allegro_twin.files.schema import PerJoint, Positive, Probability, Settings
+from allegro_twin.drivers.base.faults import FaultEvent, LineNoise
+from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
+from allegro_twin.files.schema import PerJoint, Positive, Settings
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings
 
@@ -35,29 +36,20 @@ class ServoSettings(Settings):
     them: it is as stiff as its simulation."""
 
 
-class LineEvent(Settings):
+class ServoFaultEvent(FaultEvent):
     """Something that goes wrong with a virtual hand's servos at a given moment."""
 
-    at: Annotated[float, Field(ge=0)]
-    """s since the hand was switched on."""
     what: Literal[
         "dead_motor", "torn_tendon", "watchdog", "other_id", "overheat", "overload", "silence", "power_cut", "recover"
     ]  # fmt: skip
-    which: Annotated[int, Field(ge=0)] = 0
-    """The actuator."""
     amount: float | None = None
     """`overheat`: °C; `other_id`: the id."""
 
 
-class LineFaultSettings(Settings):
+class ServoFaultSettings(LineNoise):
     """What to do to a virtual hand's line and its servos."""
 
-    lose: Probability = 0.0
-    """Per byte."""
-    garble: Probability = 0.0
-    """Per byte."""
-    seed: int = 0
-    script: tuple[LineEvent, ...] = ()
+    script: tuple[ServoFaultEvent, ...] = ()
 
 
 class DynamixelSettings(BackendSettings):
@@ -82,7 +74,7 @@ class DynamixelSettings(BackendSettings):
     """What the servos' Return Delay Time is set to, 2 µs each."""
     scene: SceneSettings | None = None
     """How a virtual hand stands where the task has no scenario."""
-    faults: LineFaultSettings | None = None
+    faults: ServoFaultSettings | None = None
     """What goes wrong with a virtual hand."""
 
     @property

@@ -6,16 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.drivers.base.line_noise import Noise
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.drivers.dynamixel.codec.table import model_named
-from allegro_twin.drivers.dynamixel.config import DynamixelSettings, LineFaultSettings, ServoSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings, ServoSettings
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
-from allegro_twin.drivers.dynamixel.virtual.faults import Event, FaultPlan
-from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualServoHand
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.files.schema import parse_settings
@@ -29,7 +27,7 @@ def open_dynamixel(settings: DynamixelSettings, context: BackendContext) -> Dyna
     spec = context.spec()
     calibration = calibration_of(settings, context.hand, spec)
     context.check(spec)
-    host = HostSettings(
+    host = ServoHostSettings(
         period=context.period,
         watchdog=settings.watchdog,
         tries=settings.tries,
@@ -58,7 +56,7 @@ def calibration_of(settings: DynamixelSettings, hand: HandSettings, spec: HandSp
     return calibration
 
 
-def virtual_hand(settings: DynamixelSettings, context: BackendContext, step: float) -> VirtualHand:
+def virtual_hand(settings: DynamixelSettings, context: BackendContext, step: float) -> VirtualServoHand:
     """A hand of servos with physics behind it that step by `step` seconds. Raises ConfigError."""
     spec = context.spec()
     calibration = calibration_of(settings, context.hand, spec)
@@ -66,18 +64,18 @@ def virtual_hand(settings: DynamixelSettings, context: BackendContext, step: flo
         known = ", ".join(map(str, calibration.model.bauds))
         raise ConfigError(f"backend.baud is {settings.baud}; a {calibration.model.name} has {known}")
     sim = context.simulate(settings.scene, spec, step)
-    return VirtualHand(sim, calibration, settings.baud, plan=_plan(settings.faults))
+    return VirtualServoHand(sim, calibration, settings.baud, plan=settings.faults)
 
 
-def _port_opener(settings: DynamixelSettings, context: BackendContext) -> Callable[[], Port]:
+def _port_opener(settings: DynamixelSettings, context: BackendContext) -> Callable[[], SerialLine]:
     if settings.virtual:
         hand = virtual_hand(settings, context, context.period)
-        return lambda: LockstepPort(hand, settings.baud)
+        return lambda: LockstepLine(hand, settings.baud)
 
-    def opened() -> Port:
-        from allegro_twin.drivers.base.adapter import Adapter
+    def opened() -> SerialLine:
+        from allegro_twin.drivers.base.serial_port import SerialPort
 
-        return Adapter(settings.port, settings.baud)
+        return SerialPort(settings.port, settings.baud)
 
     return opened
 
@@ -99,13 +97,6 @@ def _each(given: Any, n: int, name: str) -> list[Any]:
     if len(row) != n:
         raise ConfigError(f"servos.{name} needs one value or {n}, one for each id; it has {len(row)}")
     return row
-
-
-def _plan(settings: LineFaultSettings | None) -> FaultPlan | None:
-    if settings is None:
-        return None
-    script = tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script)
-    return FaultPlan(Noise(settings.lose, settings.garble, settings.seed), script)
 
 
 KIND = BackendKind(DynamixelSettings, open_dynamixel, virtual_hand)

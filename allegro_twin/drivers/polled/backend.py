@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from allegro_twin.drivers.base.backend import SerialBackend
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.polled.driver import PolledDriver
 from allegro_twin.drivers.polled.exchange import Exchange
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
 from allegro_twin.drivers.polled.scale import Scale
-from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.drivers.polled.wire import Wire
 from allegro_twin.spec import HandSpec
 
@@ -21,13 +21,13 @@ class PolledBackend(SerialBackend):
         self,
         spec: HandSpec,
         scale: Scale,
-        open_port: Callable[[], Port],
+        open_port: Callable[[], SerialLine],
         wire_of: Callable[[Exchange], Wire],
-        settings: HostSettings | None = None,
+        settings: PolledHostSettings | None = None,
     ) -> None:
-        chosen = settings or HostSettings()
+        chosen = settings or PolledHostSettings()
 
-        def driver(port: Port) -> PolledDriver:
+        def driver(port: SerialLine) -> PolledDriver:
             exchange = Exchange(port, spec.name, chosen.latency, chosen.tries)
             return PolledDriver(spec, scale, exchange, wire_of(exchange))
 

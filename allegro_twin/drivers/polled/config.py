@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from allegro_twin.drivers.base.settings import VIRTUAL_PORT
-from allegro_twin.files.schema import PerJoint, Positive, Probability, Settings
+from allegro_twin.drivers.base.faults import FaultEvent, LineNoise
+from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
+from allegro_twin.files.schema import PerJoint, Positive, Settings
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings
 
@@ -19,25 +20,18 @@ class LineSettings(Settings):
     """What a current is worth at the actuator, N·m/A."""
 
 
-class PolledEvent(Settings):
+class PolledFaultEvent(FaultEvent):
     """Something that goes wrong with a virtual hand at a given moment."""
 
-    at: Annotated[float, Field(ge=0)]
-    """s since the hand was switched on."""
     what: Literal["dead_motor", "torn_tendon", "silence", "power_cut", "recover"]
     which: Annotated[int, Field(ge=0)] = 0
     """The actuator, of `dead_motor` and `torn_tendon`."""
 
 
-class PolledFaultSettings(Settings):
+class PolledFaultSettings(LineNoise):
     """What to do to a virtual hand's line and to the hand."""
 
-    lose: Probability = 0.0
-    """Per byte."""
-    garble: Probability = 0.0
-    """Per byte."""
-    seed: int = 0
-    script: tuple[PolledEvent, ...] = ()
+    script: tuple[PolledFaultEvent, ...] = ()
 
 
 class PolledSettings(BackendSettings):

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from allegro_twin.backend import HandBackend
-from allegro_twin.drivers.base.line_noise import Spoiler
-from allegro_twin.drivers.base.port import BITS
-from allegro_twin.drivers.polled.faults import Event, FaultPlan
+from allegro_twin.drivers.base.faults import FaultScript, NoisyLine
+from allegro_twin.drivers.base.serial_line import BITS
+from allegro_twin.drivers.polled.config import PolledFaultEvent, PolledFaultSettings
 from allegro_twin.drivers.polled.scale import Scale
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, HandState, PositionCommand
@@ -45,7 +45,7 @@ class Electronics(Protocol):
         ...
 
 
-class VirtualHand:
+class VirtualPolledHand:
     """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for faults of what is not there.
 
     `backend` takes limited positions, so that one motor alone can give nothing; `boot` makes electronics as they are
@@ -58,10 +58,10 @@ class VirtualHand:
         boot: Callable[[], Electronics],
         scale: Scale,
         baud: int,
-        plan: FaultPlan | None = None,
+        plan: PolledFaultSettings | None = None,
     ) -> None:
         self.backend, self.scale, self.baud = backend, scale, baud
-        self._boot, plan = boot, plan or FaultPlan()
+        self._boot, plan = boot, plan or PolledFaultSettings()
         self.electronics = boot()
         if "limited_position" not in backend.spec.commands:
             kinds = ", ".join(backend.spec.commands)
@@ -69,12 +69,9 @@ class VirtualHand:
                 f"a virtual hand needs physics that take a limited_position; {backend.spec.name}: {kinds}"
             )
         n = backend.spec.n_actuators
-        for event in plan.script:
-            if not 0 <= event.which < n:
-                raise ConfigError(f"faults.script: which is {event.which}; this hand has {n} actuators")
-        self.spoil = Spoiler(plan.noise)
+        self.spoil = NoisyLine(plan)
         self._electronics = threading.Lock()  # They answer while physics are computed.
-        self._script = sorted(plan.script, key=lambda event: event.at)
+        self._script = FaultScript(plan.script, n, "actuators")
         self.dead, self.torn = np.zeros((2, n), dtype=bool)
         self.mute = self.off = False
         """Whether its plug is out: it hears nobody; whether it has no power."""
@@ -114,8 +111,8 @@ class VirtualHand:
 
     def _command(self) -> None:
         """What the motors do in the period that begins."""
-        while self._script and self._script[0].at <= self._on + 1e-9:
-            self._do(self._script.pop(0))
+        for event in self._script.take(self._on + 1e-9):
+            self._do(event)
         spec, wants = self.backend.spec, self._wants
         goal = self.state.position if wants is None else self.scale.position(np.array(wants, dtype=np.float64))
         useless = self.dead | self.torn | (wants is None)
@@ -150,7 +147,7 @@ class VirtualHand:
     def _wants(self) -> list[int] | None:
         return None if self.off else self.electronics.wants
 
-    def _do(self, event: Event) -> None:
+    def _do(self, event: PolledFaultEvent) -> None:
         match event.what:
             case "dead_motor":
                 self.dead[event.which] = True

@@ -9,7 +9,7 @@ import numpy as np
 from allegro_twin.drivers.base.driver import Answer
 from allegro_twin.drivers.polled.exchange import Exchange
 from allegro_twin.drivers.polled.scale import Scale
-from allegro_twin.drivers.polled.wire import Motors, Wire
+from allegro_twin.drivers.polled.wire import MotorState, Wire
 from allegro_twin.errors import ConfigError, HandFault, LinkError, ProtocolError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
@@ -73,7 +73,7 @@ class PolledDriver:
     def warnings(self) -> list[str]:
         return self._exchange.warnings()
 
-    def _check(self, motors: Motors, position: Vector) -> None:
+    def _check(self, motors: MotorState, position: Vector) -> None:
         """Raises HandFault for what the hand says of itself, ConfigError for a place where it cannot be."""
         if motors.why:
             raise HandFault(f"{self._spec.name}: {motors.why}; reset to go on")

@@ -5,20 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from allegro_twin.drivers.base.port import BITS, FLOOD, Port
-from allegro_twin.drivers.base.velocity import Exchanged
-from allegro_twin.drivers.polled.protocol_probe import stranger
+from allegro_twin.drivers.base.difference_quotient import Exchanged
+from allegro_twin.drivers.base.serial_line import BITS, FLOOD, SerialLine
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
 
 Answer = TypeVar("Answer")
 _SHOWN = 24
 """Bytes of an answer that nobody understands."""
+_MARKS = {
+    b"\xff\xff\xfd\x00": "a DYNAMIXEL servo (backend.kind dynamixel)",
+    b"\x4c\xaa": "a Schunk SVH, whose protocol is not here",
+    b"::": "a qb device (backend.kind qb)",
+    b"\x5a\x19": "a hand of our Schunk layout (backend.kind schunk)",
+}
+"""How other hands' answers begin."""
 
 
 class Exchange:
     """`who` is asked, `tries` times before it counts as silent; `latency`: s of an answer beside its bytes."""
 
-    def __init__(self, port: Port, who: str, latency: float, tries: int) -> None:
+    def __init__(self, port: SerialLine, who: str, latency: float, tries: int) -> None:
         self.port, self.who = port, who
         self._latency, self._tries = latency, tries
         self.silent = self.garbled = 0
@@ -57,7 +63,7 @@ class Exchange:
         try:
             return knock()
         except (LinkTimeout, ProtocolError) as error:
-            if speaks := stranger(self.heard, mark):
+            if speaks := _stranger(self.heard, mark):
                 raise ConfigError(f"on {where} speaks {speaks}, not {self.who}") from error
             heard = self.heard
         if instead := other():
@@ -93,3 +99,8 @@ class Exchange:
                 self.when = Exchanged(asked, port.now())
                 return found
         return None
+
+
+def _stranger(heard: bytes, own: bytes) -> str:
+    """Who says such a thing, if it is known and not one's own mark; else nothing."""
+    return next((who for mark, who in _MARKS.items() if mark != own and mark in heard), "")

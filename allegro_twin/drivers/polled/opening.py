@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from allegro_twin.drivers.base.line_noise import Noise
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import BITS, Port
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import BITS, SerialLine
 from allegro_twin.drivers.polled.backend import PolledBackend
-from allegro_twin.drivers.polled.config import LineSettings, PolledFaultSettings, PolledSettings
-from allegro_twin.drivers.polled.device import Electronics, VirtualHand
+from allegro_twin.drivers.polled.config import LineSettings, PolledSettings
+from allegro_twin.drivers.polled.device import Electronics, VirtualPolledHand
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.faults import Event, FaultPlan
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
 from allegro_twin.drivers.polled.scale import Scale
-from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.drivers.polled.wire import Wire
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
@@ -53,7 +51,7 @@ class Protocol(Generic[S]):
                 f"period {period:g} s is too short at {settings.baud} baud: {size} bytes take "
                 f"{size * BITS / settings.baud:.5f} s"
             )
-        host = HostSettings(
+        host = PolledHostSettings(
             period=period,
             watchdog=settings.watchdog,
             tries=settings.tries,
@@ -77,7 +75,7 @@ class Protocol(Generic[S]):
             raise ConfigError(f"backend.mode {settings.mode}: {spec.name} takes {', '.join(spec.commands)}")
         return Scale.of(spec, self.ticks, settings.torque_per_ampere or _described(context.hand.model))
 
-    def virtual_hand(self, settings: S, context: BackendContext, step: float) -> VirtualHand:
+    def virtual_hand(self, settings: S, context: BackendContext, step: float) -> VirtualPolledHand:
         """Such a hand with physics behind it that step by `step` seconds. Raises ConfigError."""
         spec = context.spec()
         scale = self.scale(settings, context, spec)
@@ -86,17 +84,17 @@ class Protocol(Generic[S]):
             raise ConfigError(f"backend.baud is {settings.baud}; such a hand has {known}")
         behind = replace(spec, commands=(*spec.commands, "limited_position"))  # One motor alone can be dead.
         sim = context.simulate(settings.scene, behind, step)
-        return VirtualHand(sim, lambda: self.electronics(settings), scale, settings.baud, _plan(settings.faults))
+        return VirtualPolledHand(sim, lambda: self.electronics(settings), scale, settings.baud, settings.faults)
 
-    def _opener(self, settings: S, context: BackendContext) -> Callable[[], Port]:
+    def _opener(self, settings: S, context: BackendContext) -> Callable[[], SerialLine]:
         if settings.virtual:
             hand = self.virtual_hand(settings, context, context.period)
-            return lambda: LockstepPort(hand, settings.baud)
+            return lambda: LockstepLine(hand, settings.baud)
 
-        def opened() -> Port:
-            from allegro_twin.drivers.base.adapter import Adapter
+        def opened() -> SerialLine:
+            from allegro_twin.drivers.base.serial_port import SerialPort
 
-            return Adapter(settings.port, settings.baud)
+            return SerialPort(settings.port, settings.baud)
 
         return opened
 
@@ -109,10 +107,3 @@ def _described(model: str) -> float | list[float]:
     if block is None:
         raise ConfigError(f"backend.torque_per_ampere is missing, and {path} has no block `line` that says it")
     return parse_settings(LineSettings, block, f"{path}: line").torque_per_ampere
-
-
-def _plan(settings: PolledFaultSettings | None) -> FaultPlan | None:
-    if settings is None:
-        return None
-    script = tuple(Event(e.at, e.what, e.which) for e in settings.script)
-    return FaultPlan(Noise(settings.lose, settings.garble, settings.seed), script)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from allegro_twin.drivers.base.velocity import Exchanged
+from allegro_twin.drivers.base.difference_quotient import Exchanged
 from allegro_twin.types import Vector
 
 
-class Motors(NamedTuple):
+class MotorState(NamedTuple):
     """What a hand says of its motors."""
 
     ticks: Vector
@@ -43,6 +43,6 @@ class Wire(Protocol):
         """All motors off, confirmed, whatever was wrong is forgotten. Raises LinkError where nobody confirms it."""
         ...
 
-    def ask(self) -> Motors:
+    def ask(self) -> MotorState:
         """All of one exchange."""
         ...

@@ -51,7 +51,7 @@ ASK_INFO = b"?"
 """Asks for INFO_ALL without a packet, whoever is there: qbAPI's RS485GetInfo."""
 
 
-class Packet(NamedTuple):
+class QbPacket(NamedTuple):
     """What stands between the frame and the checksum."""
 
     id: int
@@ -73,17 +73,17 @@ def size(payload: int) -> int:
     return _FRAME + 1 + payload + 1
 
 
-def words(*values: int) -> bytes:
+def pack_int16(*values: int) -> bytes:
     """Numbers of 16 bits with a sign; what does not fit is cut off at the ends."""
     return struct.pack(f">{len(values)}h", *(min(max(value, -32768), 32767) for value in values))
 
 
-def numbers(payload: bytes) -> Sequence[int]:
+def unpack_int16(payload: bytes) -> Sequence[int]:
     """The opposite."""
     return struct.unpack(f">{len(payload) // 2}h", payload)
 
 
-class Parser:
+class QbParser:
     """Finds packets in whatever comes. One that is damaged is no packet: the search goes on a byte later."""
 
     def __init__(self) -> None:
@@ -93,9 +93,9 @@ class Parser:
         """What was not a packet yet never becomes one."""
         self._left = b""
 
-    def feed(self, data: bytes) -> list[Packet]:
+    def feed(self, data: bytes) -> list[QbPacket]:
         """The packets that are whole now."""
-        found, rest = list[Packet](), self._left + data
+        found, rest = list[QbPacket](), self._left + data
         at = rest.find(HEADER)
         while at >= 0 and len(rest) - at > _FRAME:
             length = rest[at + 3]
@@ -106,7 +106,7 @@ class Parser:
                 continue
             if len(body) < length:
                 break
-            found.append(Packet(rest[at + 2], body[0], body[1:-1]))
+            found.append(QbPacket(rest[at + 2], body[0], body[1:-1]))
             at = rest.find(HEADER, end)
             rest, at = (rest[at:], 0) if at >= 0 else (rest[end:], -1)
         self._left = rest[at:] if at >= 0 else rest[-1:] if rest.endswith(HEADER[:1]) else b""
@@ -115,7 +115,7 @@ class Parser:
 
 def answer(heard: bytes, identifier: int, command: int, payload: int) -> bytes | None:
     """The payload, of so many bytes, of this device's answer to a command, once it is whole in what was heard."""
-    for packet in Parser().feed(heard):
+    for packet in QbParser().feed(heard):
         if packet[:2] == (identifier, command) and len(packet.payload) == payload:
             return packet.payload
     return None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from allegro_twin.drivers.base.settings import WATCHDOG_UNIT
+from allegro_twin.drivers.base.host_settings import WATCHDOG_UNIT
 from allegro_twin.drivers.qb.codec import (
     ASK_INFO,
     BROADCAST,
@@ -17,10 +17,10 @@ from allegro_twin.drivers.qb.codec import (
     OFF,
     ON,
     Command,
-    Packet,
-    Parser,
-    numbers,
-    words,
+    QbPacket,
+    QbParser,
+    pack_int16,
+    unpack_int16,
 )
 from allegro_twin.types import Array
 
@@ -34,7 +34,7 @@ class QbDevice:
     def __init__(self, identifier: int) -> None:
         self.id, self.active, self.watchdog = identifier, OFF, 0
         self.goal = self.tick = self.current = 0
-        self._parser, self._silent, self._seconds = Parser(), 0.0, 0.0
+        self._parser, self._silent, self._seconds = QbParser(), 0.0, 0.0
 
     @property
     def wants(self) -> list[int] | None:
@@ -57,7 +57,7 @@ class QbDevice:
     def sense(self, ticks: Array, current: Array) -> None:
         self.tick, self.current = (int(row[0]) if math.isfinite(row[0]) else 0 for row in (ticks, current))
 
-    def _answer(self, packet: Packet) -> bytes:
+    def _answer(self, packet: QbPacket) -> bytes:
         if packet.id not in (self.id, BROADCAST):
             return b""
         self._silent, given = 0.0, packet.payload
@@ -66,7 +66,7 @@ class QbDevice:
             case Command.PING:
                 said = b""
             case Command.GET_INFO if len(given) == 2:
-                return self._info(numbers(given)[0])
+                return self._info(unpack_int16(given)[0])
             case Command.ACTIVATE if len(given) == 1:
                 if given[0] != OFF:
                     self.goal = self.tick  # Firmware: the goal becomes where the motor is.
@@ -74,18 +74,18 @@ class QbDevice:
             case Command.GET_ACTIVATE:
                 said = bytes((self.active,))
             case Command.SET_INPUTS if len(given) == 4:
-                self.goal = numbers(given)[0]
+                self.goal = unpack_int16(given)[0]
             case Command.GET_INPUTS:
-                said = words(self.goal, 0)
+                said = pack_int16(self.goal, 0)
             case Command.GET_MEASUREMENTS:
-                said = words(self.tick, 0, 0)
+                said = pack_int16(self.tick, 0, 0)
             case Command.GET_CURRENTS:
-                said = words(self.current, 0)
+                said = pack_int16(self.current, 0)
             case Command.GET_CURR_AND_MEAS:
-                said = words(self.current, 0, self.tick, 0, 0)
+                said = pack_int16(self.current, 0, self.tick, 0, 0)
             case Command.SET_WATCHDOG if len(given) == 1:
                 self.watchdog = min(given[0], 250)
-        return b"" if said is None else Packet(self.id, packet.command, said).encoded()
+        return b"" if said is None else QbPacket(self.id, packet.command, said).encoded()
 
     def _info(self, which: int) -> bytes:
         """The firmware's text (prepare_generic_info of its command_processing.c), of what exists here: a program that

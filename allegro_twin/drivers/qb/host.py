@@ -8,7 +8,7 @@ from operator import eq
 import numpy as np
 
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.wire import Motors
+from allegro_twin.drivers.polled.wire import MotorState
 from allegro_twin.drivers.qb.codec import (
     BAUDS,
     BROADCAST,
@@ -17,12 +17,12 @@ from allegro_twin.drivers.qb.codec import (
     OFF,
     ON,
     Command,
-    Packet,
-    Parser,
+    QbPacket,
+    QbParser,
     answer,
-    numbers,
+    pack_int16,
     size,
-    words,
+    unpack_int16,
 )
 from allegro_twin.errors import LinkError, LinkTimeout, ProtocolError
 
@@ -35,7 +35,7 @@ _AGAIN = 10
 
 def _near(one: bytes, other: bytes) -> bool:
     """Whether two answers to GET_CURR_AND_MEAS are of one motion."""
-    return abs(numbers(one)[2] - numbers(other)[2]) <= _MOVES
+    return abs(unpack_int16(one)[2] - unpack_int16(other)[2]) <= _MOVES
 
 
 class QbWire:
@@ -47,7 +47,7 @@ class QbWire:
 
     @property
     def limp_words(self) -> bytes:
-        return Packet(self._id, Command.ACTIVATE, bytes((OFF,))).encoded()
+        return QbPacket(self._id, Command.ACTIVATE, bytes((OFF,))).encoded()
 
     def find(self) -> None:
         def knock() -> None:
@@ -56,7 +56,7 @@ class QbWire:
         self._exchange.find(knock, HEADER, BAUDS, self._other)
 
     def go(self, ticks: list[int]) -> None:
-        goal = words(ticks[0], 0)
+        goal = pack_int16(ticks[0], 0)
         if self._on:
             self._tell(Command.SET_INPUTS, goal)
             return
@@ -77,28 +77,28 @@ class QbWire:
                 return
         raise LinkError(f"the motor on {self._exchange.port.name} says that it is on")
 
-    def ask(self) -> Motors:
-        current, _, tick, *_ = numbers(self._ask(Command.GET_CURR_AND_MEAS, 10, _near))
+    def ask(self) -> MotorState:
+        current, _, tick, *_ = unpack_int16(self._ask(Command.GET_CURR_AND_MEAS, 10, _near))
         ticks, currents, when = np.array([float(tick)]), np.array([float(current)]), self._exchange.when
         self._asked += 1
         if self._on and self._asked >= _AGAIN:
             self._asked, self._on = 0, self._active()
             if not self._on:
                 why = "its motor was switched off, by its watchdog or somebody else"
-                return Motors(ticks, currents, on=False, when=when, why=why)
-        return Motors(ticks, currents, on=self._on, when=when)
+                return MotorState(ticks, currents, on=False, when=when, why=why)
+        return MotorState(ticks, currents, on=self._on, when=when)
 
     def _active(self) -> bool:
         return bool(self._ask(Command.GET_ACTIVATE, 1)[0])
 
     def _tell(self, command: Command, payload: bytes) -> None:
         """Nobody confirms it."""
-        self._exchange.port.send(Packet(self._id, command, payload).encoded())
+        self._exchange.port.send(QbPacket(self._id, command, payload).encoded())
 
     def _ask(self, command: Command, payload: int, same: Callable[[bytes, bytes], bool] = eq) -> bytes:
         """One answer of 256 that is garbled passes for sound, for the checksum is an XOR. So where anything else was on
         the line two answers must say the same."""
-        question, exchange, before = Packet(self._id, command).encoded(), self._exchange, b""
+        question, exchange, before = QbPacket(self._id, command).encoded(), self._exchange, b""
         for _ in range(_TRIES):
             said = exchange(question, lambda heard: answer(heard, self._id, command, payload), size(payload))
             if len(exchange.heard) == size(payload) or (before and same(before, said)):
@@ -110,10 +110,12 @@ class QbWire:
 
     def _other(self) -> str:
         """Who answers to a broadcast."""
-        question = Packet(BROADCAST, Command.PING).encoded()
+        question = QbPacket(BROADCAST, Command.PING).encoded()
 
         def read(heard: bytes) -> list[int] | None:
-            return sorted({p.id for p in Parser().feed(heard) if p.command == Command.PING and p.id <= LAST_ID}) or None
+            return (
+                sorted({p.id for p in QbParser().feed(heard) if p.command == Command.PING and p.id <= LAST_ID}) or None
+            )
 
         try:
             ids = self._exchange(question, read, size(0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.drivers.base.settings import WATCHDOG_UNIT
+from allegro_twin.drivers.base.host_settings import WATCHDOG_UNIT
 from allegro_twin.drivers.schunk.codec import (
     ACTUATORS,
     MILLIAMPERES,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.wire import Motors
+from allegro_twin.drivers.polled.wire import MotorState
 from allegro_twin.drivers.schunk import codec
 from allegro_twin.drivers.schunk.codec import ACTUATORS, BAUD, LAYOUT, MARK, MILLIAMPERES, SIZE, Bits, Kind, Question
 from allegro_twin.errors import ConfigError, HandFault, LinkError
@@ -60,11 +60,11 @@ class SchunkWire:
                 return
         raise LinkError(f"the motors on {self._exchange.port.name} say that they are on")
 
-    def ask(self) -> Motors:
+    def ask(self) -> MotorState:
         said = self._say()
         current = MILLIAMPERES * np.array(said.currents, dtype=np.float64)
         ticks, when = np.array(said.ticks, dtype=np.float64), self._exchange.when
-        return Motors(ticks, current, bool(said.bits & Bits.ON), when, _why(said.bits))
+        return MotorState(ticks, current, bool(said.bits & Bits.ON), when, _why(said.bits))
 
     def _say(self, *, forget: bool = False) -> codec.State:
         """The whole exchange: targets out, encoders and currents in."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
@@ -72,4 +72,4 @@ def _on_bus(episode: EpisodeBackend, version: Version) -> CanBackend:
     codec = make_codec(version, load_wiring(spec.model, "").calibration)
     firmware = Firmware(episode, codec, restart=True)
     bus = LockstepLink(VirtualHands([firmware]), spec.name)
-    return CanBackend(spec, codec, bus.port, HostSettings(period=episode.period))
+    return CanBackend(spec, codec, bus.port, CanHostSettings(period=episode.period))

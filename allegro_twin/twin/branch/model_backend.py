@@ -15,8 +15,8 @@ import numpy as np
 
 from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.settings import HostSettings
-from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
 from allegro_twin.errors import EndOfRecording
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.joints import JointChange
@@ -108,7 +108,7 @@ class TorqueModelBackend(ModelBackend):
             recorded_encoder_noise(recording) if noisy else np.zeros(self.spec.n_joints),
         )
         backend = (recording.meta.get("config") or {}).get("backend", {})
-        cutoff = float(backend.get("velocity_cutoff", HostSettings().velocity_cutoff))
+        cutoff = float(backend.get("velocity_cutoff", CanHostSettings().velocity_cutoff))
         self._filter = VelocityFilter(cutoff, columns["position"][row], columns["velocity"][row])
 
     def _simulate_period(self, command: Command, gravity: Vector) -> HostReading:

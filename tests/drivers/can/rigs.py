@@ -15,12 +15,11 @@ from allegro_twin.app.rig import SimulatedScene, open_backend
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.config import CanSettings
+from allegro_twin.drivers.can.config import CanSettings, FaultSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.link import Port
-from allegro_twin.drivers.can.driver.settings import HostSettings
-from allegro_twin.drivers.can.virtual.faults import FaultPlan
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
 from allegro_twin.drivers.can.virtual.serve import serve
@@ -74,8 +73,8 @@ class Bench:
     def __init__(
         self,
         version: Version = "v4",
-        plan: FaultPlan | None = None,
-        settings: HostSettings | None = None,
+        plan: FaultSettings | None = None,
+        settings: CanHostSettings | None = None,
         *,
         speaks: Version | None = None,
         side: Side = "right",
@@ -91,10 +90,10 @@ class Bench:
         self.bus = SpoiltBus(self.hands)
         self.opened = 0
         gravity = None if version.startswith(("v4", "v5")) else (0.0, 0.0, -9.81)
-        settings = settings or HostSettings(gravity=gravity, imu_period=0.0 if gravity else 0.03)
+        settings = settings or CanHostSettings(gravity=gravity, imu_period=0.0 if gravity else 0.03)
         self.backend = CanBackend(load_spec(side=side), make_codec(version), self._open, settings)
 
-    def _open(self) -> Port:
+    def _open(self) -> BusPort:
         self.opened += 1
         return AdapterLink(self.bus).port()
 
@@ -119,7 +118,7 @@ def frame(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
 class Serving:
     """Hands served in real time on a bus by a thread, which ends with the block."""
 
-    def __init__(self, bus: can.BusABC, *configs: RunConfig, plan: FaultPlan | None = None) -> None:
+    def __init__(self, bus: can.BusABC, *configs: RunConfig, plan: FaultSettings | None = None) -> None:
         scenes = [SimulatedScene() for _ in configs]
         self.firmwares = [
             virtual_firmware(c, s, step=PERIOD, restart=True) for c, s in zip(configs, scenes, strict=True)

@@ -19,7 +19,7 @@ from allegro_twin.control.trajectory import Hold
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.calibration import FULL_SCALE as FULL
 from allegro_twin.hands.description.calibration import Version, double_geared_joints

@@ -9,15 +9,14 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import open_backend
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.polled.backend import PolledBackend
-from allegro_twin.drivers.polled.config import PolledSettings
-from allegro_twin.drivers.polled.device import Electronics, VirtualHand
+from allegro_twin.drivers.polled.config import PolledFaultSettings, PolledSettings
+from allegro_twin.drivers.polled.device import Electronics, VirtualPolledHand
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.faults import FaultPlan
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
 from allegro_twin.drivers.polled.scale import Scale
-from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.drivers.polled.wire import Wire
 from allegro_twin.drivers.qb import codec as qb
 from allegro_twin.drivers.qb.device import QbDevice
@@ -52,7 +51,7 @@ def boot_of(kind: Kind) -> Callable[[], Electronics]:
     return (lambda: QbDevice(ID)) if kind == "qb" else SchunkDevice
 
 
-def wire_of(kind: Kind, settings: HostSettings, identifier: int = ID) -> Callable[[Exchange], Wire]:
+def wire_of(kind: Kind, settings: PolledHostSettings, identifier: int = ID) -> Callable[[Exchange], Wire]:
     def wire(exchange: Exchange) -> Wire:
         if kind == "qb":
             return QbWire(exchange, identifier, settings.watchdog_counts)
@@ -61,9 +60,9 @@ def wire_of(kind: Kind, settings: HostSettings, identifier: int = ID) -> Callabl
     return wire
 
 
-def virtual(kind: Kind, plan: FaultPlan | None = None, period: float = PERIOD) -> VirtualHand:
+def virtual(kind: Kind, plan: PolledFaultSettings | None = None, period: float = PERIOD) -> VirtualPolledHand:
     joints = Joints(small_spec(MOTORS[kind]), period)
-    return VirtualHand(joints, boot_of(kind), scale_of(kind), BAUD[kind], plan)
+    return VirtualPolledHand(joints, boot_of(kind), scale_of(kind), BAUD[kind], plan)
 
 
 class Polled:
@@ -72,22 +71,22 @@ class Polled:
     def __init__(
         self,
         kind: Kind,
-        plan: FaultPlan | None = None,
+        plan: PolledFaultSettings | None = None,
         *,
         baud: int | None = None,
         identifier: int = ID,
-        settings: HostSettings | None = None,
-        there: VirtualHand | None = None,
-        wrap: Callable[[Port], Port] = lambda port: port,
+        settings: PolledHostSettings | None = None,
+        there: VirtualPolledHand | None = None,
+        wrap: Callable[[SerialLine], SerialLine] = lambda port: port,
     ) -> None:
         """`there`: the hand that is there in truth."""
         self.kind, self.hand = kind, there or virtual(kind, plan)
-        self.settings = settings or HostSettings(PERIOD)
+        self.settings = settings or PolledHostSettings(PERIOD)
         self.opened = 0
 
-        def opened() -> Port:
+        def opened() -> SerialLine:
             self.opened += 1
-            return wrap(LockstepPort(self.hand, baud or BAUD[kind]))
+            return wrap(LockstepLine(self.hand, baud or BAUD[kind]))
 
         self.open, self.identifier = opened, identifier
         self.backend = self.made()

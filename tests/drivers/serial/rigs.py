@@ -13,18 +13,17 @@ import pytest
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import open_backend
 from allegro_twin.backend import HandBackend, position_of
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import Port
-from allegro_twin.drivers.base.serve import Device, serve
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import SerialLine
+from allegro_twin.drivers.base.serve import SerialDevice, serve
 from allegro_twin.drivers.base.terminal import Terminal
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.drivers.dynamixel.codec.table import XM430_W350, Model
-from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings, ServoFaultSettings
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.driver import ServoDriver
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
-from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
-from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualServoHand
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
@@ -131,26 +130,26 @@ class Bench:
     def __init__(
         self,
         n: int = 4,
-        plan: FaultPlan | None = None,
+        plan: ServoFaultSettings | None = None,
         *,
-        settings: HostSettings | None = None,
+        settings: ServoHostSettings | None = None,
         baud: int = BAUD,
         servos_baud: int | None = None,
         there: Calibration | None = None,
         commands: tuple[CommandKind, ...] = ("position", "limited_position"),
-        wrap: Callable[[Port], Port] = lambda port: port,
+        wrap: Callable[[SerialLine], SerialLine] = lambda port: port,
     ) -> None:
         """`there`: the servos that are there in truth."""
         self.joints = Joints(small_spec(n, commands))
-        self.hand = VirtualHand(self.joints, there or calibrated(n), servos_baud or baud, plan=plan)
+        self.hand = VirtualServoHand(self.joints, there or calibrated(n), servos_baud or baud, plan=plan)
         self.opened = 0
 
-        def opened() -> Port:
+        def opened() -> SerialLine:
             self.opened += 1
-            return wrap(LockstepPort(self.hand, baud))
+            return wrap(LockstepLine(self.hand, baud))
 
         self.open = opened
-        self.calibration, self.settings = calibrated(n), settings or HostSettings(period=PERIOD)
+        self.calibration, self.settings = calibrated(n), settings or ServoHostSettings(period=PERIOD)
         self.backend = self.made()
 
     @property
@@ -177,7 +176,7 @@ class Bench:
 class Serving:
     """A hand served in real time at a terminal by a thread, which ends with the block."""
 
-    def __init__(self, path: Path, hand: Device) -> None:
+    def __init__(self, path: Path, hand: SerialDevice) -> None:
         self.hand, self.terminal = hand, Terminal(path)
         self.error: Exception | None = None
         self._over = threading.Event()

@@ -11,13 +11,13 @@ import pytest
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
 from allegro_twin.drivers.base.driver import Answer
-from allegro_twin.drivers.base.lockstep import LockstepPort
+from allegro_twin.drivers.base.lockstep import LockstepLine
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration
 from allegro_twin.drivers.dynamixel.codec.shafts import Shafts
 from allegro_twin.drivers.dynamixel.codec.table import TRIPPED, XC330_M288, XM430_W350
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
-from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualServoHand
 from allegro_twin.errors import CommandError, ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand, frozen
 from tests.drivers.serial.rigs import BAUD, LIMIT, PERIOD, Bench, Joints, calibrated, small_spec
@@ -241,8 +241,8 @@ def test_servos_of_another_model_are_refused() -> None:
 
 def test_a_period_that_the_baud_cannot_carry_is_refused_with_both() -> None:
     with pytest.raises(ConfigError, match=r"period 0.01 s is too short for 4 servos at 57600 baud"):
-        Bench(baud=57_600, settings=HostSettings(period=0.01, return_delay=250))
-    Bench(baud=57_600, settings=HostSettings(period=0.03))
+        Bench(baud=57_600, settings=ServoHostSettings(period=0.01, return_delay=250))
+    Bench(baud=57_600, settings=ServoHostSettings(period=0.03))
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ def test_a_period_that_the_baud_cannot_carry_is_refused_with_both() -> None:
 )
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:
     with pytest.raises(ConfigError, match=names):
-        HostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
+        ServoHostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
 
 
 def test_a_hand_that_would_be_where_it_cannot_be_is_refused() -> None:
@@ -275,15 +275,15 @@ def test_a_hand_with_fewer_servos_than_joints_needs_to_know_how_joints_follow() 
     spec = small_spec(4)
     loose = type(spec)(**{k: getattr(spec, k) for k in spec.__slots__} | {"joints": ("a", "b", "c", "d", "e")})
     with pytest.raises(ConfigError, match="4 actuators for 5 joints: give `joints`"):
-        DynamixelBackend(loose, calibrated(4), lambda: LockstepPort(Bench().hand, BAUD))
+        DynamixelBackend(loose, calibrated(4), lambda: LockstepLine(Bench().hand, BAUD))
     with pytest.raises(ConfigError, match="4 actuators for 5 joints: give `shafts`"):
-        VirtualHand(Joints(loose), calibrated(4), BAUD)
+        VirtualServoHand(Joints(loose), calibrated(4), BAUD)
 
     def pulled(shafts: Shafts) -> Shafts:
         unknown = np.full(1, np.nan)
         return Shafts(*(frozen(np.concatenate([row, unknown])) for row in shafts))
 
-    backend = DynamixelBackend(loose, calibrated(4), lambda: LockstepPort(Bench().hand, BAUD), joints=pulled)
+    backend = DynamixelBackend(loose, calibrated(4), lambda: LockstepLine(Bench().hand, BAUD), joints=pulled)
     state = backend.reset()
     assert state.position.shape == state.temperature.shape == (5,)
     assert np.isnan(state.position[4])
@@ -343,7 +343,7 @@ def test_the_keeper_speaks_where_nobody_confirms_and_else_is_dismissed(bench: Be
     class Watching:
         alive, said = True, ""
 
-        def speak(self) -> None:
+        def take_over(self, *, wait: bool) -> None:
             self.said = "limp"
 
         def dismiss(self) -> None:

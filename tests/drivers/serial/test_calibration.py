@@ -34,7 +34,9 @@ def test_a_gear_trades_way_for_effort() -> None:
     geared = calibrated(1, gear=0.25)
     assert geared.ticks(np.array([0.25 * np.pi])) == [2048 + 2048]
     plain = calibrated(1)
-    np.testing.assert_allclose(geared.effort_limit, 4.0 * plain.effort_limit)
+    np.testing.assert_allclose(
+        geared.effort(np.array(geared.current_counts)), 4.0 * plain.effort(np.array(plain.current_counts))
+    )
 
 
 def test_an_effort_becomes_a_current_rounded_down_and_never_above_the_limit() -> None:
@@ -42,7 +44,7 @@ def test_an_effort_becomes_a_current_rounded_down_and_never_above_the_limit() ->
     most = int(LIMIT / 2.69e-3)
     assert calibration.current_counts == (most, most)
     assert calibration.effort_counts(np.array([0.1, 100.0])) == [int(0.1 / (2.69e-3 * KT)), most]
-    assert calibration.effort_counts(calibration.effort_limit) == [most, most]
+    assert calibration.effort_counts(calibration.effort(np.array(calibration.current_counts))) == [most, most]
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,9 @@ def test_the_ticks_of_a_model_os_servos_are_those_of_its_authors_program() -> No
     assert facing_each_other[0] >= 0
     assert facing_the_thumb[1:] == [round(part * 4095) for part in (0.22, 0.83, 0.27)]
     assert facing_each_other[1:] == pytest.approx([part * 4095 for part in (0.92, 0.13, 0.97)], abs=3)
-    np.testing.assert_allclose(calibration.effort_limit, spec.actuation.torque_limit, rtol=0.03)
+    np.testing.assert_allclose(
+        calibration.effort(np.array(calibration.current_counts)), spec.actuation.torque_limit, rtol=0.03
+    )
 
 
 @pytest.mark.parametrize(("servo", "tick"), [(0, 4090), (2, 5)])

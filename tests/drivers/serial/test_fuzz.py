@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
-from allegro_twin.drivers.base.line_noise import Noise
-from allegro_twin.drivers.dynamixel.codec.packet import HEADER, Instruction, Packet, Parser, status
+from allegro_twin.drivers.dynamixel.codec.packet import HEADER, DynamixelPacket, DynamixelParser, Instruction, status
 from allegro_twin.drivers.dynamixel.codec.table import XM430_W350
+from allegro_twin.drivers.dynamixel.config import ServoFaultSettings
 from allegro_twin.drivers.dynamixel.virtual.bus import Bus
-from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.servo import Servo
 from allegro_twin.errors import HandError
 from tests.drivers.serial.rigs import BAUD, Bench
@@ -21,7 +20,10 @@ from tests.drivers.serial.rigs import BAUD, Bench
 FEW, MANY = 40_000, 1_000_000
 """Bytes."""
 instructions = st.builds(
-    Packet, st.sampled_from([3, 4, 5, 6, 0xFE, 99]), st.sampled_from([*Instruction, 0x55, 0x77]), st.binary(max_size=40)
+    DynamixelPacket,
+    st.sampled_from([3, 4, 5, 6, 0xFE, 99]),
+    st.sampled_from([*Instruction, 0x55, 0x77]),
+    st.binary(max_size=40),
 )
 
 
@@ -31,7 +33,7 @@ def pieces(rng: np.random.Generator, total: int) -> list[bytes]:
     kinds = [*Instruction, 0x55, 0x77]
     while size < total:
         noise = rng.bytes(int(rng.integers(1, 60)))
-        packet = Packet(int(rng.choice([1, 2, 3, 4, 5, 6, 0xFE])), int(rng.choice(kinds)), noise).encoded()
+        packet = DynamixelPacket(int(rng.choice([1, 2, 3, 4, 5, 6, 0xFE])), int(rng.choice(kinds)), noise).encoded()
         cut = bytearray(packet)
         cut[int(rng.integers(len(cut)))] ^= 1 << int(rng.integers(8))
         ways = [noise, HEADER + noise, packet, bytes(cut), packet[: int(rng.integers(len(packet)))]]
@@ -105,13 +107,13 @@ def test_a_million_bytes_each_way(seed: int) -> None:
 
 @settings(max_examples=200)
 @given(st.lists(instructions, max_size=12))
-def test_a_bus_answers_only_whole_packets_of_those_who_are_there(said: list[Packet]) -> None:
+def test_a_bus_answers_only_whole_packets_of_those_who_are_there(said: list[DynamixelPacket]) -> None:
     bus = Bus([Servo(XM430_W350, identifier, BAUD) for identifier in (3, 4, 5, 6)])
     for packet in said:
         answer = bus.receive(packet.encoded(), BAUD)
-        heard = Parser().feed(answer)
+        heard = DynamixelParser().feed(answer)
         assert (
-            b"".join(each.encoded() for each in heard if isinstance(each, Packet)) == answer
+            b"".join(each.encoded() for each in heard if isinstance(each, DynamixelPacket)) == answer
             or len({servo.id for servo in bus.servos}) < 4
         )  # Servos that were given one id speak over each other.
 
@@ -132,7 +134,7 @@ def test_answers_that_nobody_gave_are_no_state(noise: list[bytes]) -> None:
 
 
 def test_noise_on_every_byte_ends_in_an_error_of_the_tree() -> None:
-    bench = Bench(plan=FaultPlan(Noise(garble=0.0)))
+    bench = Bench(plan=ServoFaultSettings(garble=0.0))
     bench.backend.reset()
     bench.hand.faults.spoil = lambda data: bytes(len(data))  # type: ignore[assignment]  # A line that is held low.
     with pytest.raises(HandError):

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration
-from allegro_twin.drivers.dynamixel.driver.motors import Motors
+from allegro_twin.drivers.dynamixel.driver.motors import ServoMotors
 from allegro_twin.drivers.dynamixel.driver.sdk import Sdk
 
 
@@ -36,7 +36,7 @@ class Counts:
 def test_a_current_is_said_when_it_changes_and_again_every_tenth_period() -> None:
     """Nobody confirms it, so one that was lost on the line is said again."""
     ear = Ear()
-    motors = Motors(cast(Sdk, ear), cast(Calibration, Counts()), 5)
+    motors = ServoMotors(cast(Sdk, ear), cast(Calibration, Counts()), 5)
     for ear.period in range(25):
         motors.currents(np.array([0.1, 0.2]))
     motors.currents(None)

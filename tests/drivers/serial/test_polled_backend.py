@@ -7,15 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.base.line_noise import Noise
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.drivers.dynamixel.codec.packet import status
-from allegro_twin.drivers.polled.device import VirtualHand
+from allegro_twin.drivers.polled.config import PolledFaultEvent, PolledFaultSettings
+from allegro_twin.drivers.polled.device import VirtualPolledHand
 from allegro_twin.drivers.polled.exchange import Exchange
-from allegro_twin.drivers.polled.faults import Event, FaultPlan
-from allegro_twin.drivers.polled.settings import HostSettings
-from allegro_twin.drivers.qb.codec import Command, Packet
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
+from allegro_twin.drivers.qb.codec import Command, QbPacket
 from allegro_twin.drivers.qb.device import QbDevice
 from allegro_twin.drivers.schunk.codec import Question, Who
 from allegro_twin.drivers.schunk.device import SchunkDevice
@@ -140,7 +139,7 @@ def test_a_goal_that_was_lost_on_its_way_is_said_again(bench: Polled) -> None:
 
 
 def test_garbled_and_lost_bytes_cost_time_and_never_a_wrong_state(kind: Kind) -> None:
-    bench = Polled(kind, FaultPlan(Noise(lose=3e-4, garble=3e-4, seed=5)))
+    bench = Polled(kind, PolledFaultSettings(lose=3e-4, garble=3e-4, seed=5))
     ended, resets = 0, 1
     bench.backend.reset()
     for k in range(1500):
@@ -157,7 +156,7 @@ def test_garbled_and_lost_bytes_cost_time_and_never_a_wrong_state(kind: Kind) ->
 
 @pytest.mark.parametrize("which", [0, 3])
 def test_a_dead_motor_is_seen_by_what_it_does_not_do(which: int) -> None:
-    bench = Polled("schunk", FaultPlan(script=(Event(0.0, "dead_motor", which),)))
+    bench = Polled("schunk", PolledFaultSettings(script=(PolledFaultEvent(at=0.0, what="dead_motor", which=which),)))
     bench.backend.reset()
     state = bench.go(0.5, 100)
     moved = np.delete(np.arange(5), which)
@@ -167,7 +166,9 @@ def test_a_dead_motor_is_seen_by_what_it_does_not_do(which: int) -> None:
 
 def test_a_torn_tendon_is_a_motor_that_arrives_without_drawing_anything(bench: Polled) -> None:
     """The encoder sits at the motor: it goes where it is told, and the finger does not."""
-    there = virtual(bench.kind, FaultPlan(script=(Event(0.3, "torn_tendon", bench.n - 1),)))
+    there = virtual(
+        bench.kind, PolledFaultSettings(script=(PolledFaultEvent(at=0.3, what="torn_tendon", which=bench.n - 1),))
+    )
     bench = Polled(bench.kind, there=there)
     bench.backend.reset()
     bench.go(0.5, 60)
@@ -180,7 +181,7 @@ def test_a_torn_tendon_is_a_motor_that_arrives_without_drawing_anything(bench: P
 
 
 def test_a_plug_that_is_out_is_said_so_and_the_hand_lets_go_by_itself(kind: Kind) -> None:
-    bench = Polled(kind, FaultPlan(script=(Event(0.05, "silence"),)))
+    bench = Polled(kind, PolledFaultSettings(script=(PolledFaultEvent(at=0.05, what="silence"),)))
     error = until_fault(bench)
     assert isinstance(error, LinkTimeout)
     assert str(error).startswith("small_right on virtual small_right is silent; is it powered and plugged in?")
@@ -192,7 +193,12 @@ def test_a_plug_that_is_out_is_said_so_and_the_hand_lets_go_by_itself(kind: Kind
 
 
 def test_a_power_cut_is_said_so_and_reset_leads_out_when_power_is_back(kind: Kind) -> None:
-    bench = Polled(kind, FaultPlan(script=(Event(0.05, "power_cut"), Event(0.2, "recover"))))
+    bench = Polled(
+        kind,
+        PolledFaultSettings(
+            script=(PolledFaultEvent(at=0.05, what="power_cut"), PolledFaultEvent(at=0.2, what="recover"))
+        ),
+    )
     assert isinstance(until_fault(bench), LinkTimeout)
     with pytest.raises(LinkError):
         bench.backend.reset()
@@ -204,7 +210,12 @@ def test_a_power_cut_is_said_so_and_reset_leads_out_when_power_is_back(kind: Kin
 
 
 def test_a_short_power_cut_that_nobody_saw_is_noticed_by_the_motors_being_off(kind: Kind) -> None:
-    bench = Polled(kind, FaultPlan(script=(Event(0.05, "power_cut"), Event(0.05, "recover"))))
+    bench = Polled(
+        kind,
+        PolledFaultSettings(
+            script=(PolledFaultEvent(at=0.05, what="power_cut"), PolledFaultEvent(at=0.05, what="recover"))
+        ),
+    )
     if kind == "schunk":  # Every frame says that its motors shall be on.
         bench.backend.reset()
         bench.go(0.4, 50)
@@ -265,7 +276,7 @@ def test_a_device_with_another_id_is_told() -> None:
 STRANGERS = {
     "a DYNAMIXEL servo": status(1, 0, bytes(10)).encoded(),
     "a Schunk SVH": b"\x4c\xaa" + bytes(70),
-    "a qb device": Packet(1, Command.PING).encoded(),
+    "a qb device": QbPacket(1, Command.PING).encoded(),
     "a hand of our Schunk layout": bytes.fromhex("5a19") + bytes(22),
 }
 
@@ -288,7 +299,7 @@ def test_another_hands_answer_is_named(who: str, kind: Kind) -> None:
 
 
 def test_what_came_too_late_is_no_answer_to_the_next_question() -> None:
-    port, ping = LockstepPort(virtual("qb"), BAUD["qb"]), Packet(ID, Command.PING).encoded()
+    port, ping = LockstepLine(virtual("qb"), BAUD["qb"]), QbPacket(ID, Command.PING).encoded()
     exchange = Exchange(port, "it", 0.02, 1)
     port._came = b"an answer to what was asked before"
     assert exchange(ping, lambda heard: heard or None, len(ping)) == ping
@@ -336,16 +347,16 @@ def test_the_line_being_gone_is_a_link_error_and_reset_opens_it_again(bench: Pol
 
 
 def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) -> None:
-    class Meddled(LockstepPort):
+    class Meddled(LockstepLine):
         def send(self, data: bytes) -> None:
             super().send(data)
-            assert isinstance(self.hand, VirtualHand)
+            assert isinstance(self.hand, VirtualPolledHand)
             electronics = self.hand.electronics
             if isinstance(electronics, QbDevice):
                 electronics.active = 0
 
-    def wrap(port: Port) -> Port:
-        assert isinstance(port, LockstepPort)
+    def wrap(port: SerialLine) -> SerialLine:
+        assert isinstance(port, LockstepLine)
         return Meddled(port.hand, port.baud)
 
     if kind == "schunk":  # Its answer to "on" is of the same frame.
@@ -368,21 +379,19 @@ def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) 
 )
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:
     with pytest.raises(ConfigError, match=names):
-        HostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
+        PolledHostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
 
 
 def test_a_virtual_hand_of_which_no_motor_could_be_dead_alone_is_refused(kind: Kind) -> None:
     joints = Joints(small_spec(MOTORS[kind], ("position",)))
     with pytest.raises(ConfigError, match="needs physics that take a limited_position; small_right: position"):
-        VirtualHand(joints, boot_of(kind), scale_of(kind), BAUD[kind])
+        VirtualPolledHand(joints, boot_of(kind), scale_of(kind), BAUD[kind])
 
 
-def test_faults_that_do_not_exist_are_refused_by_name() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'torn_tendon'"):
-        FaultPlan(script=(Event(0.0, "torn_tendn"),))  # type: ignore[arg-type]  # That is the point.
+def test_a_fault_of_a_motor_that_is_not_there_is_refused() -> None:
     for kind in KINDS:
         with pytest.raises(ConfigError, match=f"which is 9; this hand has {MOTORS[kind]} actuators"):
-            virtual(kind, FaultPlan(script=(Event(0.0, "dead_motor", 9),)))
+            virtual(kind, PolledFaultSettings(script=(PolledFaultEvent(at=0.0, what="dead_motor", which=9),)))
 
 
 def test_switching_off_is_asked_for_three_times_before_it_counts_as_failed(
@@ -404,7 +413,7 @@ def test_switching_off_is_asked_for_three_times_before_it_counts_as_failed(
     assert not bench.backend.unconfirmed
 
 
-class Scripted(Port):
+class Scripted(SerialLine):
     """A line on which each question has the next of some answers."""
 
     lockstep = True

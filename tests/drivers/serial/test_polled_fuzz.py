@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.qb.codec import HEADER, Command, Packet
+from allegro_twin.drivers.qb.codec import HEADER, Command, QbPacket
 from allegro_twin.drivers.schunk.codec import START, Question, State, Who
 from allegro_twin.errors import HandError
 from tests.drivers.serial.polled_rigs import BAUD, ID, KINDS, MOTORS, TICKS, Kind, Polled, virtual
@@ -19,7 +19,7 @@ def sound(kind: Kind, rng: Rng) -> bytes:
     """A true packet with nonsense inside, of either side."""
     noise = rng.bytes(int(rng.integers(0, 20)))
     if kind == "qb":
-        return Packet(int(rng.choice([0, ID, ID, 9])), int(rng.choice([*Command, 3, 147])), noise).encoded()
+        return QbPacket(int(rng.choice([0, ID, ID, 9])), int(rng.choice([*Command, 3, 147])), noise).encoded()
     count, bits, mode, watchdog = (int(value) for value in rng.integers(0, 256, 4))
     targets = tuple(int(value) for value in rng.integers(0, 1 << 16, 5))
     currents = tuple(int(value) for value in rng.integers(-128, 128, 5))

@@ -18,14 +18,15 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.drivers.base.adapter import Adapter
+from allegro_twin.drivers.base.serial_port import SerialPort
 from allegro_twin.drivers.base.terminal import Terminal
 from allegro_twin.drivers.dynamixel.codec.packet import status
 from allegro_twin.drivers.polled.backend import PolledBackend
-from allegro_twin.drivers.polled.device import VirtualHand
-from allegro_twin.drivers.polled.settings import HostSettings
+from allegro_twin.drivers.polled.device import VirtualPolledHand
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.types import HandState, PositionCommand
+from tests.drivers.keeper import ALL_THREE, end
 from tests.drivers.serial.polled_rigs import BAUD, KINDS, MOTORS, Kind, scale_of, spec_of, virtual, wire_of
 from tests.drivers.serial.rigs import MADE, Serving, soon
 
@@ -55,9 +56,13 @@ pytestmark = pytest.mark.realtime
 
 
 def driven(kind: Kind, path: Path, baud: int | None = None, *, keeper: bool = False) -> PolledBackend:
-    settings = HostSettings(PERIOD, watchdog=0.5, latency=PATIENCE, keeper=keeper)
+    settings = PolledHostSettings(PERIOD, watchdog=0.5, latency=PATIENCE, keeper=keeper)
     made = PolledBackend(
-        spec_of(kind), scale_of(kind), lambda: Adapter(str(path), baud or BAUD[kind]), wire_of(kind, settings), settings
+        spec_of(kind),
+        scale_of(kind),
+        lambda: SerialPort(str(path), baud or BAUD[kind]),
+        wire_of(kind, settings),
+        settings,
     )
     MADE.append(made)
     return made
@@ -75,13 +80,13 @@ def tty(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def hand(tty: Path, kind: Kind) -> Iterator[VirtualHand]:
+def hand(tty: Path, kind: Kind) -> Iterator[VirtualPolledHand]:
     made = virtual(kind, period=0.005)
     with Serving(tty, made):
         yield made
 
 
-def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualHand, tty: Path, kind: Kind) -> None:
+def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualPolledHand, tty: Path, kind: Kind) -> None:
     backend = driven(kind, tty)
     first = backend.reset()
     assert (first.t, first.tick) == (0.0, 0)
@@ -97,7 +102,7 @@ def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualHand, tty: Path, k
     assert soon(lambda: hand.limp)
 
 
-def test_a_second_program_cannot_open_the_port(hand: VirtualHand, tty: Path, kind: Kind) -> None:
+def test_a_second_program_cannot_open_the_port(hand: VirtualPolledHand, tty: Path, kind: Kind) -> None:
     driven(kind, tty)
     with pytest.raises(LinkError, match=r"cannot open .*hand.tty: .*lock"):
         driven(kind, tty)
@@ -109,11 +114,11 @@ def test_a_port_that_is_not_there_is_a_link_error_in_one_line(tmp_path: Path, ki
     assert "\n" not in str(caught.value)
 
 
-def test_at_another_speed_it_says_which_one_answers(hand: VirtualHand, tty: Path, kind: Kind) -> None:
-    settings = HostSettings(PERIOD, latency=0.1, keeper=False)
+def test_at_another_speed_it_says_which_one_answers(hand: VirtualPolledHand, tty: Path, kind: Kind) -> None:
+    settings = PolledHostSettings(PERIOD, latency=0.1, keeper=False)
     with pytest.raises(LinkTimeout, match=f"at 57600 baud; it answers at {BAUD[kind]}: set backend.baud so"):
         PolledBackend(
-            spec_of(kind), scale_of(kind), lambda: Adapter(str(tty), 57_600), wire_of(kind, settings), settings
+            spec_of(kind), scale_of(kind), lambda: SerialPort(str(tty), 57_600), wire_of(kind, settings), settings
         )
 
 
@@ -137,7 +142,7 @@ def test_another_hand_that_never_stops_speaking_is_named_and_not_for_ever(tmp_pa
         terminal.close()
 
 
-def test_a_program_that_hangs_is_left_by_the_hand_itself(hand: VirtualHand, tty: Path, kind: Kind) -> None:
+def test_a_program_that_hangs_is_left_by_the_hand_itself(hand: VirtualPolledHand, tty: Path, kind: Kind) -> None:
     backend = driven(kind, tty)
     backend.reset()
     for _ in range(5):
@@ -154,7 +159,7 @@ Start = Callable[[str], tuple[subprocess.Popen[str], int]]
 
 
 @pytest.fixture
-def driver(hand: VirtualHand, tty: Path, kind: Kind) -> Iterator[Start]:
+def driver(hand: VirtualPolledHand, tty: Path, kind: Kind) -> Iterator[Start]:
     """Starts a program that drives the hand; it and its keeper."""
     started: list[subprocess.Popen[str]] = []
 
@@ -178,7 +183,7 @@ def driver(hand: VirtualHand, tty: Path, kind: Kind) -> Iterator[Start]:
     ("how", "what"), [("alone", signal.SIGKILL), ("alone", signal.SIGTERM), ("forked", signal.SIGKILL)]
 )
 def test_a_program_that_is_killed_leaves_the_hand_limp(
-    hand: VirtualHand, driver: Start, how: str, what: signal.Signals
+    hand: VirtualPolledHand, driver: Start, how: str, what: signal.Signals
 ) -> None:
     program, keeper = driver(how)
     assert keeper
@@ -189,7 +194,9 @@ def test_a_program_that_is_killed_leaves_the_hand_limp(
     assert soon(lambda: not Path(f"/proc/{keeper}").exists())
 
 
-def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: VirtualHand, driver: Start) -> None:
+def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(
+    hand: VirtualPolledHand, driver: Start
+) -> None:
     program, keeper = driver("alone")
     program.send_signal(signal.SIGINT)
     program.wait()
@@ -197,15 +204,16 @@ def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: 
     assert soon(lambda: not Path(f"/proc/{keeper}").exists())
 
 
-def test_killed_with_its_keeper_the_hands_own_watchdog_lets_go(hand: VirtualHand, driver: Start) -> None:
-    program, keeper = driver("alone")
-    os.kill(keeper, signal.SIGKILL)
-    program.kill()
-    program.wait()
+def test_killed_with_its_keeper_and_the_second_the_hands_own_watchdog_lets_go(
+    hand: VirtualPolledHand, driver: Start
+) -> None:
+    end(ALL_THREE, *driver("alone"), 0.0)
     assert soon(lambda: hand.limp)
 
 
-def test_a_keeper_that_was_ended_is_a_fault_and_reset_starts_another(hand: VirtualHand, tty: Path, kind: Kind) -> None:
+def test_a_keeper_that_was_ended_is_a_fault_and_reset_starts_another(
+    hand: VirtualPolledHand, tty: Path, kind: Kind
+) -> None:
     backend = driven(kind, tty, keeper=True)
     backend.reset()
     os.kill(backend.keeper, signal.SIGKILL)

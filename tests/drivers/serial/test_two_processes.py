@@ -18,15 +18,16 @@ pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.drivers.base.adapter import Adapter
+from allegro_twin.drivers.base.serial_port import SerialPort
 from allegro_twin.drivers.base.terminal import Terminal
-from allegro_twin.drivers.dynamixel.codec.packet import Instruction, Packet, status
+from allegro_twin.drivers.dynamixel.codec.packet import DynamixelPacket, Instruction, status
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings
 from allegro_twin.drivers.dynamixel.driver.line import SdkLine
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
-from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualServoHand
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.types import HandState, PositionCommand
+from tests.drivers.keeper import ALL_THREE, DEATHS, end
 from tests.drivers.serial.rigs import BAUD, MADE, Joints, Serving, calibrated, small_spec, soon
 
 PERIOD = 0.02
@@ -55,8 +56,8 @@ pytestmark = pytest.mark.realtime
 
 
 def driven(path: Path, baud: int = BAUD, *, keeper: bool = False) -> DynamixelBackend:
-    settings = HostSettings(period=PERIOD, watchdog=0.5, keeper=keeper)
-    made = DynamixelBackend(small_spec(), calibrated(), lambda: Adapter(str(path), baud), settings, latency=PATIENCE)
+    settings = ServoHostSettings(period=PERIOD, watchdog=0.5, keeper=keeper)
+    made = DynamixelBackend(small_spec(), calibrated(), lambda: SerialPort(str(path), baud), settings, latency=PATIENCE)
     MADE.append(made)
     return made
 
@@ -67,13 +68,13 @@ def tty(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def hand(tty: Path) -> Iterator[VirtualHand]:
-    made = VirtualHand(Joints(small_spec(), period=0.005), calibrated(), BAUD)
+def hand(tty: Path) -> Iterator[VirtualServoHand]:
+    made = VirtualServoHand(Joints(small_spec(), period=0.005), calibrated(), BAUD)
     with Serving(tty, made):
         yield made
 
 
-def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualHand, tty: Path) -> None:
+def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualServoHand, tty: Path) -> None:
     backend = driven(tty)
     first = backend.reset()
     assert (first.t, first.tick) == (0.0, 0)
@@ -91,8 +92,8 @@ def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualHand, tty: Path) -
     assert soon(lambda: hand.limp)
 
 
-def test_half_a_packet_before_a_pause_never_becomes_one(hand: VirtualHand, tty: Path) -> None:
-    line, ping = SdkLine(Adapter(str(tty), BAUD), 0.2), list(Packet(3, Instruction.PING).encoded())
+def test_half_a_packet_before_a_pause_never_becomes_one(hand: VirtualServoHand, tty: Path) -> None:
+    line, ping = SdkLine(SerialPort(str(tty), BAUD), 0.2), list(DynamixelPacket(3, Instruction.PING).encoded())
     try:
 
         def answered(pause: float) -> bool:
@@ -110,7 +111,7 @@ def test_half_a_packet_before_a_pause_never_becomes_one(hand: VirtualHand, tty: 
         line.port.close()
 
 
-def test_a_second_program_cannot_open_the_port(hand: VirtualHand, tty: Path) -> None:
+def test_a_second_program_cannot_open_the_port(hand: VirtualServoHand, tty: Path) -> None:
     driven(tty)
     with pytest.raises(LinkError, match=r"cannot open .*hand.tty: .*lock"):
         driven(tty)
@@ -122,15 +123,15 @@ def test_a_port_that_is_not_there_is_a_link_error_in_one_line(tmp_path: Path) ->
     assert "\n" not in str(caught.value)
 
 
-def test_at_another_speed_it_says_which_one_answers(hand: VirtualHand, tty: Path) -> None:
-    settings = HostSettings(period=0.05, keeper=False)
+def test_at_another_speed_it_says_which_one_answers(hand: VirtualServoHand, tty: Path) -> None:
+    settings = ServoHostSettings(period=0.05, keeper=False)
     with pytest.raises(LinkTimeout, match="they answer at 1000000: set baud so"):
-        DynamixelBackend(small_spec(), calibrated(), lambda: Adapter(str(tty), 57_600), settings, latency=0.1)
+        DynamixelBackend(small_spec(), calibrated(), lambda: SerialPort(str(tty), 57_600), settings, latency=0.1)
     with pytest.raises(ConfigError, match="period 0.02 s is too short"):
         driven(tty, 9_600)
 
 
-def test_a_program_that_hangs_is_stopped_by_the_servos_watchdogs(hand: VirtualHand, tty: Path) -> None:
+def test_a_program_that_hangs_is_stopped_by_the_servos_watchdogs(hand: VirtualServoHand, tty: Path) -> None:
     backend = driven(tty)
     backend.reset()
     for _ in range(5):
@@ -145,7 +146,7 @@ def test_a_program_that_hangs_is_stopped_by_the_servos_watchdogs(hand: VirtualHa
 
 
 @pytest.fixture
-def driver(hand: VirtualHand, tty: Path) -> Iterator[Callable[[str], tuple[subprocess.Popen[str], int]]]:
+def driver(hand: VirtualServoHand, tty: Path) -> Iterator[Callable[[str], tuple[subprocess.Popen[str], int]]]:
     """Starts a program that drives the hand; it and its keeper."""
     started: list[subprocess.Popen[str]] = []
 
@@ -153,10 +154,10 @@ def driver(hand: VirtualHand, tty: Path) -> Iterator[Callable[[str], tuple[subpr
         started.append(
             subprocess.Popen([sys.executable, "-c", DRIVER, str(tty), how], cwd=ROOT, stdout=subprocess.PIPE, text=True)
         )
-        assert started[0].stdout is not None
-        said = started[0].stdout.readline().split()
+        assert started[-1].stdout is not None
+        said = started[-1].stdout.readline().split()
         assert said[:1] == ["driving"]
-        return started[0], int(said[1])
+        return started[-1], int(said[1])
 
     yield start
     for each in started:
@@ -173,7 +174,7 @@ Start = Callable[[str], tuple[subprocess.Popen[str], int]]
     ("kind", "how"), [("alone", signal.SIGKILL), ("alone", signal.SIGTERM), ("forked", signal.SIGKILL)]
 )
 def test_a_program_that_is_killed_leaves_the_hand_limp(
-    hand: VirtualHand, driver: Start, kind: str, how: signal.Signals
+    hand: VirtualServoHand, driver: Start, kind: str, how: signal.Signals
 ) -> None:
     program, keeper = driver(kind)
     assert keeper
@@ -185,7 +186,9 @@ def test_a_program_that_is_killed_leaves_the_hand_limp(
     assert soon(lambda: not Path(f"/proc/{keeper}").exists())
 
 
-def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: VirtualHand, driver: Start) -> None:
+def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(
+    hand: VirtualServoHand, driver: Start
+) -> None:
     program, keeper = driver("alone")
     program.send_signal(signal.SIGINT)
     program.wait()
@@ -193,18 +196,29 @@ def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: 
     assert soon(lambda: not Path(f"/proc/{keeper}").exists())
 
 
-def test_killed_with_its_keeper_the_servos_stop_where_they_are(hand: VirtualHand, driver: Start) -> None:
-    """What a real servo's watchdog does as well: it stops, and holds with the current that it was allowed."""
+@pytest.mark.parametrize("order", DEATHS)
+def test_a_hand_whose_program_and_keeper_are_both_killed_is_limp(
+    hand: VirtualServoHand, driver: Start, order: str
+) -> None:
+    """Limp, and not only stopped by the servos' own watchdogs."""
     program, keeper = driver("alone")
-    os.kill(keeper, signal.SIGKILL)
-    program.kill()
-    program.wait()
+    assert not hand.limp
+    finish = end(DEATHS[order], program, keeper, 0.002)
+    assert soon(lambda: hand.limp)
+    finish()
+
+
+def test_killed_with_its_keeper_and_the_second_the_servos_stop_where_they_are(
+    hand: VirtualServoHand, driver: Start
+) -> None:
+    """What a real servo's watchdog does as well: it stops, and holds with the current that it was allowed."""
+    end(ALL_THREE, *driver("alone"), 0.0)
     assert soon(lambda: all(servo.memory.get("bus_watchdog") == -1 for servo in hand.servos))
     assert all(servo.on for servo in hand.servos)
     assert {servo.wants.current for servo in hand.servos} == {calibrated().current_counts[0]}
 
 
-def test_a_keeper_that_was_ended_is_a_fault_and_reset_starts_another(hand: VirtualHand, tty: Path) -> None:
+def test_a_keeper_that_was_ended_is_a_fault_and_reset_starts_another(hand: VirtualServoHand, tty: Path) -> None:
     backend = driven(tty, keeper=True)
     backend.reset()
     os.kill(backend.keeper, signal.SIGKILL)

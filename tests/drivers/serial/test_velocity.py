@@ -7,10 +7,10 @@ import random
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.base.lockstep import LockstepPort
-from allegro_twin.drivers.base.port import Port
-from allegro_twin.drivers.base.velocity import DifferenceQuotient, Exchanged
-from allegro_twin.drivers.polled.settings import HostSettings
+from allegro_twin.drivers.base.difference_quotient import DifferenceQuotient, Exchanged
+from allegro_twin.drivers.base.lockstep import LockstepLine
+from allegro_twin.drivers.base.serial_line import SerialLine
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings
 from allegro_twin.types import HandState, PositionCommand
 from tests.drivers.serial.polled_rigs import KINDS, Kind, Polled, scale_of
 from tests.drivers.serial.rigs import PERIOD
@@ -19,7 +19,7 @@ STEP = 0.001
 """s of the hand; its host asks every `PERIOD`."""
 
 
-class StallingPort(LockstepPort):
+class StallingPort(LockstepLine):
     """The hand moves on while its host stalls: before a question, or before it reads the answer."""
 
     rng = random.Random(0)
@@ -40,8 +40,8 @@ class StallingPort(LockstepPort):
             self.wait(self.now() + self.rng.uniform(0.0, self.longest))
 
 
-def stalling(port: Port, seed: int) -> StallingPort:
-    assert isinstance(port, LockstepPort)
+def stalling(port: SerialLine, seed: int) -> StallingPort:
+    assert isinstance(port, LockstepLine)
     made = StallingPort(port.hand, port.baud)
     made.rng = random.Random(seed)
     return made
@@ -62,7 +62,7 @@ def test_however_a_host_stalls_no_speed_is_reported_that_no_joint_had(kind: Kind
         return state
 
     hand.step = watched  # type: ignore[method-assign]
-    settings = HostSettings(PERIOD, watchdog=5.0)
+    settings = PolledHostSettings(PERIOD, watchdog=5.0)
     polled = Polled(kind, there=hand, wrap=lambda port: stalling(port, seed), settings=settings)
     backend, reported = polled.backend, [0.0]
     backend.reset()

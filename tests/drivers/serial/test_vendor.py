@@ -15,7 +15,7 @@ if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from allegro_twin.drivers.dynamixel.codec.table import MODELS, Model  # noqa: E402  # What is missing is said first.
-from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand  # noqa: E402  # As above.
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualServoHand  # noqa: E402  # As above.
 from tests.drivers.serial.rigs import Joints, Serving, calibrated, small_spec, soon  # noqa: E402  # As above.
 
 BAUD = 1_000_000
@@ -24,12 +24,12 @@ PATIENCE = 1000.0
 
 
 @pytest.fixture
-def hand() -> VirtualHand:
-    return VirtualHand(Joints(small_spec()), calibrated(), BAUD)
+def hand() -> VirtualServoHand:
+    return VirtualServoHand(Joints(small_spec()), calibrated(), BAUD)
 
 
 @pytest.fixture
-def port(hand: VirtualHand, tmp_path: Path) -> Iterator[Any]:
+def port(hand: VirtualServoHand, tmp_path: Path) -> Iterator[Any]:
     with Serving(tmp_path / "hand.tty", hand):
         opened = dynamixel_sdk.PortHandler(str(tmp_path / "hand.tty"))
         assert opened.openPort()
@@ -73,7 +73,7 @@ def test_a_goal_current_above_the_limit_is_error_6_and_other_mistakes_have_their
 
 
 def test_sync_write_and_sync_read_move_the_hand_and_tell_where_it_is(
-    port: Any, packets: Any, hand: VirtualHand
+    port: Any, packets: Any, hand: VirtualServoHand
 ) -> None:
     for identifier in (3, 4, 5, 6):
         assert packets.write1ByteTxRx(port, identifier, 11, 5) == (0, 0)
@@ -110,7 +110,7 @@ def test_bulk_read_and_write_and_reg_write_with_action(port: Any, packets: Any) 
     assert soon(lambda: bool(packets.read1ByteTxRx(port, 5, 65) == (1, 0, 0)))
 
 
-def test_the_bus_watchdog_strikes_and_is_cleared(port: Any, packets: Any, hand: VirtualHand) -> None:
+def test_the_bus_watchdog_strikes_and_is_cleared(port: Any, packets: Any, hand: VirtualServoHand) -> None:
     assert packets.write1ByteTxRx(port, 3, 11, 5) == (0, 0)
     assert packets.write1ByteTxRx(port, 3, 64, 1) == (0, 0)
     assert packets.write1ByteTxRx(port, 3, 98, 2) == (0, 0)
@@ -121,7 +121,7 @@ def test_the_bus_watchdog_strikes_and_is_cleared(port: Any, packets: Any, hand: 
     assert packets.write4ByteTxRx(port, 3, 116, 2100) == (0, 0)
 
 
-def test_a_hardware_error_sets_the_alert_bit_until_a_reboot(port: Any, packets: Any, hand: VirtualHand) -> None:
+def test_a_hardware_error_sets_the_alert_bit_until_a_reboot(port: Any, packets: Any, hand: VirtualServoHand) -> None:
     hand.servos[2].fail(1 << 5)
     assert packets.read1ByteTxRx(port, 5, 70) == (32, 0, 0x80)
     assert packets.reboot(port, 5) == (0, 0)
@@ -151,7 +151,7 @@ def test_scattered_items_are_read_and_written_together_through_indirect_addresse
     model: Model, tmp_path: Path, packets: Any
 ) -> None:
     """As e-Manual has it: pointers from 168 on, their data from 224 (XM430) or 208 (XC330) on."""
-    hand = VirtualHand(Joints(small_spec()), calibrated(model=model), BAUD)
+    hand = VirtualServoHand(Joints(small_spec()), calibrated(model=model), BAUD)
     pointers, data, count = model.indirect[0]
     with Serving(tmp_path / "hand.tty", hand):
         port = dynamixel_sdk.PortHandler(str(tmp_path / "hand.tty"))

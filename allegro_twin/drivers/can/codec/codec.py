@@ -106,7 +106,7 @@ def exactly(frame: Frame, *lengths: int) -> bytes:
     raise malformed(frame, f"{len(frame.data)} data bytes instead of {' or '.join(map(str, lengths))}")
 
 
-def asked(frame: Frame, request: Request, length: int) -> Request:
+def parse_request(frame: Frame, request: Request, length: int) -> Request:
     """The request that a frame is when it comes remote, or without data as from links that cannot say remote."""
     if frame.remote or not frame.data:
         return request
@@ -120,6 +120,6 @@ def answer(topic: Topic, finger: int | None, length: int, read: Callable[[bytes]
     def decode(frame: Frame) -> Message:
         if len(frame.data) == length and not frame.remote:
             return read(frame.data)
-        return asked(frame, request, length)
+        return parse_request(frame, request, length)
 
     return decode

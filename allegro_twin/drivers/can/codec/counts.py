@@ -32,6 +32,6 @@ def nearest(value: float, low: int, high: int) -> int:
     raise ProtocolError("NaN cannot be put on the wire")
 
 
-def word(value: float) -> int:
+def int16(value: float) -> int:
     """The nearest signed 16-bit count."""
     return math.floor(value + 0.5) if -32768.0 <= value <= 32767.0 else nearest(value, -32768, 32767)

@@ -12,7 +12,7 @@ from struct import Struct
 from typing import ClassVar, Final, Literal
 
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.codec import Decoder, Encoder, asked, exactly, malformed, no_such
+from allegro_twin.drivers.can.codec.codec import Decoder, Encoder, exactly, malformed, no_such, parse_request
 from allegro_twin.drivers.can.codec.counts import nearest
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
@@ -166,7 +166,7 @@ def _from_hand(command: int) -> int:
 
 def _read_identity(frame: Frame) -> Message:
     if len(frame.data) != 8:
-        return asked(frame, Request(Topic.INFORMATION), 8)
+        return parse_request(frame, Request(Topic.INFORMATION), 8)
     hardware, firmware, side = _IDENTITY.unpack(frame.data)
     return m.Information(hardware, firmware, "right" if side else "left")
 

@@ -11,8 +11,8 @@ from struct import Struct
 from typing import ClassVar, Final
 
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.codec import Decoder, Encoder, ServoAnswer, answer, asked, exactly, no_such
-from allegro_twin.drivers.can.codec.counts import LITTLE, nearest, word
+from allegro_twin.drivers.can.codec.codec import Decoder, Encoder, ServoAnswer, answer, exactly, no_such, parse_request
+from allegro_twin.drivers.can.codec.counts import LITTLE, int16, nearest
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
@@ -89,7 +89,7 @@ class V4:
             m.Request: self._request_frame,
             m.FingerPosition: lambda p: self.positions.frame(p.finger, p.position),
             m.FingerTemperature: lambda t: Frame(at(TEMPERATURE + t.finger), _celsius(t)),
-            m.Imu: lambda i: Frame(at(IMU), LITTLE.pack(*[word(_ONE * x) for x in i.orientation])),
+            m.Imu: lambda i: Frame(at(IMU), LITTLE.pack(*[int16(_ONE * x) for x in i.orientation])),
             m.Status: lambda s: Frame(at(STATUS), bytes([int(s.bits) & 0xFF])),
             m.Information: lambda i: Frame(at(INFORMATION), _information(i)),
             m.Serial: lambda s: Frame(at(SERIAL), s.text.encode("latin-1", "replace")[:8].ljust(8)),
@@ -127,7 +127,7 @@ class V4:
         def decode(frame: Frame) -> Message:
             if len(frame.data) == 8 and not frame.remote:
                 return m.FingerPosition(finger, read(finger, frame.data))
-            return asked(frame, request, 8)
+            return parse_request(frame, request, 8)
 
         return decode
 

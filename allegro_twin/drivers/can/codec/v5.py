@@ -81,7 +81,7 @@ class V5Plus(V5):
     version: ClassVar[Version] = "v5plus"
 
 
-def told_by_serial(serial: str) -> tuple[Version | None, Side | None]:
+def parse_serial(serial: str) -> tuple[Version | None, Side | None]:
     """Type and side of a v5 hand, which only its serial tells: `5TBR0017` is a Plus and a right one. None for a letter
     that says neither. V5R2 :269-280."""
     kinds: dict[str, Version] = {"A": "v5", "B": "v5plus"}

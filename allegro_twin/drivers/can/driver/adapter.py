@@ -9,8 +9,9 @@ from contextlib import suppress
 
 import can
 
+from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames, single
-from allegro_twin.drivers.can.driver.link import Link, Stamped, Way
+from allegro_twin.drivers.can.driver.link import Link, Stamped
 from allegro_twin.drivers.can.driver.timestamps import Stamps
 from allegro_twin.errors import LinkError
 

@@ -15,9 +15,9 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import FINGERS, Codec, described
 from allegro_twin.drivers.can.codec.messages import Topic
 from allegro_twin.drivers.can.driver.health import Health
-from allegro_twin.drivers.can.driver.link import Port
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.driver.receiver import Listener
-from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.drivers.can.driver.startup import begin
 from allegro_twin.drivers.can.driver.watch import Watch
@@ -41,12 +41,12 @@ class CanBackend:
     """
 
     def __init__(
-        self, spec: HandSpec, codec: Codec, open_port: Callable[[], Port], settings: HostSettings | None = None
+        self, spec: HandSpec, codec: Codec, open_port: Callable[[], BusPort], settings: CanHostSettings | None = None
     ) -> None:
         if spec.n_joints != 4 * len(FINGERS):
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
-        self._spec, self._codec, self._open, self._settings = spec, codec, open_port, settings or HostSettings()
-        self._port: Port | None = open_port()
+        self._spec, self._codec, self._open, self._settings = spec, codec, open_port, settings or CanHostSettings()
+        self._port: BusPort | None = open_port()
         self._lockstep = self._port.link.lockstep
         asks = codec.identifies and self._settings.identify
         self._shutdown = ShutdownSequence(codec, asks=asks, period=self._settings.period)

@@ -19,9 +19,9 @@ from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.driver.assembler import Assembler, Whole
 from allegro_twin.drivers.can.driver.clock import Continuity, HandClock
 from allegro_twin.drivers.can.driver.health import Health
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.link import Stamped, StampedJoints
-from allegro_twin.drivers.can.driver.settings import HostSettings
-from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
 from allegro_twin.errors import ProtocolError
 from allegro_twin.types import HandState, Vector, frozen
 
@@ -32,7 +32,7 @@ OTHERS = 400
 class Interpreter:
     """Takes frames in their order; `whole` is the newest hand that is not yet a state, and `state` makes it one."""
 
-    def __init__(self, codec: Codec, settings: HostSettings, health: Health | None = None) -> None:
+    def __init__(self, codec: Codec, settings: CanHostSettings, health: Health | None = None) -> None:
         self._codec, self._settings, self._health = codec, settings, health or Health()
         self._period = settings.period
         self._fingers, self._read = codec.positions.fingers, codec.positions.values

@@ -6,17 +6,16 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import can
 
+from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames
 from allegro_twin.drivers.can.driver.load import Load, check_load
 
 Message: TypeAlias = can.Message
 """A frame as python-can hands it over, with its time and its direction."""
-Way: TypeAlias = dict[str, Any]
-"""How another process reaches the same bus: `kind` and what it takes; see `keeper_process`."""
 QUEUE = 4096
 """Frames kept for a hand that nobody reads."""
 TURN = 0.0005
@@ -45,7 +44,7 @@ class Link(ABC):
 
     def __init__(self, name: str, bitrate: int) -> None:
         self.name, self.bitrate = name, bitrate
-        self._ports: list[Port] = []
+        self._ports: list[BusPort] = []
         self._sending, self._receiving = threading.Lock(), threading.Lock()
         self._listeners: list[Callable[[can.Message], None]] = []
         self.error_frames = 0
@@ -71,10 +70,10 @@ class Link(ABC):
         """How a process of its own can reach this bus, or why none can."""
         return "this adapter serves one program at a time"
 
-    def port(self, load: Load | None = None) -> Port:
+    def port(self, load: Load | None = None) -> BusPort:
         """A listener of its own: every port receives every frame. Raises ConfigError when the bus cannot carry its
         `load` beside the others'."""
-        port = Port(self, load)
+        port = BusPort(self, load)
         check_load([*(other.load for other in self._ports), load], self.bitrate, self.name)
         self._ports.append(port)
         return port
@@ -102,7 +101,7 @@ class Link(ABC):
             self._receiving.release()
         return bool(came)
 
-    def leave(self, port: Port) -> None:
+    def leave(self, port: BusPort) -> None:
         """The last one out closes the bus."""
         if port in self._ports:
             self._ports.remove(port)
@@ -110,7 +109,7 @@ class Link(ABC):
                 self._close()
 
 
-class Port:
+class BusPort:
     """One hand's end of a link."""
 
     def __init__(self, link: Link, load: Load | None) -> None:

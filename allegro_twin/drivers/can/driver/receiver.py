@@ -9,8 +9,8 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, StatusBits
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import Interpreter
-from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.errors import HandFault, LinkError, LinkTimeout
 
 _FATAL = {
@@ -23,7 +23,7 @@ _FATAL = {
 class Listener(Interpreter):
     """An interpreter that raises HandFault for what stops a hand, and LinkError when somebody else commands it."""
 
-    def __init__(self, codec: Codec, settings: HostSettings) -> None:
+    def __init__(self, codec: Codec, settings: CanHostSettings) -> None:
         super().__init__(codec, settings)
         self.serving = False
         """Whether the motors ought to be on."""

@@ -9,7 +9,7 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import StatusBits
-from allegro_twin.drivers.can.driver.link import Port
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.errors import LinkError, ProtocolError
 
 PATIENCE, TRIES = 0.3, 60
@@ -31,7 +31,7 @@ class ShutdownSequence:
         self.answer = codec.servo_answer if asks else None
         self._quiet = PERIODS * period
 
-    def run(self, port: Port, *, reported: bool) -> str:
+    def run(self, port: BusPort, *, reported: bool) -> str:
         """Send it until it is confirmed; why it was not, or nothing. `reported`: the hand did, until just now.
 
         A hand that can be asked says that its motors are off; of any other the reports must end.
@@ -47,7 +47,7 @@ class ShutdownSequence:
                 break
         return why
 
-    def _said(self, port: Port, reported: bool) -> str:
+    def _said(self, port: BusPort, reported: bool) -> str:
         if not port.send(self.frames):
             port.receive(_PAUSE)
             return "the transmit queue is full"
@@ -61,7 +61,7 @@ class ShutdownSequence:
         port.send(self.frames)  # Last on the bus, whatever came between.
         return ""
 
-    def _off(self, port: Port) -> bool:
+    def _off(self, port: BusPort) -> bool:
         """Whether the hand says that its motors are off."""
         deadline = port.link.now() + ANSWER
         while (left := deadline - port.link.now()) > 0.0 and (stamped := port.receive(left)) is not None:
@@ -70,7 +70,7 @@ class ShutdownSequence:
                 return True
         return False
 
-    def _silent(self, port: Port) -> bool:
+    def _silent(self, port: BusPort) -> bool:
         """Whether no report comes any more."""
         deadline = port.link.now() + 2 * self._quiet
         while port.link.now() < deadline:

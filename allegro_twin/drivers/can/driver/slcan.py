@@ -9,14 +9,14 @@ import select
 import time
 from collections import deque
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import can
 from can.interfaces.slcan import slcanBus
 
+from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import Frame
-from allegro_twin.drivers.can.driver.link import Way
-from allegro_twin.drivers.can.driver.port_owner import holder
 
 _CHUNK = 1 << 16
 _NEARLY_FULL = 4000
@@ -46,7 +46,7 @@ class SlcanBus(slcanBus):
     @property
     def way(self) -> Way:
         """Another process can go on writing to the port that is open here."""
-        return {"kind": "serial", "fd": self.serialPortOrig.fileno()}
+        return {"kind": "slcan", "fd": self.serialPortOrig.fileno()}
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Raises can.CanOperationError with ENOBUFS when the port takes no more."""
@@ -161,6 +161,31 @@ def _locked(path: str) -> int:
                 continue
             os.close(descriptor)
             raise can.CanInitializationError(
-                f"{holder(path)} has this port, which serves one program at a time"
+                f"{_holder(path)} has this port, which serves one program at a time"
             ) from None
         return descriptor
+
+
+def _holder(path: str) -> str:
+    """The programs of this computer that have a file open, this one aside, as far as they may be looked at."""
+    wanted, found = os.path.realpath(path), []
+    for process in Path("/proc").glob("[0-9]*"):
+        if process.name == str(os.getpid()):
+            continue
+        try:
+            if any(os.path.realpath(one) == wanted for one in (process / "fd").iterdir()):
+                words = (process / "cmdline").read_bytes().split(b"\0")
+                found.append(
+                    f"`{_short([word.decode(errors='replace') for word in words if word])}` (pid {process.name})"
+                )
+        except OSError:
+            continue  # Gone meanwhile, or another user's.
+    return " and ".join(found) or "another program"
+
+
+def _short(words: list[str]) -> str:
+    """A command line without the interpreter and the folders."""
+    shown = [os.path.basename(words[0]) if words else "?", *words[1:]]
+    if shown[0].startswith("python") and len(shown) > 1:
+        shown = [os.path.basename(shown[1]), *shown[2:]] if shown[1] != "-m" else shown[2:]
+    return " ".join(shown)[:80]

@@ -12,7 +12,7 @@ from typing import Any
 
 import can
 
-from allegro_twin.drivers.can.driver.link import Way
+from allegro_twin.drivers.base.keeper.keeper import Way
 
 _CONNECT, _FAREWELL = 5.0, 0.5
 """s for the server to answer; for what was said last to be heard."""

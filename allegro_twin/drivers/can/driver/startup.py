@@ -9,9 +9,9 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Topic
-from allegro_twin.drivers.can.codec.v5 import told_by_serial
-from allegro_twin.drivers.can.driver.link import Port, Stamped
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.codec.v5 import parse_serial
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import BusPort, Stamped
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
 from allegro_twin.spec import HandSpec, Side
 
@@ -26,9 +26,9 @@ _GENERATION = {"v4": 4, "v5": 5, "v5plus": 5}
 
 
 def begin(
-    port: Port,
+    port: BusPort,
     codec: Codec,
-    settings: HostSettings,
+    settings: CanHostSettings,
     spec: HandSpec,
     limp: Sequence[Frame],
     serving: Callable[[], None] = lambda: None,
@@ -47,7 +47,7 @@ def begin(
     return _say(port, [*map(codec.encode, words), *codec.torques.zero.frames, codec.encode(m.ServoOn())])
 
 
-def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: float) -> Message | None:
+def ask(port: BusPort, codec: Codec, topic: Topic, kind: type[Message], timeout: float) -> Message | None:
     """Ask a hand for something, which may be `timeout` s late; None when it does not answer."""
     for _ in range(TRIES):
         port.send([codec.encode(m.Request(topic))])
@@ -65,7 +65,7 @@ def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: fl
     return None
 
 
-def _drain(port: Port) -> None:
+def _drain(port: BusPort) -> None:
     """Let what is under way arrive, and forget it."""
     deadline = port.link.now() + 5 * QUIET
     seen: list[Frame] = []
@@ -76,7 +76,7 @@ def _drain(port: Port) -> None:
         seen.append(stamped.frame)
 
 
-def identify(port: Port, codec: Codec, spec: HandSpec, timeout: float) -> tuple[m.Information, Side | None]:
+def identify(port: BusPort, codec: Codec, spec: HandSpec, timeout: float) -> tuple[m.Information, Side | None]:
     """Who the hand, which may be `timeout` s late, says it is, and its side where it tells.
 
     Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says.
@@ -95,7 +95,7 @@ def identify(port: Port, codec: Codec, spec: HandSpec, timeout: float) -> tuple[
         )
     side = found.side
     if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial, timeout), m.Serial):
-        version, side = told_by_serial(serial.text)
+        version, side = parse_serial(serial.text)
         if version is not None and version != codec.version:
             raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
     if side is not None and side != spec.side:
@@ -103,7 +103,7 @@ def identify(port: Port, codec: Codec, spec: HandSpec, timeout: float) -> tuple[
     return found, side
 
 
-def _instead(port: Port) -> str:
+def _instead(port: BusPort) -> str:
     """Who else reports on this bus."""
     frames: list[Frame] = []
     while (stamped := port.receive(QUIET)) is not None and len(frames) < 100:
@@ -112,7 +112,7 @@ def _instead(port: Port) -> str:
     return f" (but {others} reports)" if others else ""
 
 
-def _say(port: Port, frames: Iterable[Frame]) -> list[Stamped]:
+def _say(port: BusPort, frames: Iterable[Frame]) -> list[Stamped]:
     """Send with gaps; what came in them."""
     heard = []
     for frame in frames:

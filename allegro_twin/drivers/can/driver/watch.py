@@ -8,12 +8,12 @@ import os
 import time
 from contextlib import suppress
 
+from allegro_twin.drivers.base.keeper.keeper import Keeper
 from allegro_twin.drivers.base.suspend import Inhibitor, SuspendWatch
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.driver.deadman import Deadman
-from allegro_twin.drivers.can.driver.keeper import Keeper
-from allegro_twin.drivers.can.driver.link import Port
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.errors import HandFault, LinkError
 
@@ -26,10 +26,10 @@ _BEAT = 0.025
 class Watch:
     """One hand's. On a lockstep bus nobody watches: time stands still while nobody calls."""
 
-    def __init__(self, codec: Codec, shutdown: ShutdownSequence, settings: HostSettings) -> None:
+    def __init__(self, codec: Codec, shutdown: ShutdownSequence, settings: CanHostSettings) -> None:
         self._codec, self._shutdown, self._settings = codec, shutdown, settings
         self._patience = math.inf if settings.deadman is None else settings.deadman
-        self._port: Port | None = None
+        self._port: BusPort | None = None
         self._guard: Keeper | Deadman | None = None
         self.armed, self._fed, self._alone = False, 0.0, ""
         self._suspend = SuspendWatch()
@@ -49,7 +49,7 @@ class Watch:
         """What a user should know of it."""
         return [f"no keeper: {self._alone}; a crash of this program leaves the hand pushing"] if self._alone else []
 
-    def ready(self, port: Port) -> None:
+    def ready(self, port: BusPort) -> None:
         """Be ready before the motors go on. Raises LinkError when a keeper does not start."""
         if port is self._port and self._guard is not None and not self._spoke():
             return
@@ -61,7 +61,8 @@ class Watch:
         way = port.link.way if hasattr(os, "memfd_create") else "this system cannot share memory with one"
         if self._settings.keeper and isinstance(way, dict):
             answer, reports = self._shutdown.answer, self._codec.positions.fingers
-            self._guard = Keeper(way, self._shutdown.frames, reports, answer, self._settings.deadman)
+            ask = None if answer is None else (answer.ask.id, answer.byte, answer.mask)
+            self._guard = Keeper(way, self._shutdown.frames, reports, ask, self._settings.deadman)
             return
         if self._settings.keeper:
             self._alone = str(way)
@@ -133,7 +134,7 @@ class Watch:
     def _dismiss(self) -> None:
         guard, self._guard = self._guard, None
         if isinstance(guard, Keeper):
-            guard.hush()
+            guard.dismiss()
         elif guard is not None:
             guard.close()
 

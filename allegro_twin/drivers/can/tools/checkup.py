@@ -17,11 +17,11 @@ from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame, bits
 from allegro_twin.drivers.can.codec.messages import Topic
 from allegro_twin.drivers.can.driver.assembler import Whole
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import OTHERS
-from allegro_twin.drivers.can.driver.link import Port
+from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.driver.load import share
 from allegro_twin.drivers.can.driver.receiver import Listener
-from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.drivers.can.driver.startup import ask, begin, identify
 from allegro_twin.drivers.can.tools import findings
@@ -37,7 +37,9 @@ _POLL = 1.0  # s between two questions for the status, as in the backend.
 class Checkup:
     """One walk. The hand gets zero torque and nothing else, and is limp and silent afterwards, whatever happens."""
 
-    def __init__(self, spec: HandSpec, codec: Codec, open_port: Callable[[], Port], settings: HostSettings) -> None:
+    def __init__(
+        self, spec: HandSpec, codec: Codec, open_port: Callable[[], BusPort], settings: CanHostSettings
+    ) -> None:
         self._spec, self._codec, self._open, self._settings = spec, codec, open_port, settings
         self._zero = codec.torques.zero
         self._shutdown = ShutdownSequence(codec, asks=codec.identifies and settings.identify, period=settings.period)
@@ -46,7 +48,7 @@ class Checkup:
         self._frames = self._bits = 0
         self._wholes: list[Whole] = []
         self._measured = 0.0
-        self._port: Port
+        self._port: BusPort
 
     def walk(self) -> Generator[Finding]:
         """Finding after finding; the last is the first that is broken, or that the hand was left limp."""

@@ -16,8 +16,8 @@ from can.io.blf import BLFParseError
 
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.link import Stamped
-from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.tools.samples import Found, Samples
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.types import Sample
@@ -136,7 +136,7 @@ def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped,
 
 
 def samples_of_log(
-    path: Path, codec: Codec, settings: HostSettings, found: Found | None = None, bus: str | None = None
+    path: Path, codec: Codec, settings: CanHostSettings, found: Found | None = None, bus: str | None = None
 ) -> Iterator[Sample]:
     """What a hand's session was, from a log of its bus: every whole hand with the torques that were sent next.
 

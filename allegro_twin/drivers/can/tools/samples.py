@@ -14,8 +14,8 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Four
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import Interpreter
-from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import HandState, Sample, TorqueCommand, frozen
 
@@ -58,7 +58,7 @@ def regular(intervals: Iterable[float]) -> float:
 class Samples:
     """Takes frames of one hand and its driver, in their order; gives a sample when the next state is whole."""
 
-    def __init__(self, codec: Codec, settings: HostSettings, found: Found) -> None:
+    def __init__(self, codec: Codec, settings: CanHostSettings, found: Found) -> None:
         self._codec, self._settings, self.found, self._bus = codec, settings, found, ""
         self._interpreter = Interpreter(codec, settings)
         self._latched = frozen(self._interpreter.torque)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 
+from allegro_twin.drivers.base.faults import FaultScript
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import FingerPosition, StatusBits
+from allegro_twin.drivers.can.config import FaultSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.errors import ConfigError, ProtocolError
 from allegro_twin.spec.drivetrain import AILMENTS, Ailment
@@ -18,52 +19,13 @@ from allegro_twin.spec.drivetrain import AILMENTS, Ailment
 OVERHEATED = 90.0  # °C that a joint is set to; above what the firmware bears.
 
 
-class Event(NamedTuple):
-    """Something that happens once, to every hand on the bus."""
+class BusFaults:
+    """Does to hands and their frames what a config's `faults` say. Probabilities are per frame."""
 
-    at: float
-    """s since the bus began."""
-    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"] | Ailment
-    which: int = 0
-    """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
-    amount: float | None = None
-    """Of what goes wrong with the hand itself; default: the middle of what chance draws."""
-
-
-@dataclass(frozen=True, slots=True)
-class FaultPlan:
-    """Probabilities are per frame and hold in both directions, except `delay` and `reorder`: hand to host.
-
-    Raises ConfigError for what is no probability.
-    """
-
-    drop: float = 0.0
-    duplicate: float = 0.0
-    corrupt: float = 0.0
-    """A bit turned over, or the data cut short: what a CRC would have caught, so the worst case."""
-    delay: float = 0.0
-    delay_by: float = 0.001
-    """s."""
-    reorder: float = 0.0
-    """Frames of one moment in another order."""
-    failures: float = 0.0
-    """Of what goes wrong with the hand itself, by chance, a minute, in the mean."""
-    seed: int = 0
-    script: tuple[Event, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("drop", "duplicate", "corrupt", "delay", "reorder"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"faults.{name} must be a probability from 0 to 1, not {getattr(self, name)}")
-
-
-class Faults:
-    """A plan at work."""
-
-    def __init__(self, plan: FaultPlan) -> None:
+    def __init__(self, plan: FaultSettings) -> None:
         self._plan, self._rng = plan, np.random.default_rng(plan.seed)
         self._chance = np.random.default_rng((plan.seed, 1))
-        self._script = sorted(plan.script, key=lambda event: event.at)
+        self._script = FaultScript(plan.script, 16, "joints")
         self._held: list[tuple[float, Frame]] = []
         self._silent: set[int] = set()
         self.cut = False
@@ -77,8 +39,7 @@ class Faults:
             what = list(AILMENTS)[self._chance.integers(len(AILMENTS))]
             joint, amount = int(self._chance.integers(16)), float(self._chance.uniform(*AILMENTS[what]))
             _suffer(hands, what, _tip(hands[0], joint) if what == "loose" else joint, amount)
-        while self._script and self._script[0].at <= now:
-            event = self._script.pop(0)
+        for event in self._script.take(now):
             match event.what:
                 case "silence":
                     self._silent.add(event.which)

@@ -6,42 +6,17 @@ import errno
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import can
 
+from allegro_twin.drivers.base.pacing import Served
 from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.driver.adapter import full, number, received
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 
-BEHIND = 1.0
-"""s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
-
 _DOWN = {errno.ENETDOWN, errno.ENETUNREACH}
 _FLOOD = 1000
 """Frames in one step after which time goes on: far more than a bus can carry."""
-
-
-@dataclass(slots=True)
-class Served:
-    """What has happened so far."""
-
-    ticks: int = 0
-    heard: int = 0
-    """Frames from the host."""
-    said: int = 0
-    """Frames to the host."""
-    unsaid: int = 0
-    """Frames that the full transmit queue did not take."""
-    late: int = 0
-    """Steps that ended more than a step late."""
-    lost: int = 0
-    """Steps that were left out to catch up."""
-
-    def summary(self) -> str:
-        """All of it in one line."""
-        steps = f"{self.ticks} steps, {self.late} late, {self.lost} left out"
-        return f"{steps}; {self.heard} frames heard, {self.said} said"
 
 
 def serve(
@@ -49,21 +24,14 @@ def serve(
 ) -> Iterator[Served]:
     """Be these hands on this bus; yields after every step, until nobody consumes.
 
-    Deadlines are absolute, so that lateness does not add up. While the bus is down the hands go on, as a real one does.
+    While the bus is down the hands go on, as a real one does.
     `local`: frames of this computer's other programs count (SocketCAN; see AdapterLink). Raises can.CanError or OSError
     when the bus is gone for good.
     """
-    served, begin, skipped = Served(), clock(), 0
+    served = Served(hands.period, clock, "frames")
     while True:
-        due = begin + (served.ticks + skipped + 1) * hands.period
-        _listen(hands, bus, due, served, clock, local=local)
-        late = clock() - due
-        if late > BEHIND:
-            lost = int(late / hands.period)
-            skipped += lost
-            served.lost += lost
-        served.late += late > hands.period
-        served.ticks += 1
+        _listen(hands, bus, served.due, served, clock, local=local)
+        served.count()
         _say(bus, [*hands.late(hands.now + hands.period), *hands.step()], served)
         yield served
 

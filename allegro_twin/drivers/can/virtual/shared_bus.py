@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
-from allegro_twin.drivers.can.virtual.faults import FaultPlan, Faults
+from allegro_twin.drivers.can.config import FaultSettings
+from allegro_twin.drivers.can.virtual.faults import BusFaults
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.errors import ConfigError
 
@@ -14,12 +15,12 @@ from allegro_twin.errors import ConfigError
 class VirtualHands:
     """Firmwares that step alike. Raises ConfigError when they do not."""
 
-    def __init__(self, firmwares: Sequence[Firmware], plan: FaultPlan | None = None) -> None:
+    def __init__(self, firmwares: Sequence[Firmware], plan: FaultSettings | None = None) -> None:
         steps = {firmware.period for firmware in firmwares}
         if len(steps) != 1:
             raise ConfigError(f"hands on one virtual bus must have the same period; these have {sorted(steps)} s")
         self.firmwares, self.period = tuple(firmwares), steps.pop()
-        self.faults = Faults(plan) if plan is not None else None
+        self.faults = BusFaults(plan) if plan is not None else None
         self._ticks = 0
         self.now = 0.0
         """s since they were switched on."""

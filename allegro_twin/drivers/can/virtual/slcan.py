@@ -38,9 +38,9 @@ class SlcanDevice(can.BusABC):
 
     def __init__(self, path: Path, bitrate: int = 1_000_000) -> None:
         self._queue: deque[can.Message] = deque()
-        self._adapters: dict[int, Adapter] = {}
+        self._adapters: dict[int, SlcanAdapter] = {}
         for name in (path, path.with_name(path.name + TAP)):
-            adapter = Adapter(name, bitrate)
+            adapter = SlcanAdapter(name, bitrate)
             self._adapters[adapter.master] = adapter
         self.channel_info = f"slcan device {path}"
         super().__init__(str(path))
@@ -66,7 +66,7 @@ class SlcanDevice(can.BusABC):
             adapter.close()
 
 
-class Adapter:
+class SlcanAdapter:
     """One of them: what it is told on its serial line it says on the bus, once its channel is open."""
 
     def __init__(self, path: Path, bitrate: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from allegro_twin.drivers.base.port import BITS
+from allegro_twin.drivers.base.serial_line import BITS
 from allegro_twin.drivers.dynamixel.codec.packet import FRAME
 from allegro_twin.errors import ConfigError
 

@@ -117,11 +117,6 @@ class Calibration:
         unit = self.model.current_unit
         return tuple(int(servo.current_limit / unit + 1e-6) for servo in self.servos)
 
-    @cached_property
-    def effort_limit(self) -> Vector:
-        """What that is at the actuators, shape (m,), N·m."""
-        return frozen(self.effort(np.array(self.current_counts)))
-
     def ticks(self, position: Vector) -> list[int]:
         """Of the actuators' positions, shape (m,), rad, to the nearest; no farther than the servos count."""
         ticks = np.rint(position / self._per_tick + self._zero)

@@ -53,7 +53,7 @@ class PacketError(IntEnum):
     ACCESS = 7
 
 
-class Packet(NamedTuple):
+class DynamixelPacket(NamedTuple):
     """An instruction for a servo, or the status that it answers with."""
 
     id: int
@@ -75,12 +75,12 @@ class Damaged(NamedTuple):
     id: int
 
 
-Heard: TypeAlias = Packet | Damaged
+Heard: TypeAlias = DynamixelPacket | Damaged
 
 
-def status(identifier: int, error: int, data: bytes = b"") -> Packet:
+def status(identifier: int, error: int, data: bytes = b"") -> DynamixelPacket:
     """What a servo answers."""
-    return Packet(identifier, STATUS, bytes((error,)) + data)
+    return DynamixelPacket(identifier, STATUS, bytes((error,)) + data)
 
 
 def crc16(data: bytes) -> int:
@@ -101,7 +101,7 @@ def _remainder(byte: int) -> int:
 _TABLE = tuple(_remainder(byte) for byte in range(256))
 
 
-class Parser:
+class DynamixelParser:
     """Takes bytes as they come, in any pieces, and gives the packets that are in them. Never raises.
 
     After noise it goes on with the next header: one can stand in no packet, since bodies are stuffed, so that a packet
@@ -142,5 +142,5 @@ class Parser:
                 del held[:3]
             else:
                 body = bytes(held[7 : end - 2]).replace(_STUFFED, STUFFS)
-                found.append(Packet(identifier, body[0], body[1:]))
+                found.append(DynamixelPacket(identifier, body[0], body[1:]))
                 del held[:end]

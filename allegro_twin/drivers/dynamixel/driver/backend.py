@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from allegro_twin.drivers.base.backend import SerialBackend
-from allegro_twin.drivers.base.port import LATENCY, Port
+from allegro_twin.drivers.base.serial_line import LATENCY, SerialLine
 from allegro_twin.drivers.dynamixel.codec import budget
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration
 from allegro_twin.drivers.dynamixel.codec.shafts import Joints
 from allegro_twin.drivers.dynamixel.driver.driver import ServoDriver
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings
 from allegro_twin.drivers.dynamixel.driver.line import SdkLine
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.spec import HandSpec
 
 
@@ -23,16 +23,16 @@ class DynamixelBackend(SerialBackend):
         self,
         spec: HandSpec,
         calibration: Calibration,
-        open_port: Callable[[], Port],
-        settings: HostSettings | None = None,
+        open_port: Callable[[], SerialLine],
+        settings: ServoHostSettings | None = None,
         *,
         joints: Joints | None = None,
         latency: float = LATENCY,
     ) -> None:
         calibration.check(spec)
-        chosen = settings or HostSettings()
+        chosen = settings or ServoHostSettings()
 
-        def driver(port: Port) -> ServoDriver:
+        def driver(port: SerialLine) -> ServoDriver:
             n = len(calibration.ids)
             budget.check(chosen.period, budget.budget(n, port.baud, chosen.return_delay, limited=True))
             return ServoDriver(spec, calibration, SdkLine(port, latency), chosen, joints)

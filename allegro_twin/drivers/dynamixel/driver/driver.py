@@ -10,11 +10,11 @@ from allegro_twin.drivers.base.driver import Answer
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration
 from allegro_twin.drivers.dynamixel.codec.shafts import Joints, to_joints
 from allegro_twin.drivers.dynamixel.driver import prepare
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings
 from allegro_twin.drivers.dynamixel.driver.line import SdkLine
-from allegro_twin.drivers.dynamixel.driver.motors import Motors
+from allegro_twin.drivers.dynamixel.driver.motors import ServoMotors
 from allegro_twin.drivers.dynamixel.driver.reading import Reading
 from allegro_twin.drivers.dynamixel.driver.sdk import Sdk
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.errors import LinkError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -28,14 +28,14 @@ class ServoDriver:
         spec: HandSpec,
         calibration: Calibration,
         line: SdkLine,
-        settings: HostSettings,
+        settings: ServoHostSettings,
         joints: Joints | None = None,
     ) -> None:
         self._spec, self._calibration, self._settings = spec, calibration, settings
         self._joints = joints or to_joints(spec)
         self._names = calibration.names(spec.joint_labels)
         self._sdk = Sdk(line, calibration.model, self._names, settings.tries)
-        self._motors = Motors(self._sdk, calibration, settings.watchdog_counts)
+        self._motors = ServoMotors(self._sdk, calibration, settings.watchdog_counts)
         self._next = 0
         self._fresh()
 

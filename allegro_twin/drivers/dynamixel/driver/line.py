@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from allegro_twin.drivers.base.port import BITS, FLOOD, LATENCY, Port
+from allegro_twin.drivers.base.serial_line import BITS, FLOOD, LATENCY, SerialLine
 
 # The SDK's names.
 # ruff: noqa: N802
@@ -14,7 +14,7 @@ class SdkLine:
     is_using = False
     """The packet handler's own mark that an answer is awaited."""
 
-    def __init__(self, port: Port, latency: float = LATENCY) -> None:
+    def __init__(self, port: SerialLine, latency: float = LATENCY) -> None:
         """`latency`: s that an answer may take beside its bytes."""
         self.port, self._latency = port, latency
         self._overdue, self._left = 0.0, FLOOD

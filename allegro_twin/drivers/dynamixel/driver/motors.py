@@ -14,7 +14,7 @@ _AGAIN = 10
 """Periods after which a current is said again."""
 
 
-class Motors:
+class ServoMotors:
     """Sync writes, which nobody confirms: what must not get lost is read back. Raises LinkError and its kin."""
 
     def __init__(self, sdk: Sdk, calibration: Calibration, watchdog: int) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
-from allegro_twin.drivers.dynamixel.codec.packet import ALERT, BROADCAST, Instruction, Packet, PacketError
+from allegro_twin.drivers.dynamixel.codec.packet import ALERT, BROADCAST, DynamixelPacket, Instruction, PacketError
 from allegro_twin.drivers.dynamixel.codec.rows import AROUND, clean
 from allegro_twin.drivers.dynamixel.codec.table import ERRORS, Model
 from allegro_twin.drivers.dynamixel.driver.line import SdkLine
@@ -131,7 +131,7 @@ class Sdk:
         """The bytes that switch every motor on the line off."""
         item = self._model.named["torque_enable"]
         address = item.address.to_bytes(2, "little")
-        return Packet(BROADCAST, Instruction.WRITE, address + bytes((0,))).encoded()
+        return DynamixelPacket(BROADCAST, Instruction.WRITE, address + bytes((0,))).encoded()
 
     def _again(self, exchange: Callable[[], Any]) -> Any:
         """What the SDK makes of an exchange with one servo: at the last try, or once it is whole."""

@@ -6,18 +6,18 @@ import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
-from allegro_twin.drivers.base.port import BITS
+from allegro_twin.drivers.base.serial_line import BITS
 from allegro_twin.drivers.dynamixel.codec.budget import DELAY_UNIT
 from allegro_twin.drivers.dynamixel.codec.packet import (
     BROADCAST,
     LAST_ID,
     STATUS,
     Damaged,
+    DynamixelPacket,
+    DynamixelParser,
     Heard,
     Instruction,
-    Packet,
     PacketError,
-    Parser,
     status,
 )
 from allegro_twin.drivers.dynamixel.codec.rows import answers
@@ -31,7 +31,7 @@ class Bus:
     """Servos that hear the same bytes. Those that answer at once speak over each other: a 0 wins over a 1."""
 
     def __init__(self, servos: Sequence[Servo]) -> None:
-        self.servos, self._parser = list(servos), Parser()
+        self.servos, self._parser = list(servos), DynamixelParser()
         self.seconds = 0.0
         """For how long the line was used, with the servos' return delays."""
 
@@ -71,7 +71,7 @@ class Bus:
             case _:
                 yield self._together(mine, partial(_obey, heard=heard))
 
-    def _in_turn(self, heard: Packet, there: Mapping[int, Sequence[Servo]]) -> Iterator[bytes]:
+    def _in_turn(self, heard: DynamixelPacket, there: Mapping[int, Sequence[Servo]]) -> Iterator[bytes]:
         """Each waits for the one before: after one that is silent nobody speaks (DynamixelSDK issue 364)."""
         asked = _asked(heard)
         if heard.instruction == Instruction.SYNC_READ and (spoken := self._at_once(asked, there)):
@@ -105,7 +105,7 @@ class Bus:
             self.seconds += delay * DELAY_UNIT
         return spoken
 
-    def _to_each(self, heard: Packet, there: Mapping[int, Sequence[Servo]]) -> None:
+    def _to_each(self, heard: DynamixelPacket, there: Mapping[int, Sequence[Servo]]) -> None:
         for identifier, address, data in _told(heard):
             for servo in there.get(identifier, ()):
                 servo.write(address, data)
@@ -126,7 +126,7 @@ def _over(one: bytes, other: bytes) -> bytes:
 
 
 def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:
-    return Packet(servo.id, STATUS, bytes((error | servo.alert,)) + data).encoded()
+    return DynamixelPacket(servo.id, STATUS, bytes((error | servo.alert,)) + data).encoded()
 
 
 def _damaged(servo: Servo) -> bytes:
@@ -144,7 +144,7 @@ def _ping(servo: Servo) -> bytes:
     return _status(servo, 0, servo.memory.read(0, 2) + servo.memory.read(6, 1))
 
 
-def _obey(servo: Servo, heard: Packet) -> bytes:
+def _obey(servo: Servo, heard: DynamixelPacket) -> bytes:
     """Do it; what the servo answers, as far as its Status Return Level lets it."""
     given, level = heard.parameters, servo.return_level
     match heard.instruction:
@@ -176,7 +176,7 @@ def _obey(servo: Servo, heard: Packet) -> bytes:
     return _status(servo, error) if level == 2 else b""
 
 
-def _asked(heard: Packet) -> list[tuple[int, int, int]]:
+def _asked(heard: DynamixelPacket) -> list[tuple[int, int, int]]:
     """Who shall read what: id, address, length."""
     given = heard.parameters
     if heard.instruction == Instruction.SYNC_READ:
@@ -188,7 +188,7 @@ def _asked(heard: Packet) -> list[tuple[int, int, int]]:
     return [(row[0], *_WHERE.unpack_from(row, 1)) for row in rows]
 
 
-def _told(heard: Packet) -> Iterator[tuple[int, int, bytes]]:
+def _told(heard: DynamixelPacket) -> Iterator[tuple[int, int, bytes]]:
     """Who shall write what: id, address, bytes. What is cut short at the end is left out."""
     given = heard.parameters
     if heard.instruction == Instruction.SYNC_WRITE:

@@ -11,8 +11,9 @@ from allegro_twin.backend import HandBackend
 from allegro_twin.drivers.dynamixel.codec.calibration import RAD_PER_TICK, Calibration
 from allegro_twin.drivers.dynamixel.codec.shafts import Shafts, of_joints
 from allegro_twin.drivers.dynamixel.codec.table import FARTHEST
+from allegro_twin.drivers.dynamixel.config import ServoFaultSettings
 from allegro_twin.drivers.dynamixel.virtual.bus import Bus
-from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan, Faults
+from allegro_twin.drivers.dynamixel.virtual.faults import ServoFaults
 from allegro_twin.drivers.dynamixel.virtual.servo import Servo, Wants
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, HandState, PositionCommand, Vector
@@ -20,7 +21,7 @@ from allegro_twin.types import Array, HandState, PositionCommand, Vector
 _INT16 = 32767
 
 
-class VirtualHand:
+class VirtualServoHand:
     """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for a hand that servos cannot move.
 
     `shafts`: what a state says of the actuators, where a joint is not an actuator.
@@ -32,7 +33,7 @@ class VirtualHand:
         calibration: Calibration,
         baud: int,
         *,
-        plan: FaultPlan | None = None,
+        plan: ServoFaultSettings | None = None,
         shafts: Callable[[HandState], Shafts] | None = None,
     ) -> None:
         calibration.check(backend.spec)
@@ -40,7 +41,7 @@ class VirtualHand:
         self._shafts = shafts or of_joints(backend.spec)
         self.servos = [Servo(calibration.model, servo.id, baud) for servo in calibration.servos]
         self.bus = Bus(self.servos)
-        self.faults = Faults(plan or FaultPlan(), self.servos)
+        self.faults = ServoFaults(plan or ServoFaultSettings(), self.servos)
         self._electronics = threading.Lock()  # They answer while physics are computed.
         self.now = 0.0
         """s since `restart`."""

@@ -17,7 +17,7 @@ from allegro_twin.surfaces.cli.options import OtherHand
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
     from allegro_twin.app.rig import SimulatedScene
-    from allegro_twin.drivers.can.virtual.serve import Served
+    from allegro_twin.drivers.base.pacing import Served
     from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
     from allegro_twin.grasping.verdict import TrialReport
 
@@ -173,7 +173,7 @@ def _serve_can(
                 if (verdict := judged(scene, hand)) is not None:
                     verdicts[hand.backend.spec.name] = verdict
                     console.console.print(console.phases(hand.backend.spec.name, verdict))
-            if seconds is not None and served.ticks * hands.period >= seconds:
+            if seconds is not None and served.steps * hands.period >= seconds:
                 break
     return served, verdicts
 
@@ -182,8 +182,8 @@ def _serve_serial(configs: Sequence[RunConfig], step: float | None, seconds: flo
     """Serve the config's hand in real time at a pseudo-terminal in place of its port. `more`: a report or a bus log is
     requested. Raises ConfigError or LinkError."""
     from allegro_twin.app.rig import SimulatedScene, context_of
+    from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
     from allegro_twin.drivers.base.serve import serve
-    from allegro_twin.drivers.base.settings import VIRTUAL_PORT
     from allegro_twin.drivers.base.terminal import Terminal
     from allegro_twin.drivers.can.driver.realtime import ask_short_slice
     from allegro_twin.drivers.dynamixel.config import DynamixelSettings

@@ -15,7 +15,7 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.drivers.can.codec.v5 import V5, told_by_serial
+from allegro_twin.drivers.can.codec.v5 import V5, parse_serial
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, ProtocolError
 from allegro_twin.hands.description.calibration import HandCalibration, Version
@@ -193,12 +193,12 @@ def test_torques_run_from_tip_to_palm_on_v2_and_v3_and_as_configured_on_v1() -> 
 
 def test_the_torque_constant_scales_its_own_joint_in_every_version() -> None:
     for version in FULL:
-        codec, half = make_codec(version), make_codec(version, HandCalibration(torque_constant=(0.5,) * 16))  # type: ignore[arg-type]  # A version.
+        codec, half = make_codec(version), make_codec(version, HandCalibration(torque_constant=(0.5,) * 16))
         assert half.encode(m.SetTorque(1, (0.01, 0.02, 0.03, 0.04))) == codec.encode(
             m.SetTorque(1, (0.02, 0.04, 0.06, 0.08))
         )
         one = replace(UNEVEN, torque_constant=(1.0, 1.0, 0.5, *(1.0,) * 13))
-        only = make_codec(version, one)  # type: ignore[arg-type]  # A version.
+        only = make_codec(version, one)
         assert only.encode(m.SetTorque(0, (0.01, 0.02, 0.03, 0.04))) == codec.encode(
             m.SetTorque(0, (0.01, 0.02, 0.06, 0.04))
         )
@@ -237,9 +237,9 @@ def test_the_side_flag_means_the_opposite_on_v3_and_v4_and_nothing_on_v5() -> No
 
 
 def test_a_v5_hands_serial_tells_its_type_and_side() -> None:
-    assert told_by_serial("5TBR0017") == ("v5plus", "right")
-    assert told_by_serial("5TAL0002") == ("v5", "left")
-    assert told_by_serial("A080R") == (None, None)
+    assert parse_serial("5TBR0017") == ("v5plus", "right")
+    assert parse_serial("5TAL0002") == ("v5", "left")
+    assert parse_serial("A080R") == (None, None)
 
 
 def test_a_serial_of_any_bytes_is_read_and_said_again() -> None:

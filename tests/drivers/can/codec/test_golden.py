@@ -63,7 +63,7 @@ def codec_of(version: str, row: Row) -> Codec:
         return make_codec("v5plus" if row["hand"].startswith("type B") else "v5")
     if version == "v4":
         return make_codec("v4", device=frame_of(row).id & 3)
-    return make_codec(version, load_wiring(serial=row["hand"]).calibration)  # type: ignore[arg-type]  # A version.
+    return make_codec(version, load_wiring(serial=row["hand"]).calibration)
 
 
 def meaning(version: str, row: Row) -> Message:

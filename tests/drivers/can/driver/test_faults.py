@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.drivers.can.codec.frames import Frame, single
+from allegro_twin.drivers.can.config import BusFaultEvent, FaultSettings
 from allegro_twin.drivers.can.driver.backend import PATIENCE
-from allegro_twin.drivers.can.driver.settings import HostSettings
-from allegro_twin.drivers.can.virtual.faults import Event, FaultPlan
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.types import TorqueCommand
@@ -69,16 +69,16 @@ def test_on_a_quiet_bus_every_period_is_a_state(version: Version) -> None:
 @pytest.mark.parametrize(
     ("plan", "share"),
     [
-        (FaultPlan(drop=0.02, seed=1), 0.75),
-        (FaultPlan(duplicate=0.02, seed=2), 0.75),
-        (FaultPlan(reorder=0.05, seed=3), 0.75),
-        (FaultPlan(delay=0.02, seed=4), 0.75),
-        (FaultPlan(delay=0.02, delay_by=0.0045, seed=4), 0.7),
+        (FaultSettings(drop=0.02, seed=1), 0.75),
+        (FaultSettings(duplicate=0.02, seed=2), 0.75),
+        (FaultSettings(reorder=0.05, seed=3), 0.75),
+        (FaultSettings(delay=0.02, seed=4), 0.75),
+        (FaultSettings(delay=0.02, delay_by=0.0045, seed=4), 0.7),
     ],
     ids=["lost", "doubled", "reordered", "delayed", "delayed into the next period"],
 )
-def test_lost_and_late_frames_cost_periods_and_never_tear_a_state(plan: FaultPlan, share: float) -> None:
-    bench = Bench(plan=plan, settings=HostSettings(gravity=(0.0, 0.0, -9.81)))
+def test_lost_and_late_frames_cost_periods_and_never_tear_a_state(plan: FaultSettings, share: float) -> None:
+    bench = Bench(plan=plan, settings=CanHostSettings(gravity=(0.0, 0.0, -9.81)))
     ticks = follow(bench, 400)
     assert ticks == sorted(set(ticks))
     assert share <= 400 / ticks[-1] < 1.0
@@ -89,7 +89,7 @@ def test_lost_and_late_frames_cost_periods_and_never_tear_a_state(plan: FaultPla
 
 
 def test_ticks_count_the_hands_periods_through_losses() -> None:
-    bench = Bench(plan=FaultPlan(drop=0.05, seed=1), settings=HostSettings(gravity=(0.0, 0.0, -9.81)))
+    bench = Bench(plan=FaultSettings(drop=0.05, seed=1), settings=CanHostSettings(gravity=(0.0, 0.0, -9.81)))
     bench.reset()
     begin = bench.firmware.state.tick
     for _ in range(300):
@@ -102,7 +102,7 @@ def test_corrupt_frames_that_a_crc_would_have_caught_stay_inside_the_tree() -> N
     """Some are read as commands of another program, some as reports: no defence is possible against those."""
     noticed = stopped = 0
     for seed in range(20):
-        bench = Bench(plan=FaultPlan(corrupt=0.01, seed=seed), settings=HostSettings(gravity=(0.0, 0.0, -9.81)))
+        bench = Bench(plan=FaultSettings(corrupt=0.01, seed=seed), settings=CanHostSettings(gravity=(0.0, 0.0, -9.81)))
         try:
             bench.reset()
             for _ in range(100):
@@ -117,7 +117,11 @@ def test_corrupt_frames_that_a_crc_would_have_caught_stay_inside_the_tree() -> N
 
 @pytest.mark.parametrize(("which", "finger"), list(enumerate(["index", "middle", "ring", "thumb"])))
 def test_a_finger_that_falls_silent_is_named(which: int, finger: str) -> None:
-    bench = Bench(plan=FaultPlan(script=(Event(1.0, "silence", which), Event(1.5, "recover"))))
+    bench = Bench(
+        plan=FaultSettings(
+            script=(BusFaultEvent(at=1.0, what="silence", which=which), BusFaultEvent(at=1.5, what="recover"))
+        )
+    )
     bench.reset()
     ends(bench, LinkTimeout, f"no report from {finger} for 0.05 s on allegro-virtual")
     wait(bench, 1.6)
@@ -131,7 +135,9 @@ def wait(bench: Bench, until: float) -> None:
 
 
 def test_a_hand_without_power_is_silent_and_comes_back() -> None:
-    bench = Bench(plan=FaultPlan(script=(Event(1.0, "power_cut"), Event(2.5, "recover"))))
+    bench = Bench(
+        plan=FaultSettings(script=(BusFaultEvent(at=1.0, what="power_cut"), BusFaultEvent(at=2.5, what="recover")))
+    )
     bench.reset()
     ends(bench, LinkTimeout, "no report from the hand for 0.05 s on .*powered")
     with pytest.raises(LinkTimeout, match="no v4 hand answers on allegro-virtual .* check power, cable, bitrate"):
@@ -141,7 +147,9 @@ def test_a_hand_without_power_is_silent_and_comes_back() -> None:
 
 
 def test_a_bus_that_is_off_says_so_and_comes_back() -> None:
-    bench = Bench(plan=FaultPlan(script=(Event(1.0, "bus_off"), Event(3.0, "recover"))))
+    bench = Bench(
+        plan=FaultSettings(script=(BusFaultEvent(at=1.0, what="bus_off"), BusFaultEvent(at=3.0, what="recover")))
+    )
     bench.reset()
     # Nobody can tell the hand: it keeps its last torque. docs/explanation/safety.md
     with pytest.raises(LinkError, match=r"is bus-off; check the wiring, then restart it: ip link set"):
@@ -154,7 +162,11 @@ def test_a_bus_that_is_off_says_so_and_comes_back() -> None:
 
 
 def test_an_overheated_joint_is_a_fault_that_ends_when_it_is_cool() -> None:
-    bench = Bench(plan=FaultPlan(script=(Event(0.5, "overheat", 6), Event(3.0, "recover"))))
+    bench = Bench(
+        plan=FaultSettings(
+            script=(BusFaultEvent(at=0.5, what="overheat", which=6), BusFaultEvent(at=3.0, what="recover"))
+        )
+    )
     bench.reset()
     ends(bench, HandFault, "the hand says JOINT_HOT: a joint is too hot; let it cool down, then reset")
     assert bench.firmware.motors.temperature.argmax() == 6
@@ -166,7 +178,9 @@ def test_an_overheated_joint_is_a_fault_that_ends_when_it_is_cool() -> None:
 
 
 def test_a_joint_that_no_longer_answers_is_a_fault() -> None:
-    bench = Bench(plan=FaultPlan(script=(Event(0.5, "joint_timeout"), Event(3.0, "recover"))))
+    bench = Bench(
+        plan=FaultSettings(script=(BusFaultEvent(at=0.5, what="joint_timeout"), BusFaultEvent(at=3.0, what="recover")))
+    )
     bench.reset()
     ends(bench, HandFault, "JOINT_TIMEOUT: a joint no longer answers the palm; switch the hand off and on")
     wait(bench, 3.1)
@@ -349,7 +363,7 @@ def test_who_else_is_on_the_bus_is_told_when_the_hand_does_not_answer() -> None:
 
 @pytest.mark.parametrize("identify", [True, False])
 def test_a_hand_that_does_not_answer_can_be_driven_when_the_config_says_so(identify: bool) -> None:
-    bench = Bench(settings=HostSettings(identify=identify, gravity=(0.0, 0.0, -9.81)))
+    bench = Bench(settings=CanHostSettings(identify=identify, gravity=(0.0, 0.0, -9.81)))
     hear = bench.firmware.receive
     bench.firmware.receive = lambda frame: [] if frame.remote else hear(frame)  # type: ignore[method-assign]
     if identify:
@@ -367,7 +381,7 @@ def test_versions_1_and_2_do_not_identify_and_are_not_asked() -> None:
 
 
 def test_a_hand_without_an_imu_says_so_where_gravity_was_expected_of_it() -> None:
-    bench = Bench(settings=HostSettings(imu_period=0.03))
+    bench = Bench(settings=CanHostSettings(imu_period=0.03))
     answers = bench.firmware.step
     bench.firmware.step = lambda: [f for f in single(answers()) if f.id != 0x0C0]  # type: ignore[method-assign]
     with pytest.raises(LinkTimeout, match="reports positions on .*, but no IMU; give `gravity` instead"):
@@ -385,7 +399,7 @@ def test_a_hand_without_an_imu_says_so_where_gravity_was_expected_of_it() -> Non
 )
 def test_times_that_no_hand_can_keep_are_refused(period: float, timeout: float, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        HostSettings(period=period, timeout=timeout)
+        CanHostSettings(period=period, timeout=timeout)
 
 
 def test_close_leaves_the_hand_limp_and_silent() -> None:
@@ -401,8 +415,8 @@ def test_close_leaves_the_hand_limp_and_silent() -> None:
 
 def test_a_hand_whose_answers_are_late_is_known_when_the_settings_allow_for_it() -> None:
     """A virtual hand on a computer that is busy."""
-    late = FaultPlan(delay=1.0, delay_by=0.45)
-    patient = HostSettings(gravity=(0.0, 0.0, -9.81), timeout=1.0)
+    late = FaultSettings(delay=1.0, delay_by=0.45)
+    patient = CanHostSettings(gravity=(0.0, 0.0, -9.81), timeout=1.0)
     assert Bench("v4", late, patient).reset().tick == 0
     with pytest.raises(LinkTimeout, match="no v4 hand answers"):
         Bench("v4", late).reset()

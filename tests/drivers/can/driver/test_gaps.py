@@ -16,7 +16,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.errors import LinkTimeout
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard, Limits
@@ -165,7 +165,7 @@ class Drive:
 
     def __init__(self, channel: Channel, seed: int = 0, fastest: float = 0.5) -> None:
         self.bus = StallingBus(channel, seed, fastest)
-        settings = HostSettings(gravity=(0.0, 0.0, -9.81), deadman=None, keeper=False, timeout=1.5)
+        settings = CanHostSettings(gravity=(0.0, 0.0, -9.81), deadman=None, keeper=False, timeout=1.5)
         self.backend = CanBackend(load_spec(), V4, lambda: OwnClock(self.bus).port(), settings)
         self.backend.reset()
 

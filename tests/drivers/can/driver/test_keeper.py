@@ -16,8 +16,8 @@ import pytest
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
+from allegro_twin.drivers.base.keeper.keeper import Keeper
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.keeper import Keeper
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.types import TorqueCommand
@@ -25,6 +25,7 @@ from benchmarks.deaths import INSIDE, LINKS, SOON, Link, Served, died, served, w
 from tests.conftest import can_config
 from tests.drivers.can.rigs import Serving
 from tests.drivers.can.rigs import driven as driven_on
+from tests.drivers.keeper import DEATHS, end, second_of
 from tests.patience import comes_true
 
 BUSY = 3.0 * SOON / 1000.0
@@ -153,7 +154,7 @@ import numpy as np
 from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
 from allegro_twin.types import TorqueCommand
-backend = assemble(load_config(sys.argv[1])).wire
+backend = assemble(load_config(sys.argv[1])).driver
 backend.reset()
 for k in range(100_000):
     backend.write(TorqueCommand(np.full(16, 0.05)))
@@ -163,44 +164,17 @@ for k in range(100_000):
 """
 
 
-def second_of(keeper: int) -> int:
-    """The process that stands by for a keeper."""
-    children: list[str] = []
-
-    def found() -> bool:
-        children[:] = Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()
-        return bool(children)
-
-    assert soon(found)
-    return int(children[0])
-
-
-DEATHS = {
-    "keeper, then program": (("keeper", signal.SIGKILL), ("program", signal.SIGKILL)),
-    "program, then keeper": (("program", signal.SIGKILL), ("keeper", signal.SIGKILL)),
-    "keeper stands still, then program": (("keeper", signal.SIGSTOP), ("program", signal.SIGKILL)),
-    "second, then program": (("second", signal.SIGKILL), ("program", signal.SIGKILL)),
-    "keeper, then program stands still": (("keeper", signal.SIGKILL), ("program", signal.SIGSTOP)),
-}
-
-
 @pytest.mark.parametrize("order", DEATHS)
 def test_a_hand_whose_program_and_keeper_are_both_killed_is_limp(hand: Served, order: str) -> None:
     for between in (0.0, 0.002, 0.05):
-        with subprocess.Popen([sys.executable, "-c", DRIVER, str(hand.path)], stdout=subprocess.PIPE) as program:
+        command = [sys.executable, "-c", DRIVER, str(hand.path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
             assert program.stdout is not None
             keeper = int(program.stdout.readline())
-            process = {"keeper": keeper, "program": program.pid}
-            if "second" in order:
-                process["second"] = second_of(keeper)
             assert hand.pushes
-            for who, number in DEATHS[order]:
-                os.kill(process[who], number)
-                time.sleep(between)
+            finish = end(DEATHS[order], program, keeper, between)
             assert soon(lambda: not hand.pushes), between
-            for who, number in DEATHS[order]:
-                if number == signal.SIGSTOP:
-                    os.kill(process[who], signal.SIGKILL)
+            finish()
 
 
 def test_a_second_that_is_killed_is_replaced_and_none_outlives_its_keeper(driven: CanBackend) -> None:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from allegro_twin.drivers.can.driver.keeper_process.links import Serial, Socketcand
+from allegro_twin.drivers.base.keeper.process.links import SlcanPort, SocketcandClient
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def server(answer: bytes = b"< ok >") -> Iterator[tuple[int, list[socket.socket]
 
 def test_over_socketcand_only_whole_frames_are_heard_and_the_rest_waits() -> None:
     with server() as (port, clients):
-        way = Socketcand("127.0.0.1", port, "can0")
+        way = SocketcandClient("127.0.0.1", port, "can0")
         clients[0].sendall(
             b"< ok >< frame 080 1.5 AA0BCC >< frame 1 >< error no such bus >< frame 084 2.0  >< frame 088"
         )
@@ -51,7 +51,7 @@ def test_over_socketcand_only_whole_frames_are_heard_and_the_rest_waits() -> Non
 
 def test_over_socketcand_a_frame_is_said_with_its_length_and_bytes_after_rawmode() -> None:
     with server() as (port, clients):
-        way = Socketcand("127.0.0.1", port, "can0")
+        way = SocketcandClient("127.0.0.1", port, "can0")
         way.begin()
         way.begin()
         way.send(0x180, b"\x01\xff", remote=False)
@@ -65,12 +65,12 @@ def test_over_socketcand_a_frame_is_said_with_its_length_and_bytes_after_rawmode
 
 def test_a_server_that_refuses_is_an_error_with_its_words() -> None:
     with server(b"< error unknown bus >") as (port, _), pytest.raises(OSError, match="< error unknown bus >"):
-        Socketcand("127.0.0.1", port, "can9")
+        SocketcandClient("127.0.0.1", port, "can9")
 
 
 def test_over_a_serial_port_frames_are_lines_of_slcan() -> None:
     main, other = os.openpty()
-    way = Serial(other)
+    way = SlcanPort(other)
     os.write(main, b"\a\nt0803AA0BCC\rt08\rz\r\rt0840\nt1\n")  # A terminal sends a return as a new line.
     os.set_blocking(other, True)
     assert way.receive() in ([], [(0x80, b"\xaa\x0b\xcc")])

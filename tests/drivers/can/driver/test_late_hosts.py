@@ -18,7 +18,8 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.buses import open_bus
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.link import Stamped
 from allegro_twin.drivers.can.virtual.slcan import TAP, SlcanDevice
 from allegro_twin.errors import LinkError
 from allegro_twin.hands.description.specs import load_spec
@@ -50,7 +51,7 @@ class Endless(can.BusABC):
 
 @pytest.mark.realtime
 def test_a_read_ends_though_more_waits_and_the_hand_is_not_cut_off() -> None:
-    settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), deadman=0.1)
+    settings = CanHostSettings(identify=False, gravity=(0.0, 0.0, -9.81), deadman=0.1)
     backend = CanBackend(load_spec(), V4, AdapterLink(Endless()).port, settings)
     backend.reset()
     for _ in range(20):
@@ -103,7 +104,9 @@ def test_a_line_that_is_cut_says_that_something_was_lost_and_ends_nothing(device
     port = link.port()
     os.write(adapter.master, b"t0808001122\r")
     assert link.pump(0.1)
-    assert port.queue.popleft().frame.id == -1
+    came = port.queue.popleft()
+    assert isinstance(came, Stamped)
+    assert came.frame.id == -1
     link.leave(port)
     device.shutdown()
 

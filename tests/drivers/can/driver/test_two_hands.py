@@ -13,8 +13,8 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame, bits
 from allegro_twin.drivers.can.codec.messages import Topic
 from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import Interpreter
-from allegro_twin.drivers.can.driver.settings import HostSettings
 
 PERIOD, DRIFT = 0.003, 3e-4
 """s; by which the second hand's quartz is slow: each moment of the one meets each of the other in 10 s."""
@@ -59,7 +59,7 @@ def test_on_a_full_bus_every_report_of_two_hands_comes_in_its_period_and_to_its_
     codecs, periods, seconds = [make_codec("v4", device=k) for k in (0, 1)], (PERIOD, PERIOD * (1 + DRIFT)), 10.0
     hands = [list(said(codecs[k], k, periods[k], seconds)) for k in (0, 1)]
     drivers = [list(told(codecs[k], periods[k], seconds)) for k in (0, 1)]
-    ears = [Interpreter(codec, HostSettings()) for codec in codecs]
+    ears = [Interpreter(codec, CanHostSettings()) for codec in codecs]
     states: list[list[float]] = [[], []]
     worst = 0.0
     for t, ready, frame in arbitrated([*hands, *([drivers[0] + drivers[1]] if one_computer else drivers)]):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
 from allegro_twin.types import frozen
 
 PERIOD, CUTOFF = 0.003, 30.0

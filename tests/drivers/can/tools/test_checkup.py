@@ -11,12 +11,12 @@ import pytest
 from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.frames import Frame, single
+from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.opening import codec_of, fault_plan, host_settings
+from allegro_twin.drivers.can.opening import codec_of, host_settings
 from allegro_twin.drivers.can.tools import findings
 from allegro_twin.drivers.can.tools.checkup import Checkup
 from allegro_twin.drivers.can.tools.findings import Finding
@@ -41,11 +41,11 @@ class Room(VirtualHands):
         self.said: list[Frame] = []
         self._noise, self._off_at = noise, off_at
 
-    def receive(self, frame: Frame) -> list[Frame]:
-        self.said.append(frame)
+    def receive(self, frame: Frame | JointFrames) -> list[Frame]:
+        self.said += single([frame])
         return super().receive(frame)
 
-    def step(self) -> list[Frame]:
+    def step(self) -> list[Frame | JointFrames]:
         if self.now >= self._off_at:
             self.firmwares[0].receive(self.firmwares[0].codec.encode(m.ServoOff()))
         return [*self._noise, *single(super().step())]
@@ -73,7 +73,7 @@ def walked(
     if reporting:
         for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
-    room = Room(hand, fault_plan(ours.backend.faults), noise, off_at)
+    room = Room(hand, ours.backend.faults, noise, off_at)
     link, codec = AdapterLink(LockstepBus(room)), codec_of(ours.backend, ours.hand)
     found = list(Checkup(load_spec(), codec, link.port, host_settings(ours.backend, ours.period)).walk())
     return found, room

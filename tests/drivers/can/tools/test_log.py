@@ -18,7 +18,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.opening import codec_of
 from allegro_twin.drivers.can.tools.log import SUFFIXES, WireLog, samples_of_log
 from allegro_twin.drivers.can.tools.samples import Found
@@ -118,7 +118,7 @@ def test_a_log_ends_with_the_words_that_leave_the_hand_limp_also_when_the_run_fa
 def test_a_captured_candump_has_no_directions_and_may_begin_in_the_middle(tmp_path: Path) -> None:
     said = [*reports(0.0), *reports(0.003), *torques(0.004, 0.5), *reports(0.006), *reports(0.009)]
     found = Found()
-    samples = list(samples_of_log(candump(tmp_path / "c.log", *said), V4, HostSettings(), found))
+    samples = list(samples_of_log(candump(tmp_path / "c.log", *said), V4, CanHostSettings(), found))
     assert [sample.state.tick for sample in samples] == [0, 1, 2, 3]
     first, second, third, _ = samples
     # Before the first torques nobody knows what the hand does: its torque is NaN, the command zero, and counted.
@@ -136,7 +136,7 @@ def test_what_a_hand_reports_with_its_joints_is_of_that_state_and_what_comes_lat
     before = [*reports(0.0), warm, *torques(0.002, 0.1), *reports(0.003)]
     after = [*reports(0.0), *torques(0.001, 0.1), warm, *reports(0.003)]
     for frames, known in ((before, True), (after, False)):
-        first, second = samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings())
+        first, second = samples_of_log(candump(tmp_path / "c.log", *frames), V4, CanHostSettings())
         assert np.isfinite(first.state.temperature[:4]).all() == known
         assert second.state.temperature[:4].tolist() == [30.0, 31.0, 32.0, 33.0]
 
@@ -146,7 +146,7 @@ def test_a_lost_report_costs_two_states_and_shows_in_the_tick(tmp_path: Path) ->
     whole = [frame for k in (0, 2, 3) for frame in reports(0.003 * k, bend=0.1 * k)]
     frames = sorted([*whole, *reports(0.003, bend=0.1)[:3]], key=lambda frame: frame[0])
     found = Found()
-    samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings(), found))
+    samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, CanHostSettings(), found))
     assert [sample.state.tick for sample in samples] == [0, 3]
     assert found.missed == 2
     assert "2 periods without a state" in found.summary()
@@ -155,23 +155,23 @@ def test_a_lost_report_costs_two_states_and_shows_in_the_tick(tmp_path: Path) ->
 def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.001, "can1", 0.9), *reports(0.003))
     with pytest.raises(ConfigError, match="hands report on can0 and on can1: say which with --bus"):
-        list(samples_of_log(path, V4, HostSettings()))
-    (only,) = samples_of_log(path, V4, HostSettings(), bus="can1")
+        list(samples_of_log(path, V4, CanHostSettings()))
+    (only,) = samples_of_log(path, V4, CanHostSettings(), bus="can1")
     assert only.state.position[0] == pytest.approx(0.9, abs=1e-4)
 
 
 def test_a_log_of_another_hand_says_whose_it_is(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *reports(0.0))
     with pytest.raises(RecordingError, match="no whole v2 hand in 4 frames; but a v4, v5 or v5plus hand reports"):
-        list(samples_of_log(path, make_codec("v2"), HostSettings()))
+        list(samples_of_log(path, make_codec("v2"), CanHostSettings()))
     with pytest.raises(RecordingError, match=r"no whole v4 hand in 3 frames$"):
-        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, HostSettings()))
+        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, CanHostSettings()))
 
 
 def test_a_log_of_another_period_says_which(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *[one for k in range(60) for one in reports(0.006 * k)])
     with pytest.raises(ConfigError, match=r"reports every 6.0 ms; the config says period: 0.003 s"):
-        list(samples_of_log(path, V4, HostSettings()))
+        list(samples_of_log(path, V4, CanHostSettings()))
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_what_is_no_log_is_one_error(name: str, content: str | None, message: st
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(RecordingError, match=message):
-        list(samples_of_log(tmp_path / name, V4, HostSettings()))
+        list(samples_of_log(tmp_path / name, V4, CanHostSettings()))
 
 
 def test_a_log_that_cannot_become_a_recording_leaves_none(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from allegro_twin.drivers.can.codec.frames import Frame, single
 from allegro_twin.drivers.can.codec.messages import StatusBits, Topic
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.virtual.firmware import Firmware
-from allegro_twin.drivers.can.virtual.motors import FAULT, THROTTLE, Motors
+from allegro_twin.drivers.can.virtual.motor_heat import FAULT, THROTTLE, MotorHeat
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.calibration import Version, load_wiring
 from allegro_twin.hands.description.specs import load_spec
@@ -273,7 +273,7 @@ def test_full_torque_makes_a_motor_hot_and_heat_takes_its_torque_away() -> None:
 
 def test_a_hand_that_works_at_half_its_torque_ends_a_quarter_as_much_warmer() -> None:
     full = virtual().backend.spec.actuation.torque_limit
-    motors = Motors(full, 0.01)
+    motors = MotorHeat(full, 0.01)
     for _ in range(round(600.0 / (motors.steps * 0.01))):
         motors.warm([full * 0.5] * motors.steps)
     np.testing.assert_allclose(motors.temperature, 25.0 + 70.0 / 4, atol=0.1)

@@ -21,7 +21,7 @@ EVERY = 0.1  # s between two updates.
 FAULT = 85.0  # °C at which it gives none. Assumed.
 
 
-class Motors:
+class MotorHeat:
     """First-order heating by the losses of a torque, ten times a second: T' = (T_a + ΔT mean(τ²)/τ_max² − T) / t."""
 
     def __init__(self, full: Vector, period: float) -> None:

@@ -12,7 +12,7 @@ LATENCY = 0.02
 """s that an adapter and a busy computer may take beside the bytes: FTDI's adapters hold bytes for 16 ms by default."""
 
 
-class Port(ABC):
+class SerialLine(ABC):
     """Bytes out and back, and the time that passes. Raises LinkError for whatever ends it."""
 
     lockstep = False

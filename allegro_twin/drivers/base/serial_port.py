@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import select
 import termios
 import threading
@@ -11,11 +12,11 @@ from contextlib import contextmanager, suppress
 
 import serial
 
-from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.serial_line import SerialLine
 from allegro_twin.errors import LinkError
 
 
-class Adapter(Port):
+class SerialPort(SerialLine):
     """Opens it. Raises LinkError when it is not there, or another program has it."""
 
     def __init__(self, path: str, baud: int) -> None:
@@ -59,6 +60,7 @@ class Adapter(Port):
 
     def close(self) -> None:
         with suppress(OSError, termios.error):  # The adapter is gone, and so is the port.
+            fcntl.flock(self._port.fileno(), fcntl.LOCK_UN)  # Others may hold this descriptor: a keeper, a child.
             self._port.close()
 
     @property

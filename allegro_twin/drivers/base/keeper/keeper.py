@@ -8,37 +8,44 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any, TypeAlias
 
-from allegro_twin.drivers.can.codec.codec import ServoAnswer
-from allegro_twin.drivers.can.codec.frames import Frame
-from allegro_twin.drivers.can.driver.keeper_process import ARMED, BEAT, CUTS, HUSH, PATIENCE, SAID, SPEAK, VOICE
-from allegro_twin.drivers.can.driver.link import Way
+from allegro_twin.drivers.base.keeper.process import ARMED, BEAT, CUTS, HUSH, OWED, PATIENCE, SPEAK, VOICE
 from allegro_twin.errors import LinkError
 
+Way: TypeAlias = dict[str, Any]
+"""How another process reaches the same hand: `kind` and what it takes; see `process.links`."""
 _CELLS = 8
-_PROGRAM = "import sys; sys.path.append(sys.argv[1]); from keeper_process.watch import main; main()"
+_PROGRAM = "import sys; sys.path.append(sys.argv[1]); from process.watch import main; main()"
 """The keeper is a package of its own there, or it would load ours, and NumPy with it."""
-_START = 5.0
-"""s that it may take to start on a busy computer; 0.03 s on an idle one."""
+_START, _END, _HUSHED = 5.0, 2.0, 0.2
+"""s that it may take to start on a busy computer, 0.03 s on an idle one; to say its last words; and to fall silent
+while it says them."""
 
 
 class Keeper:
     """Starts it and feeds it. Armed, it cuts the hand off when `feed` was not called for `patience` seconds (None: for
-    ever), and when this program ends, however it ends. Raises LinkError when it does not start."""
+    ever), and when this program ends, however it ends. Raises LinkError when it does not start.
+
+    `limp`: the frames that leave the hand limp, as identifier, data and whether remote; `reports`: identifiers of what
+    the hand sends by itself; `ask`: how it is asked whether its motors are on. A way of bytes has none of them.
+    """
 
     def __init__(
         self,
         way: Way,
-        limp: Sequence[Frame],
-        reports: Collection[int],
-        answer: ServoAnswer | None,
-        patience: float | None,
+        limp: Sequence[tuple[int, bytes, bool]] = (),
+        reports: Collection[int] = (),
+        ask: tuple[int, int, int] | None = None,
+        patience: float | None = None,
     ) -> None:
-        memory = os.memfd_create("allegro_twin")
+        memory = _memory()
         os.ftruncate(memory, 8 * _CELLS)
         self._cells = memoryview(mmap.mmap(memory, 8 * _CELLS)).cast("Q")
         self._cells[PATIENCE] = round(1e9 * (patience or 0.0))
@@ -46,13 +53,13 @@ class Keeper:
             "program": os.getpid(),
             "memory": memory,
             "way": way,
-            "limp": [(frame.id, frame.data.hex(), frame.remote) for frame in limp],
+            "limp": [(identifier, data.hex(), remote) for identifier, data, remote in limp],
             "reports": sorted(reports),
-            "ask": None if answer is None else (answer.ask.id, answer.byte, answer.mask),
+            "ask": ask,
         }
         self._seen = 0
         try:
-            self._line, self.process = _started(orders, [memory, *([way["fd"]] if "fd" in way else [])])
+            self._line, self.process = _start(orders, [memory, *([way["fd"]] if "fd" in way else [])])
         finally:
             os.close(memory)
 
@@ -60,11 +67,6 @@ class Keeper:
     def cut(self) -> bool:
         """Whether it has cut the hand off since it was armed."""
         return self._cells[CUTS] != self._seen
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether the hand has confirmed the last cut."""
-        return self._cells[SAID] == self._cells[CUTS]
 
     @property
     def speaking(self) -> bool:
@@ -95,18 +97,28 @@ class Keeper:
         """The hand is limp."""
         self._cells[ARMED] = 0
 
-    def take_over(self) -> None:
-        """Say what leaves the hand limp until the hand confirms it, whether this program lives or not."""
+    def take_over(self, *, wait: bool = False) -> None:
+        """Say what leaves the hand limp until the hand confirms it, whether this program lives or not. `wait`: until it
+        has gone, for a line that nobody else may use before."""
         self._cells[VOICE] = SPEAK
         self._wake()
+        if wait:
+            with suppress(OSError):
+                self._line.shutdown(socket.SHUT_WR)
+                self._line.settimeout(_END)
+                self._line.recv(1)
+            self._line.close()
 
     def close(self) -> None:
         """Let it go: it ends when the hand is limp, at once where it is disarmed."""
         self._line.close()
 
-    def hush(self) -> None:
-        """Silence it for good, for this program speaks to the hand itself again."""
+    def dismiss(self) -> None:
+        """Silence it for good: the hand is limp, or this program speaks to it itself again."""
         self._cells[ARMED], self._cells[VOICE] = 0, HUSH
+        deadline = time.monotonic() + _HUSHED
+        while self._cells[OWED] and time.monotonic() < deadline:
+            threading.Event().wait(0.002)
         self._line.close()
 
     def _wake(self) -> None:
@@ -114,7 +126,15 @@ class Keeper:
             self._line.send(b".")
 
 
-def _started(orders: dict[str, object], descriptors: list[int]) -> tuple[socket.socket, int]:
+def _memory() -> int:
+    """A descriptor of memory to share."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("allegro_twin")
+    with TemporaryFile() as file:
+        return os.dup(file.fileno())
+
+
+def _start(orders: dict[str, object], descriptors: list[int]) -> tuple[socket.socket, int]:
     """Start the process; the line to it, and its id. Isolated, it does not load what the environment adds to Python."""
     mine, its = socket.socketpair()
     mine.settimeout(_START)

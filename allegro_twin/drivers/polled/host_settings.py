@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from allegro_twin.drivers.base import settings
-from allegro_twin.drivers.base.port import LATENCY
+from allegro_twin.drivers.base.host_settings import SerialHostSettings
+from allegro_twin.drivers.base.serial_line import LATENCY
 from allegro_twin.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
-class HostSettings(settings.HostSettings):
+class PolledHostSettings(SerialHostSettings):
     """Raises ConfigError for times that none can keep."""
 
     LONGEST: ClassVar[int] = 250  # qbAPI: 500 centiseconds.
@@ -21,6 +21,6 @@ class HostSettings(settings.HostSettings):
     """s that an answer may take beside its bytes."""
 
     def __post_init__(self) -> None:
-        settings.HostSettings.__post_init__(self)
+        SerialHostSettings.__post_init__(self)
         if not 0.0 < self.latency < math.inf:
             raise ConfigError(f"latency must be above 0 s, not {self.latency:g}")

@@ -15,7 +15,7 @@ WATCHDOG_UNIT = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class HostSettings:
+class SerialHostSettings:
     """Raises ConfigError for times that none can keep."""
 
     LONGEST: ClassVar[int]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from allegro_twin.drivers.base import settings
+from allegro_twin.drivers.base.host_settings import SerialHostSettings
 from allegro_twin.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
-class HostSettings(settings.HostSettings):
+class ServoHostSettings(SerialHostSettings):
     """Raises ConfigError for times that none can keep."""
 
     LONGEST: ClassVar[int] = 127  # ROBOTIS e-Manual, Bus Watchdog.
@@ -21,7 +21,7 @@ class HostSettings(settings.HostSettings):
     """What Return Delay Time is set to, 2 µs each; servos come with 250."""
 
     def __post_init__(self) -> None:
-        settings.HostSettings.__post_init__(self)
+        SerialHostSettings.__post_init__(self)
         if not 0 <= self.return_delay <= 254:
             raise ConfigError(f"return_delay must be 0 to 254, not {self.return_delay}")
 

@@ -8,7 +8,7 @@ from allegro_twin.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
-class HostSettings:
+class CanHostSettings:
     """How to deal with a hand on a bus. Raises ConfigError for times that no hand can keep."""
 
     period: float = 0.003

@@ -10,9 +10,8 @@ import select
 import signal
 import time
 
-from . import ARMED, BEAT, CUTS, HUSH, OWED, PATIENCE, SAID, SPEAK, VOICE
-from .links import Serial, Way, opened
-from .orders import Orders
+from . import ARMED, BEAT, CUTS, HUSH, OWED, PATIENCE, SPEAK, VOICE, Orders
+from .links import Bus, SerialBytes, SlcanPort, connect
 
 AGAIN, SLOWEST, GIVE_UP = 0.005, 0.1, 600.0
 """s between two tries, at first and at last; after which nobody will hear it any more."""
@@ -20,6 +19,8 @@ BEQUEST = 1.0
 """s after the program's end from which another program may have the port."""
 ANSWER, QUIET = 0.06, 0.03
 """s that the hand has to answer; without a report (ten periods) that say as much of a hand that does not answer."""
+TIMES, BETWEEN = 25, 0.02
+"""How often bytes that nobody answers are said, and s between two: half a packet that the dead left is over by then."""
 
 GRACE = 0.1
 """s that the second leaves to the keeper before it does the keeper's work: the keeper may stand still."""
@@ -27,7 +28,7 @@ GLANCE = 250
 """ms between two looks of the second where no patience is set."""
 
 
-class Keeper:
+class HandWatch:
     """Watches the heart, and says what leaves the hand limp until that is confirmed.
 
     A keeper has a second, a process that it forks: whoever of the two is ended, the other knows it at once. Without its
@@ -35,7 +36,7 @@ class Keeper:
     its program and one of the two are killed, in any order.
     """
 
-    def __init__(self, orders: Orders, way: Way) -> None:
+    def __init__(self, orders: Orders, way: Bus | SerialBytes) -> None:
         self._orders, self._way = orders, way
         self._cells = memoryview(mmap.mmap(orders.memory, 0)).cast("Q")
         self._limp = [(identifier, bytes.fromhex(data), remote) for identifier, data, remote in orders.limp]
@@ -107,49 +108,61 @@ class Keeper:
         return -(-left // 1_000_000) if left > 0 else 0
 
     def _silence(self, *, alive: bool) -> None:
-        """Say it until it is confirmed: an interface may be down, or its queue full of what was said before."""
+        """Say it to the end: `_insist` or, where nobody answers, `_repeat`."""
+        self._cells[CUTS] += 1
         self._cells[OWED] = 1
         try:
-            self._insist(alive=alive)
+            if isinstance(self._way, SerialBytes):
+                self._repeat(self._way)
+            else:
+                self._insist(self._way, alive=alive)
         finally:
             self._cells[OWED] = 0
 
-    def _insist(self, *, alive: bool) -> None:
-        self._cells[CUTS] += 1
-        cuts, pause, began = self._cells[CUTS], AGAIN, time.monotonic()
+    def _repeat(self, way: SerialBytes) -> None:
+        """Say it so often that it was heard, unless the program speaks itself again."""
+        for _ in range(TIMES):
+            if self._cells[VOICE] == HUSH:
+                return
+            with contextlib.suppress(OSError):  # The port is gone, and with it the way to say it; or it takes no more.
+                way.say()
+            select.select([], [], [], BETWEEN)
+
+    def _insist(self, way: Bus, *, alive: bool) -> None:
+        """Say it until it is confirmed: an interface may be down, or its queue full of what was said before."""
+        pause, began = AGAIN, time.monotonic()
         while (now := time.monotonic()) < began + GIVE_UP and self._cells[VOICE] != HUSH:
-            if not alive and now > began + BEQUEST and isinstance(self._way, Serial) and self._way.taken():
+            if not alive and now > began + BEQUEST and isinstance(way, SlcanPort) and way.taken():
                 return
             try:
-                self._way.begin()
-                if self._said():
-                    self._way.end()
-                    self._cells[SAID] = cuts
+                way.begin()
+                if self._said(way):
+                    way.end()
                     return
             except BlockingIOError:
                 pass
             except OSError:
-                if not isinstance(self._way, Serial):
+                if not isinstance(way, SlcanPort):
                     with contextlib.suppress(OSError):
-                        self._way = opened(self._orders)
+                        way = connect(self._orders)  # type: ignore[assignment]  # A bus again.
             select.select([], [], [], pause)
             pause = min(2 * pause, SLOWEST)
 
-    def _said(self) -> bool:
+    def _said(self, way: Bus) -> bool:
         """Say it once; whether the hand has confirmed it: its motors are off, or it reports no more."""
         for frame in self._limp:
-            self._way.send(*frame)
+            way.send(*frame)
         ask = self._orders.ask
         if ask is not None:
-            self._way.send(ask[0], b"", True)
+            way.send(ask[0], b"", True)
         began = heard = time.monotonic()
         while time.monotonic() < began + ANSWER:
-            if not select.select([self._way], [], [], AGAIN)[0]:
+            if not select.select([way], [], [], AGAIN)[0]:
                 continue
-            for identifier, data in self._way.receive():
+            for identifier, data in way.receive():
                 if ask is not None and identifier == ask[0] and len(data) > ask[1] and not data[ask[1]] & ask[2]:
                     for frame in self._limp:  # The last words on the bus, whatever came between.
-                        self._way.send(*frame)
+                        way.send(*frame)
                     return True
                 if identifier in self._orders.reports:
                     heard = time.monotonic()
@@ -163,11 +176,11 @@ def main() -> None:
     with os.fdopen(os.dup(0), "rb", 0) as line:
         orders = Orders(**json.loads(line.readline()))
     try:
-        way = opened(orders)
+        way = connect(orders)
     except OSError as error:
         os.write(0, f"no: {error}".encode())
         return
     if os.fork():
         os._exit(0)  # Nobody's child, for nobody is to wait for it.
     os.write(0, f"ready {os.getpid()}".encode())
-    Keeper(orders, way).watch()
+    HandWatch(orders, way).watch()

@@ -1,4 +1,4 @@
-"""The keeper's own ways to a bus: frames out, frames in. All raise OSError."""
+"""The keeper's own ways to a hand: frames out and in, or bytes out. All raise OSError."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import socket
 import struct
 import termios
 
-from .orders import Orders
+from . import Orders
 
 _ID, _REMOTE = 0x7FF, 0x40000000  # linux/can.h
 Heard = list[tuple[int, bytes]]
 
 
-class Socketcan:
+class SocketcanSocket:
     """A raw socket of its own, which hears nothing until it has something to say."""
 
     def __init__(self, channel: str, wanted: list[int]) -> None:
@@ -72,9 +72,9 @@ class Lines:
         return self._descriptor
 
 
-class Serial(Lines):
-    """The serial port that the program opened (slcan). Its lock is free when the program is gone; whoever has it then
-    says the same at its start."""
+class SlcanPort(Lines):
+    """The serial port of an slcan adapter that the program opened. Its lock is free when the program is gone; whoever
+    has it then says the same at its start."""
 
     _shared = True
 
@@ -111,7 +111,7 @@ class Serial(Lines):
         return False
 
 
-class Socketcand(Lines):
+class SocketcandClient(Lines):
     """A second client of the same server, which hears nothing until it has something to say."""
 
     def __init__(self, host: str, port: int, channel: str) -> None:
@@ -148,16 +148,31 @@ class Socketcand(Lines):
         return found
 
 
-Way = Socketcan | Serial | Socketcand
+class SerialBytes:
+    """The serial line that the program opened to a hand which is told in bytes, and never heard.
+
+    It holds the same lock as the program, and lets go of it when it ends.
+    """
+
+    def __init__(self, fd: int, words: str) -> None:
+        self._descriptor, self._words = fd, bytes.fromhex(words)
+
+    def say(self) -> None:
+        os.write(self._descriptor, self._words)
 
 
-def opened(orders: Orders) -> Way:
-    """The way to the bus. Raises OSError."""
+Bus = SocketcanSocket | SlcanPort | SocketcandClient
+
+
+def connect(orders: Orders) -> Bus | SerialBytes:
+    """The way to the hand. Raises OSError."""
     way = dict(orders.way)
     match way.pop("kind"):
+        case "bytes":
+            return SerialBytes(**way)
         case "socketcan":
-            return Socketcan(**way, wanted=orders.reports + ([orders.ask[0]] if orders.ask else []))
-        case "serial":
-            return Serial(**way)
+            return SocketcanSocket(**way, wanted=orders.reports + ([orders.ask[0]] if orders.ask else []))
+        case "slcan":
+            return SlcanPort(**way)
         case _:
-            return Socketcand(**way)
+            return SocketcandClient(**way)
