@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from allegro_twin.drivers.base.settings import HostSettings as OnALine
-from allegro_twin.drivers.can.driver.settings import HostSettings as OnABus
-from allegro_twin.drivers.dynamixel.driver.settings import HostSettings as OfServos
-from allegro_twin.drivers.polled.settings import HostSettings as Polled
+from allegro_twin.drivers.base.host_settings import SerialHostSettings as OnALine
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings as OnABus
+from allegro_twin.drivers.dynamixel.driver.host_settings import ServoHostSettings as OfServos
+from allegro_twin.drivers.polled.host_settings import PolledHostSettings as Polled
 from allegro_twin.errors import ConfigError
 
 ON_A_BUS = {

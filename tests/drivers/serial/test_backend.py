@@ -381,7 +381,7 @@ def test_a_line_on_which_time_passes_keeps_the_computer_awake_and_one_in_lockste
     bench.backend.reset()
     assert asked == []
     bench.backend.close()
-    monkeypatch.setattr(LockstepPort, "lockstep", False)
+    monkeypatch.setattr(LockstepLine, "lockstep", False)
     bench.backend.reset()
     assert asked == ["held"]
     bench.backend.reset()
