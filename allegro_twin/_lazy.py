@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 PROVIDERS = {"link tree": "allegro_twin.sim.model.link_tree:read_link_tree"}
 """What a wing needs from a higher one, which it does not import: for each role `package.module:name`."""
@@ -34,3 +38,11 @@ def provided(role: str) -> Any:
     """What `PROVIDERS` names for a role."""
     module, _, name = PROVIDERS[role].partition(":")
     return getattr(import_module(module), name)
+
+
+@cache
+def entry_points_of(group: str) -> Mapping[str, EntryPoint]:
+    """What installed packages add to a group, by name."""
+    from importlib.metadata import entry_points
+
+    return {point.name: point for point in entry_points(group=group)}

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
+from allegro_twin._lazy import entry_points_of
 from allegro_twin.backend import HandBackend
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, unknown
@@ -216,12 +215,6 @@ class Registry:
 
 _TYPES = ("extra_forbidden", "missing")
 """Errors that `files.schema` words itself."""
-
-
-@cache
-def entry_points_of(group: str) -> Mapping[str, EntryPoint]:
-    """What installed packages add to a group, by name."""
-    return {point.name: point for point in entry_points(group=group)}
 
 
 BACKENDS = Registry(

@@ -30,7 +30,7 @@ class Law(NamedTuple):
     """Of joint positions, rad or m; of a joint that no motor of the finger moves, where it stays."""
 
 
-class Chain:
+class FingerChain:
     """The chain of one finger, for its k motors in the spec's order."""
 
     def __init__(self, spec: HandSpec, model: pin.Model, finger: str, rest: Vector) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.arguments import finite, numbers, short_repr
-from allegro_twin.kinematics.chain import Chain
+from allegro_twin.kinematics.chain import FingerChain
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.closed_form.geometry import has_closed_form
 from allegro_twin.kinematics.finger import FingerKinematics
@@ -76,7 +76,7 @@ class HandKinematics:
         """A finger by iteration, whatever its axes."""
         rest = self._coupling.configuration(np.asarray(self.spec.rest))
         finger = self.spec.finger(name).name
-        return NumericFinger(self.spec, Chain(self.spec, self._model, finger, rest), finger)
+        return NumericFinger(self.spec, FingerChain(self.spec, self._model, finger, rest), finger)
 
     def check_closed_form(self, fingers: Iterable[str], position: ArrayLike | None = None) -> None:
         """Raise ConfigError, with the distance, where somebody else's model of the hand has a fingertip elsewhere than

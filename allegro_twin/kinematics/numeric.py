@@ -15,20 +15,21 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import check_margin, finite, rows
-from allegro_twin.kinematics.chain import Chain
+from allegro_twin.kinematics.chain import FingerChain
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.kinematics.solutions import Flags, Nearest, Solutions
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector, frozen
 
-_ROUNDS = 60
+_ROUNDS, _STALLED = 100, 6  # At most; and rounds without a nearer posture after which a descent ends.
 _MET, _THERE = 1e-8, 1e-6  # m: near enough to stop, and to count as reached.
+_NEARER = 1.0 - 1e-4  # Of |e|²: what counts as nearer.
 _SETTLED, _LONGEST = 1e-10, 0.4  # rad: a step that is the last, and the longest.
 _DAMPING = 0.01  # Of |e|².
 _LEAST = 1e-12, 3e-9  # m², of the damping; with less the inverse for one or two joints is lost in rounding.
 _NO_LIMITS = 20.0  # rad
-_PULL, _DRAWN = 0.02, 12
+_PULL, _DRAWN = 0.03, 8
 """Of the way back to `near`, where that costs the tip nothing, and in how many rounds."""
 _SEEDS, _RESTARTS = 1024, 12  # Postures whose tips are known, and how many of them a search may begin at.
 _TURN = 2e-3  # m/rad. What an orientation weighs against the position.
@@ -47,7 +48,7 @@ class NumericFinger:
     nearest that was found is told. Joints between the palm's root and the finger, as a wrist's, are where they rest.
     """
 
-    def __init__(self, spec: HandSpec, chain: Chain, finger: str) -> None:
+    def __init__(self, spec: HandSpec, chain: FingerChain, finger: str) -> None:
         joints = list(spec.finger(finger).joints)
         self.shared = tuple(f.name for f in spec.fingers if f.name != finger and set(f.joints) & set(joints))
         """Fingers that one of its motors moves as well."""
@@ -201,6 +202,7 @@ class NumericFinger:
         best = np.clip(starts, lower, upper)
         least = np.full(targets.shape[1], np.inf)
         rows_, q = np.arange(targets.shape[1]), best.copy()
+        stalled = np.zeros(targets.shape[1], dtype=np.int64)
         for turn in range(2 * _ROUNDS):
             tip, axes, moves, spins = self._chain.many(q)
             error = targets[:, rows_] - tip
@@ -208,6 +210,8 @@ class NumericFinger:
             # With an orientation the first half of the rounds weighs it, the rest brings the tip to its point again.
             weighed = turns is not None and turn < _ROUNDS
             better = (distance < least[rows_]) | weighed
+            no_nearer = (distance**2 > _NEARER * least[rows_] ** 2) & (not weighed)
+            stalled[rows_] = np.where(no_nearer, stalled[rows_] + 1, 0)
             chosen = rows_[better]
             best[:, chosen], least[chosen] = q[:, better], distance[better]
             if weighed:
@@ -218,7 +222,7 @@ class NumericFinger:
                 step = _step(error, distance, moves, share * (home[:, rows_] - q), q, lower, upper)
             new = np.clip(q + step, lower, upper)
             moving = np.abs(new - q).max(axis=0) > _SETTLED
-            going = moving | weighed if weighed else moving & (distance > _MET)
+            going = moving | weighed if weighed else moving & (distance > _MET) & (stalled[rows_] < _STALLED)
             if not weighed and turn - (_ROUNDS if turns is not None else 0) >= _ROUNDS - 1:
                 break
             if not going.all():
@@ -234,15 +238,16 @@ class NumericFinger:
         """As `_descend_many` of one target without an orientation, in plain floats."""
         one, k = self._chain.one, self._k
         q = [min(max(value, low), high) for value, low, high in zip(start, lower, upper, strict=True)]
-        best, least = q, float("inf")
+        best, least, stalled = q, float("inf"), 0
         for turn in range(_ROUNDS):
             (tx, ty, tz), columns = one(q)
             ex, ey, ez = target[0] - tx, target[1] - ty, target[2] - tz
             square = ex * ex + ey * ey + ez * ez
+            stalled = stalled + 1 if square > _NEARER * least else 0
             if square < least:
                 best, least = q, square
-                if square < _MET * _MET:
-                    break
+            if square < _MET * _MET or stalled >= _STALLED:
+                break
             share = _PULL if turn < _DRAWN else 0.0
             pull = [share * (wanted - value) for wanted, value in zip(home, q, strict=True)]
             step = _step_one(ex, ey, ez, square, columns, pull, q, lower, upper)

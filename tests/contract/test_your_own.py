@@ -17,6 +17,7 @@ import pytest
 
 from allegro_twin.recording.reader import load
 from allegro_twin.testing.rules import RULES
+from tests.hands.models import GRIPPER
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "contract.md"
@@ -46,6 +47,11 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (info / "entry_points.txt").write_text(
         "[allegro_twin.backends]\nfriendly = friendly_hand:backend\nbroken = no_such_module:backend\n"
         "wrong = friendly_hand:Wave\n\n[allegro_twin.controllers]\nwave = friendly_hand:controller\n"
+        "\n[allegro_twin.hands]\npincher = its_hand:CARD\nlost = its_hand:LOST\nleap = its_hand:CARD\n"
+    )
+    (folder / "gripper.xml").write_text(GRIPPER)
+    (folder / "its_hand.py").write_text(
+        "from pathlib import Path\nCARD = Path(__file__).with_name('mine') / 'gripper.yaml'\nLOST = 'nowhere.yaml'\n"
     )
     (folder / "friendly.yaml").write_text(CONFIG)
     return folder
@@ -62,6 +68,21 @@ def ran(folder: Path, *words: str, program: str = "", python: str = sys.executab
 def test_the_package_of_the_page_is_sixty_lines() -> None:
     lines = [line for line in block("`friendly_hand.py`:", "python").splitlines() if line.strip()]
     assert len(lines) <= 60
+
+
+def test_a_hand_of_an_installed_package_goes_by_its_name_and_ours_keep_theirs(installed: Path) -> None:
+    assert ran(installed, "hand", "new", "gripper.xml", "--no-film").returncode == 0
+    config = "hand: {{model: {}}}\nbackend: {{kind: sim}}\ncontroller: {{kind: position}}\n"
+    (installed / "pincher.yaml").write_text(config.format("pincher"))
+    done = ran(installed, "run", "pincher.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "pincher_right at" in done.stdout
+    (installed / "pincher.yaml").write_text(config.format("lost"))
+    done = ran(installed, "run", "pincher.yaml")
+    assert done.returncode == 2
+    assert "hand lost: its_hand:LOST says nowhere.yaml, which is no file" in done.stderr
+    own = ran(installed, program="from allegro_twin.hands import load_spec; print(load_spec('leap').n_joints)")
+    assert own.stdout == "16\n", own.stderr
 
 
 def test_it_keeps_the_contract(installed: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "add_a_hand.md").read_text()
+FACTS = (ROOT / "docs" / "how-to" / "add_a_hand_from_facts.md").read_text()
 FILE = re.compile(r"```\w+\n(?:<!-- |# )(\w+\.\w+)(?: -->)?\n(.*?)```", re.DOTALL)
 COMMAND = re.compile(r"^allegro-twin (.+)$", re.MULTILINE)
 SLOW = "plan "
@@ -44,7 +45,7 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
 
 
 def test_leaps_files_are_those_of_the_table() -> None:
-    rows = re.findall(r"^\| (`.*?) \|", PAGE.split("## From a table of facts")[1].split("## ")[0], re.MULTILINE)
+    rows = re.findall(r"^\| (`.*?) \|", FACTS.split("## The files")[1].split("## ")[0], re.MULTILINE)
     told = {path for row in rows for path in re.findall(r"`([^`]+)`", row)}
     made = {"models/mjcf/leap_*.xml", "models/urdf/leap_*.urdf"}
     known = {path for pattern in told | made for path in ROOT.glob(pattern)}

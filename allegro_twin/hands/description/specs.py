@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin._lazy import entry_points_of
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.hands.description import arms, facts
@@ -19,6 +20,7 @@ from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.spec.hand import aliases
 from allegro_twin.types import Vector, frozen
 
+GROUP = "allegro_twin.hands"
 _MOTOR = ("damping", "armature", "frictionloss")
 _ACTUATION = (*_MOTOR, "torque_limit", "stiffness")
 
@@ -85,12 +87,36 @@ def is_hand_model(name: str) -> bool:
     """Whether it names a model of hand, not one hand of a model: by its facts, or a card."""
     if facts.has_facts(name):
         return True
+    if name in installed_hands():
+        return True
     path = Path(name) if Path(name).suffix == ".yaml" else data_root() / "conf" / "hands" / f"{name}.yaml"
     return path.is_file() and "driven" in read_yaml(path)
 
 
+def installed_hands() -> tuple[str, ...]:
+    """Hands that installed packages add by the entry point `allegro_twin.hands`, whose value is the path of a card, or
+    a function without arguments that returns it. Hands of this package have their names first."""
+    own = data_root() / "conf" / "hands"
+    return tuple(name for name in sorted(entry_points_of(GROUP)) if not (own / f"{name}.yaml").is_file())
+
+
+def _card_path(model: str) -> Path:
+    """Raises ConfigError with the nearest names, or with what is wrong with a package."""
+    if model not in installed_hands():
+        return find_file(model, "hand", "conf/hands")
+    point = entry_points_of(GROUP)[model]
+    try:
+        value = point.load()
+        path = Path(value() if callable(value) else value)
+    except Exception as error:  # A package of somebody else's may raise anything.
+        raise ConfigError(f"hand {model}: {point.value} of an installed package: {error}") from error
+    if not path.is_file():
+        raise ConfigError(f"hand {model}: {point.value} says {path}, which is no file")
+    return path
+
+
 def _by_card(model: str, side: Side, serial: str) -> HandSpec:
-    path = find_file(model, "hand", "conf/hands")
+    path = _card_path(model)
     if serial:
         raise ConfigError(f"{path} is the hand's only file: leave out hand.serial ({serial})")
     found = spec_from_card(path, Path(model).stem, side)

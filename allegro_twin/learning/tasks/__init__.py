@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from importlib import import_module
 
+from allegro_twin._lazy import entry_points_of
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Task
-from allegro_twin.plugins import entry_points_of
 
 TASKS = {
     "Reach": "reach",

@@ -116,6 +116,15 @@ def _to_radians(spec: mujoco.MjSpec) -> None:
     spec.compiler.degree = False
 
 
+def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile without the warnings that say nothing about a hand: lost texture coordinates of a mesh, and names of
+    parts that are attached without a prefix. Raises ValueError."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="obj_decoder: invalid or missing face texture")
+        warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
+        return spec.compile()
+
+
 def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> mujoco.MjSpec:
     """Their hand with its palm in our axes, their actuators under our names, a site and a contact sensor at each tip.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain import lugre_friction
-from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, read_mjcf
+from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
 from allegro_twin.sim.hand_import.urdf import read_urdf
 from allegro_twin.types import Array
@@ -143,7 +143,7 @@ def explore_hand(
     for element in spec.keys:
         spec.delete(element)
     try:
-        model = spec.compile()
+        model = compile_model(spec)
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     given = [

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.sim.hand_import.adapt import compile_model
 from allegro_twin.types import Array
 
 READABLE = (".obj", ".stl", ".msh")
@@ -237,7 +238,7 @@ def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, notes: list[str]) ->
     100 rad/s."""
     mimics = {joint.get("name") for joint in robot.findall("joint") if joint.find("mimic") is not None}
     try:
-        model = spec.compile()
+        model = compile_model(spec)
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     data = mujoco.MjData(model)
@@ -277,7 +278,7 @@ def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, notes: list[str]) ->
 def _exclude_touching(spec: mujoco.MjSpec, path: Path, notes: list[str]) -> None:
     """No contact between links that touch at rest: their shapes overlap, and would push each other for ever."""
     try:
-        model = spec.compile()
+        model = compile_model(spec)
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     data = mujoco.MjData(model)

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 def read_link_tree(spec: HandSpec) -> Tree:
     """The links of a hand's MJCF as plain data, under our names; a joint that the spec does not know stays where the
     MJCF has it. Raises ConfigError for a joint that is neither a hinge nor a slide."""
+    from allegro_twin.sim.hand_import.adapt import compile_model
     from allegro_twin.sim.model.scene import hand_spec
 
-    model = hand_spec(spec).compile()
+    model = compile_model(hand_spec(spec))
     palm = model.body("palm_link").id
     bodies = [b for b in range(palm, model.nbody) if palm in _ancestors(model, b)]
     links = tuple(_link(model, body, bodies, spec) for body in bodies)

@@ -13,7 +13,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.appearance import STAND, TABLE
 from allegro_twin.sim.drivetrain import drivetrain
 from allegro_twin.sim.drivetrain.servos import limit_forces
-from allegro_twin.sim.hand_import.adapt import adapt_hand, find_mjcf, read_mjcf, rename_parts
+from allegro_twin.sim.hand_import.adapt import adapt_hand, compile_model, find_mjcf, read_mjcf, rename_parts
 from allegro_twin.sim.model.arm_with_hand import MountedHand, add_pedestal, attach_hand, set_load
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.wrist import WRIST_JOINTS, add_wrist
@@ -102,7 +102,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
     try:
         with catch_warnings():
             filterwarnings("ignore", message="Attaching a spec with an empty prefix")  # Nobody saves it.
-            model = scene.compile()
+            model = compile_model(scene)
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
     for each in (spec,) if mounted is None else (spec, mounted.hand):

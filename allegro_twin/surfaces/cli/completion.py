@@ -20,7 +20,9 @@ def configs() -> list[str]:
 
 
 def hands() -> list[str]:
-    return _stems("conf/hands")
+    from allegro_twin.hands.description.specs import installed_hands
+
+    return [*_stems("conf/hands"), *installed_hands()]
 
 
 def models() -> list[str]:
