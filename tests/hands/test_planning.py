@@ -15,7 +15,7 @@ from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_ca
 from allegro_twin.grasping.plan.parallel import run_searches
 from allegro_twin.grasping.plan.propose import Proposer
 from allegro_twin.grasping.plan.save import save_grasps
-from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
+from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
 from allegro_twin.grasping.plan.templates import gathering_grasp, grasp_templates
 from allegro_twin.grasping.plan.validate import AS_IT_IS, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
@@ -171,3 +171,11 @@ def test_a_palm_is_where_it_is_put_however_its_file_says_how_it_is_turned(
     frame = sim.data.body("palm_link").xmat.reshape(3, 3)
     np.testing.assert_allclose(frame[:, 0], [0.0, 0.0, -1.0], atol=1e-9)
     np.testing.assert_allclose(frame[:, 2], [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_hand_of_unknown_effort_is_not_planned_for(tmp_path: Path) -> None:
+    path = made("gripper", tmp_path)
+    path.write_text(path.read_text().replace("effort: 20.0", "effort: unknown"))
+    with pytest.raises(ConfigError, match=r"gripper.yaml: the effort of all motors is unknown, so nobody could say"):
+        check_efforts(load_spec(str(path)))
+    check_efforts(load_spec("leap"))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry
 from allegro_twin.grasping.plan.close_in_geometry import COARSE, FINE
 from allegro_twin.grasping.plan.close_in_simulation import (
@@ -98,7 +99,9 @@ class GraspSearch:
         tell: Callable[[list[PlannedGrasp], float], None] = lambda found, share: None,
     ) -> list[PlannedGrasp]:
         """The best `n` that are apart from each other. It ends when they are good, or when the budget is spent, with
-        fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent."""
+        fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent. Raises
+        ConfigError for a hand of which the effort of a motor is unknown."""
+        check_efforts(self.spec)
         began = time.process_time()
         protocol = load_protocol(self.scenario.protocol)
         bench, random = self._bench(protocol), np.random.default_rng(self.seed)
@@ -168,6 +171,19 @@ class GraspSearch:
             if is_different(candidate, [*taken, *kept], prover.turns):
                 kept.append(candidate)
         return kept
+
+
+def check_efforts(spec: HandSpec) -> None:
+    """Raise ConfigError for a hand of which the effort of a motor is unknown: a grasp could rest on a torque that no
+    motor gives."""
+    limits = spec.actuation.torque_limit
+    unknown = [name for name, limit in zip(spec.joints, limits, strict=True) if np.isinf(limit)]
+    if unknown:
+        which = "all motors" if len(unknown) == len(limits) else ", ".join(unknown)
+        raise ConfigError(
+            f"{spec.card or spec.name}: the effort of {which} is unknown, so nobody could say what a grasp may ask of "
+            "the hand: write the maker's figure, N·m, as `effort` into the card"
+        )
 
 
 def search_symmetry(search: GraspSearch) -> Array | None:

@@ -136,7 +136,8 @@ def plan(
     console.console.print(console.search_summary(search, seeds), soft_wrap=True)
     if not found:
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
-        console.errors.print(f"no grasp holds {name}: of the candidates that physics closed ended {ends}")
+        why = f"of the candidates that physics closed ended {ends}" if ends else "no pre-shape goes round it"
+        console.errors.print(f"no grasp holds {name}: {why}")
         raise typer.Exit(5)
     with ExitStack() as stack:
         folder = out or Path("plans") / name
