@@ -21,6 +21,8 @@ class FingerKinematics(Protocol):
     lower: Vector
     """Lowest joint positions, shape (k,), rad."""
     upper: Vector
+    shared: tuple[str, ...]
+    """Other fingers that its motors move as well."""
 
     def fk(self, position: ArrayLike) -> Pose:
         """The fingertip, joints (..., k), rad → position (..., 3), m, and rotation (..., 3, 3). Raises ConfigError for

@@ -50,7 +50,9 @@ class NumericFinger:
 
     def __init__(self, spec: HandSpec, chain: FingerChain, finger: str) -> None:
         joints = list(spec.finger(finger).joints)
-        self.shared = tuple(f.name for f in spec.fingers if f.name != finger and set(f.joints) & set(joints))
+        self.shared: tuple[str, ...] = tuple(
+            f.name for f in spec.fingers if f.name != finger and set(f.joints) & set(joints)
+        )
         """Fingers that one of its motors moves as well."""
         self.name, self.lower, self.upper = finger, spec.lower[joints], spec.upper[joints]
         self._chain, self._k, self._hand = chain, len(joints), spec.name

@@ -13,6 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics.orientation import euler_from_matrix
 
 LEAP = {"hand": {"model": "leap"}, "backend": {"kind": "sim"}, "controller": {"kind": "position"}}
 PARTS = st.lists(st.floats(0.1, 0.9), min_size=4, max_size=4)
@@ -143,3 +144,23 @@ def test_a_leap_hand_grasps_stops_teaches_and_plays() -> None:
         np.testing.assert_allclose(leap.state.position, motion.positions[-1], atol=0.06)
         with pytest.raises(ConfigError, match="a force is for hands that take torques; leap_right takes position"):
             leap.grasp("rubiks_cube", force=2.0)
+
+
+def test_a_finger_that_shares_a_motor_is_not_moved_alone_by_a_person() -> None:
+    soft = {"hand": {"model": "qb_softhand"}, "backend": {"kind": "sim"}, "controller": {"kind": "position"}}
+    with (
+        Hand.open(RunConfig.model_validate(soft)) as hand,
+        pytest.raises(ConfigError, match="index cannot be moved alone, its motor moves middle, ring, little, thumb"),
+    ):
+        hand.move_fingertips({"index": [0.0, 0.0, 0.1]})
+
+
+def test_a_leap_hands_fingertip_is_turned_as_well_as_moved() -> None:
+    with Hand.open(RunConfig.model_validate(LEAP)) as leap:
+        finger = hand_kinematics(leap.spec).finger("middle")
+        joints = list(leap.spec.finger("middle").joints)
+        goal = finger.fk(leap.state.position[joints] + [0.15, 0.0, 0.2, 0.1])
+        leap.move_fingertips({"middle": goal.position}, euler={"middle": euler_from_matrix(goal.rotation)})
+        tip = leap.fingertips()["middle"]
+        np.testing.assert_allclose(tip.position, goal.position, atol=3e-3)
+        assert np.arccos(np.clip((np.trace(tip.rotation.T @ goal.rotation) - 1) / 2, -1, 1)) < 0.06

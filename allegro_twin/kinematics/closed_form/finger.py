@@ -31,6 +31,8 @@ class ClosedFormFinger:
 
     def __init__(self, spec: HandSpec, finger: str) -> None:
         joints = spec.finger(finger).joints
+        self.shared: tuple[str, ...] = ()
+        """Other fingers that its motors move as well: none."""
         geometry, left = load_geometry(spec.model, finger), spec.side == "left"
         self.name, self.lower, self.upper = finger, spec.lower[list(joints)], spec.upper[list(joints)]
         self._signs = np.array([-1.0 if left and j in spec.mirror_flips else 1.0 for j in joints])

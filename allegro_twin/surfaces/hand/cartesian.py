@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.control.trajectory import FASTEST, Moves, Waypoint
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.finger import FingerKinematics
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.orientation import (
@@ -91,6 +92,10 @@ def straight_line_motion(
 
 def _line(hand: HandKinematics, start: Vector, name: str, value: ArrayLike, euler: ArrayLike | None) -> _Line:
     joints, solver = list(hand.spec.finger(name).joints), hand.finger(name)
+    if solver.shared:
+        raise ConfigError(
+            f"{hand.spec.name}: {name} cannot be moved alone, its motor moves {', '.join(solver.shared)} as well"
+        )
     point = _three(value, f"{name}: a fingertip position is three finite numbers, m, palm frame")
     rotation = None
     if euler is not None:
@@ -135,7 +140,9 @@ def _check_end(line: _Line, near: Vector) -> None:
 def _best(solver: FingerKinematics, point: Vector, rotation: Array | None, near: Vector) -> Best:
     if rotation is None:
         return solver.ik(point, near=near).best(near)
-    return solver.ik(point, rotation=rotation).best(near)
+    if isinstance(solver, ClosedFormFinger):  # It has every branch, and takes no posture to be near to.
+        return solver.ik(point, rotation=rotation).best(near)
+    return solver.ik(point, rotation=rotation, near=near).best(near)
 
 
 def _turned(begin: Array, end: Array | None, parts: Array) -> list[Array | None]:

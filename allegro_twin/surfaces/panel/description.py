@@ -14,7 +14,6 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import is_hand_model
 from allegro_twin.hands.library.gains import gains_names
 from allegro_twin.hands.library.library import Library, load_grasp, load_posture, posture_names
-from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.requests import OpenScene
 from allegro_twin.surfaces.panel.stream import LibraryContents, SessionInfo
@@ -105,9 +104,10 @@ def _no_tips(spec: HandSpec) -> str:
     from allegro_twin.kinematics.hand import hand_kinematics
 
     try:
+        hand = hand_kinematics(spec)
         for finger in spec.fingers:
-            ClosedFormFinger(spec, finger.name)
-        hand_kinematics(spec).check_closed_form([finger.name for finger in spec.fingers])
+            if shared := hand.finger(finger.name).shared:
+                return f"the motors of {finger.name} move {', '.join(shared)} as well"
     except ConfigError as error:
         return str(error)
     return ""

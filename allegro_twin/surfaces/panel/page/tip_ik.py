@@ -23,7 +23,7 @@ class DraggedTip(NamedTuple):
 
 
 class TipIK:
-    """Inverse kinematics of every finger of a hand. Raises ConfigError for a finger that cannot be moved alone."""
+    """Inverse kinematics of every finger of a hand whose fingers can be moved alone."""
 
     def __init__(self, spec: HandSpec) -> None:
         self._fingers = {finger.name: finger for finger in spec.fingers}
