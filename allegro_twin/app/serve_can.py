@@ -37,7 +37,10 @@ def virtual_firmware(config: RunConfig, scene: SimulatedScene, *, step: float, r
 def checkup_of(config: RunConfig) -> Checkup:
     """A checkup of the link to a config's hand; a virtual hand is put on its bus. Raises ConfigError."""
     if not isinstance(config.backend, CanSettings):
-        raise ConfigError(f"only a hand on a bus has a link to check; this config has backend {config.backend.kind}")
+        raise ConfigError(
+            f"only a hand on a bus has a link to check; this config has backend {config.backend.kind}: `allegro-twin "
+            "check-backend` checks any backend against the contract"
+        )
     return can_checkup(config.backend, context_of(config, SimulatedScene()))
 
 

@@ -84,6 +84,8 @@ def perform(
             "verdict; leave `seconds` out, or run a config without a scenario"
         )
     notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
+    if rig.trial is None and config.task.scenario is not None:
+        notes.append("no verdict: only a simulation sees what becomes of the object")
     with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
         samples = to_the_end(run(rig.backend, rig.controller))
         if rig.seconds is not None:

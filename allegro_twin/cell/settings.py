@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
@@ -115,9 +115,15 @@ class ValidateSettings(Settings):
     """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be
     around nothing, sum up to more than this."""
     most: Positive = 1.7
-    """kg: nothing heavier can hang on the hand. A Franka arm carries 3 kg, and the hand is 1.3 of them."""
+    """kg, above `least`: nothing heavier can hang on the hand. A Franka arm carries 3 kg; the hand is 1.3 of them."""
     drift: Positive = 0.5
     """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ValidateSettings:
+        if self.least >= self.most:
+            raise ValueError(f"least {self.least:g} kg is not below most {self.most:g} kg; it is in kg")
+        return self
 
 
 def _at_the_wrist(value: Any) -> Any:

@@ -233,7 +233,7 @@ def parts_that_it_does_not_take_are_refused(make: Make) -> None:
 
 
 def the_limp_command_ends_all_torque(make: Make) -> None:
-    """After the limp command the motors give nothing; what is not measured may be NaN."""
+    """Five periods after the limp command the motors give nothing; what is not measured may be NaN."""
     with opened(make) as backend:
         if _is_recording(backend):
             raise DoesNotApply("what was recorded has happened")
@@ -242,7 +242,9 @@ def the_limp_command_ends_all_torque(make: Make) -> None:
         for _ in range(5):
             state = backend.read()
     known = state.torque[~np.isnan(state.torque)]
-    require(not known.any(), f"torque is {state.torque} N·m five periods after the limp command")
+    worst = int(np.nanargmax(np.abs(state.torque))) if len(known) else 0
+    what = f"torque of {backend.spec.joints[worst]} is {state.torque[worst]:g} N·m five periods after the limp command"
+    require(not known.any(), what)
 
 
 def closing_twice_is_harmless(make: Make) -> None:

@@ -112,7 +112,9 @@ def test_every_input_that_changes_changes_the_keys_of_its_trials_and_of_no_other
     known = {name for name, *_ in CHANGES} | {"0.npy"}
     read = {Path(os.path.normpath(copied / path)) for path in found["read"]}
     ours = {path.relative_to(copied).as_posix() for path in read if path.is_relative_to(copied)}
-    data = {path for path in ours if not path.endswith((".py", ".pyc")) and not path.startswith(LOOKS)}
+    data = {
+        path for path in ours if not path.endswith(".py") and "__pycache__" not in path and not path.startswith(LOOKS)
+    }
     assert changed_file(copied) != found["before"][FILE]
     assert data <= known, "a trial opens a file that no change above covers"
 

@@ -8,7 +8,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.panel.description import _no_tips
 
 
-@pytest.mark.parametrize("model", ["allegro", "leap", "sih"])
+@pytest.mark.parametrize("model", ["allegro", "leap"])
 def test_fingertips_of_fingers_with_motors_of_their_own_can_be_dragged(model: str) -> None:
     assert not _no_tips(load_spec(model))
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arguments import short_repr
 from allegro_twin.surfaces.cli import completion
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ def check_backend(
         table.add_row(result.rule, _MARKS[result.outcome], escape(result.text))
     console.print(table)
     if broken:
-        console.print(f"{broken} rules are broken; docs/contract.md says what each is for", soft_wrap=True)
+        what = "1 rule is" if broken == 1 else f"{broken} rules are"
+        console.print(f"{what} broken; docs/contract.md says what each is for", soft_wrap=True)
         raise typer.Exit(BROKEN)
     console.print("The contract is kept.")
 
@@ -68,5 +70,12 @@ def _factory(name: str) -> Callable[[], HandBackend]:
         raise ConfigError(f"{name}: no module {module!r} can be imported: {error}") from error
     if not callable(found):
         raise ConfigError(f"{name}: {attribute!r} in {module} is nothing that can be called")
-    opened: Callable[[], HandBackend] = found
+
+    def opened() -> HandBackend:
+        made = found()
+        if not hasattr(made, "reset") or not hasattr(made, "spec"):
+            raise ConfigError(f"{name}: it returns {short_repr(made)}, which is no backend")
+        return made  # type: ignore[no-any-return]
+
+    opened().close()
     return opened
