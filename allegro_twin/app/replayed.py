@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allegro_twin.errors import ConfigError
@@ -20,9 +21,13 @@ def open_recording(settings: ReplaySettings, context: BackendContext) -> ReplayB
 
     recording, hand = _recording(settings, context), context.hand
     path, backend = recording.path, ReplayBackend(recording)
-    if backend.spec.side != hand.side or backend.spec.model != hand.model:
-        wanted = f"{hand.model}_{hand.side}"
-        raise ConfigError(f"{path} is of the hand {backend.spec.name}; the config says {wanted}: change `hand`")
+    model = Path(hand.model).stem if Path(hand.model).suffix == ".yaml" else hand.model
+    if backend.spec.side != hand.side or backend.spec.model != model:
+        own = backend.spec
+        raise ConfigError(
+            f"{path} is of the hand {own.name}; the config says {model}_{hand.side}: change `hand` to {{model: "
+            f"{own.model}, side: {own.side}}}"
+        )
     if abs(backend.period - context.period) > 1e-9:
         raise ConfigError(f"{path} has a period of {backend.period} s; the config says {context.period} s")
     return backend

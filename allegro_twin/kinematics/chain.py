@@ -58,6 +58,10 @@ class FingerChain:
         self.turns.append(to_z.T @ tip.placement.rotation)
         self.shifts.append(to_z.T @ tip.placement.translation)
         self.k = len(motors)
+        held = {*spec.joints, *(each.name for each in spec.followers)}
+        self.elsewhere = any(law.motor < 0 and model.names[joint] in held
+                             for law, joint in zip(self.laws, reversed(path), strict=True))  # fmt: skip
+        """Whether the hand has motors between root and finger that are not the finger's, such as a wrist's."""
         self._flat = [(*turn.T.ravel().tolist(), *shift.tolist()) for turn, shift in zip(self.turns, self.shifts,
                                                                                          strict=True)]  # fmt: skip
 

@@ -59,8 +59,11 @@ class HandKinematics:
         self._n, self._gravity = spec.n_joints, np.full(3, np.nan)
         self._fingers: dict[str, FingerKinematics] = {}
 
-    def finger(self, name: str) -> FingerKinematics:
+    def finger(self, name: str, posture: ArrayLike | None = None) -> FingerKinematics:
         """Forward and inverse kinematics of one finger: in closed form where its axes have one, else by iteration.
+
+        `posture`, (n,), rad, says where joints are that move the finger and are not its own, such as a wrist's; None:
+        where they rest.
 
         Raises ConfigError for an unknown name, and for a finger whose closed form does not have the fingertip where
         somebody else's model has it.
@@ -70,11 +73,15 @@ class HandKinematics:
             if closed:
                 self.check_closed_form([name])
             self._fingers[name] = ClosedFormFinger(self.spec, name) if closed else self.numeric(name)
-        return self._fingers[name]
+        found = self._fingers[name]
+        if posture is not None and isinstance(found, NumericFinger) and found.elsewhere:
+            return self.numeric(name, posture)
+        return found
 
-    def numeric(self, name: str) -> NumericFinger:
-        """A finger by iteration, whatever its axes."""
-        rest = self._coupling.configuration(np.asarray(self.spec.rest))
+    def numeric(self, name: str, posture: ArrayLike | None = None) -> NumericFinger:
+        """A finger by iteration, whatever its axes; `posture` as for `finger`."""
+        place = np.asarray(self.spec.rest) if posture is None else finite("posture", posture, self._n)
+        rest = self._coupling.configuration(place)
         finger = self.spec.finger(name).name
         return NumericFinger(self.spec, FingerChain(self.spec, self._model, finger, rest), finger)
 

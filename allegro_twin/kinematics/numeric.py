@@ -45,7 +45,8 @@ class NumericFinger:
 
     It finds the posture near a given one, or, without one, near the middle of the ranges; where the descent from there
     ends on the way, it begins anew at postures whose tips are near the target. Where no posture reaches the target, the
-    nearest that was found is told. Joints between the palm's root and the finger, as a wrist's, are where they rest.
+    nearest that was found is told. Joints between root and finger that are not the finger's, such as a wrist's, are
+    where they rest, or where `HandKinematics.finger` was told that they are.
     """
 
     def __init__(self, spec: HandSpec, chain: FingerChain, finger: str) -> None:
@@ -54,6 +55,8 @@ class NumericFinger:
             f.name for f in spec.fingers if f.name != finger and set(f.joints) & set(joints)
         )
         """Fingers that one of its motors moves as well."""
+        self.elsewhere = chain.elsewhere
+        """Whether the tip depends on joints that are not the finger's, such as a wrist's."""
         self.name, self.lower, self.upper = finger, spec.lower[joints], spec.upper[joints]
         self._chain, self._k, self._hand = chain, len(joints), spec.name
         self._seeds: tuple[Array, Array] | None = None

@@ -181,9 +181,10 @@ class CellRecording:
         return parse_stream(self.tracks[name].content, f"{self.path}, track {name},")
 
 
-def load(path: Path, *, partial: bool = False, track: str | None = None) -> Recording:
+def load(path: str | Path, *, partial: bool = False, track: str | None = None) -> Recording:
     """Read a recording, or one track of a recording with several. Raises RecordingError for a file that is no recording
     and, unless `partial`, for a file that was cut inside a batch; the message says how many rows are readable."""
+    path = Path(path)
     stream = read_stream(path)
     if stream.meta["version"] == SHARED:
         found = _tracks(path, stream, partial=partial)
@@ -197,8 +198,9 @@ def load(path: Path, *, partial: bool = False, track: str | None = None) -> Reco
     return _recording(path, stream, stream.ended, str(path))
 
 
-def load_cell(path: Path, *, partial: bool = False) -> CellRecording:
+def load_cell(path: str | Path, *, partial: bool = False) -> CellRecording:
     """Read a recording of a cell. Raises RecordingError, as `load`."""
+    path = Path(path)
     stream = read_stream(path)
     if stream.meta["version"] != SHARED:
         raise RecordingError(f"{path} is of one device, not of a cell")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -75,6 +76,50 @@ def test_a_wrist_is_a_wrist_and_no_finger(tmp_path: Path) -> None:
     assert found["wrist"] == {"joints": ["wrist"], "palm": "hand"}
     assert sorted(found["fingers"]) == ["index", "thumb"]
     assert "wrist" not in [name for row in found["fingers"].values() for name in row["joints"]]
+
+
+WRISTED = ('<body name="forearm"><geom size="0.03" mass="1"/><body name="hand" pos="0 0 0.3">'
+           '<joint name="wrist" axis="1 0 0" range="-0.5 0.5" damping="1"/>'
+           f"{PALM}{INDEX}{THUMB}</body></body></body>")  # fmt: skip
+
+
+def test_a_fingertip_goes_where_it_is_told_wherever_the_wrist_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("wristed.xml").write_text(mjcf(WRISTED, servos("wrist", *ALL, kp="20", forcerange="-9 9")))
+    app(["hand", "new", "wristed.xml", "--no-film"], standalone_mode=False)
+    with Hand.open("mine/sim_wristed.yaml") as hand:
+        hand.move_to([0.4, 0.1, 0.5, 0.4, 0.3, 0.3], speed=2.0)
+        tip = hand.fingertips()["index"].position
+        hand.move_fingertips({"index": tip})
+        np.testing.assert_allclose(hand.fingertips()["index"].position, tip, atol=1e-3)
+        beside = tip + np.array([0.0, 0.004, -0.004])
+        hand.move_fingertips({"index": beside})
+        np.testing.assert_allclose(hand.fingertips()["index"].position, beside, atol=2e-3)
+    env = gym.make("allegro_twin.gym:AllegroTwin/Reach-v0", hand="mine/wristed.yaml")
+    observed, _ = env.reset(seed=0)
+    assert observed in env.observation_space
+    env.close()
+
+
+def test_a_recording_of_a_card_is_replayed_by_the_block_that_recorded_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gripper.xml").write_text(GRIPPER)
+    app(["hand", "new", "gripper.xml", "--no-film"], standalone_mode=False)
+    app(["run", "mine/sim_gripper.yaml", "--record", "it.arrow"], standalone_mode=False)
+    replay: dict[str, Any] = {
+        "hand": {"model": "mine/gripper.yaml", "side": "right"},
+        "backend": {"kind": "replay", "file": "it.arrow"},
+        "controller": {"kind": "position"},
+    }
+    write_settings(Path("replay.yaml"), replay, "the same hand")
+    app(["run", "replay.yaml"], standalone_mode=False)
+    write_settings(Path("replay.yaml"), replay | {"hand": {"model": "leap"}}, "another")
+    with pytest.raises(ConfigError, match=r"change `hand` to \{model: gripper, side: right\}"):
+        app(["run", "replay.yaml"], standalone_mode=False)
 
 
 def test_fingers_on_the_world_have_the_world_for_their_palm(
@@ -160,16 +205,42 @@ def test_a_hand_of_unknown_efforts_runs_and_says_so(
     app(["export", "it.arrow", "it.parquet"], standalone_mode=False)
 
 
-def test_fingers_can_be_said(tmp_path: Path) -> None:
+def test_one_finger_can_be_said_and_the_others_stay_guesses(tmp_path: Path) -> None:
     text = mjcf(f"{PALM}{INDEX}{THUMB}</body>", servos(*ALL, forcerange="-1 1"))
-    said = card(tmp_path, text, fingers={"pointer": "index_2", "pollex": "thumb_1"})["fingers"]
-    assert {name: row["joints"][0] for name, row in said.items()} == {"pointer": "index_j0", "pollex": "thumb_j0"}
-    with pytest.raises(ConfigError, match="--finger pointer: no body named 'index_3'; did you mean 'index_2'"):
-        card(tmp_path, text, fingers={"pointer": "index_3"})
-    with pytest.raises(ConfigError, match="palm is no part of one finger"):
-        card(tmp_path, text, fingers={"pointer": "palm"})
-    with pytest.raises(ConfigError, match="--finger thumb: it is NAME=BODY"):
-        app(["hand", "new", str(tmp_path / "hand.xml"), "--finger", "thumb"], standalone_mode=False)
+    said = card(tmp_path, text, fingers={"pointer": "index_2"})["fingers"]
+    assert {name: row["joints"][0] for name, row in said.items()} == {"pointer": "index_j0", "thumb": "thumb_j0"}
+    notes = " ".join(explore_hand(tmp_path / "hand.xml", fingers={"pointer": "index_2", "pollex": "thumb_1"}).notes)
+    assert "guesses" not in notes
+
+
+@pytest.mark.parametrize(
+    ("fingers", "message"),
+    [
+        ({"pointer": "index_3"}, "--finger pointer: no body named 'index_3'; did you mean 'index_2'"),
+        ({"pointer": "palm"}, "palm is no part of one finger on the palm; their ends are index_2, thumb_1"),
+        ({"a": "index_2", "b": "index_1"}, "--finger b=index_1 is the finger that is a already"),
+    ],
+)
+def test_a_finger_that_is_none_is_refused(fingers: dict[str, str], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=message):
+        card(tmp_path, mjcf(f"{PALM}{INDEX}{THUMB}</body>", servos(*ALL, forcerange="-1 1")), fingers=fingers)
+
+
+def test_what_cannot_be_a_hand_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hand.xml").write_text(mjcf(WRISTED, servos("wrist", *ALL, forcerange="-1 1")))
+    for words, message in (
+        (["--finger", "thumb"], "--finger thumb: it is NAME=BODY"),
+        (["--finger", "thumb=index_2", "--finger", "thumb=thumb_1"], "--finger thumb: twice"),
+        (["--root", "hand"], "--root hand hangs on other bodies; take forearm, and say --palm hand"),
+        (["--check", "hand.xml"], "hand.xml"),
+    ):
+        with pytest.raises(ConfigError, match=message) as raised:
+            app(["hand", "new", "hand.xml", *words], standalone_mode=False)
+        assert "\n" not in str(raised.value)
+    for name, message in (("nothing.xml", "nothing.xml: no such file"), (".", "a folder, not a model file")):
+        with pytest.raises(ConfigError, match=message):
+            app(["hand", "new", name, "--name", "x"], standalone_mode=False)
 
 
 def test_a_card_is_checked_against_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
 from allegro_twin.learning.tasks.base import Task
+from allegro_twin.spec import HandSpec
 
-_ROOM = 0.4  # m. No fingertip is farther from the palm's origin: the longest finger has 0.15.
+_ROOM = 0.4  # m. No fingertip of a hand that ships is farther from the palm's origin: the longest finger has 0.15.
 
 _UNIT = 1.001  # Bound of a quaternion's numbers, with room for the rounding to float32.
 
@@ -25,12 +27,21 @@ def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
     parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.n_unmeasured,), np.float32)
     goal = task.goal()
     if goal is not None:
-        room = _ROOM if task.interface.n_goal else _UNIT
+        room = _reach(task.spec) if task.interface.n_goal else _UNIT
         place = spaces.Box(-room, room, (goal.shape[-1],), np.float32)
         parts |= {"achieved_goal": place, "desired_goal": place}
     if state:
         parts["state"] = spaces.Box(-BOUND, BOUND, (state,), np.float32)
     return parts["observation"] if len(parts) == 1 else spaces.Dict(parts)  # type: ignore[return-value]  # Of a Dict.
+
+
+def _reach(spec: HandSpec) -> float:
+    """m. No fingertip is farther from the root's origin."""
+    if spec.foreign is None:
+        return _ROOM
+    postures = np.random.default_rng(0).uniform(spec.lower, spec.upper, (2000, spec.n_joints))
+    tips = hand_kinematics(spec).batch_fingertips()(np.vstack([spec.rest, postures]))
+    return max(_ROOM, round(1.2 * float(np.abs(tips).max()), 2))
 
 
 def describe_space(space: spaces.Space[Any]) -> str:

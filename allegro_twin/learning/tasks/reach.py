@@ -85,7 +85,9 @@ class ReachTask(Task):
         achieved = xp.asarray(self.interface.fingertips(xp.nan_to_num(self.worlds.position)), np.float32)
         distances = self._distances(achieved, self._goal)
         reward = self._reward(distances)
-        return StepOutcome(reward, xp.zeros(self.n, bool), xp.max(distances, axis=-1) < REACHED, {"distance": -reward})
+        return StepOutcome(
+            reward, xp.zeros(self.n, bool), xp.max(distances, axis=-1) < REACHED, {"distance": distances.mean(axis=-1)}
+        )
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""

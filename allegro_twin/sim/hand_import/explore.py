@@ -133,6 +133,8 @@ def explore_hand(
     `find_structure` takes. Raises ConfigError for a file without a hand that can be driven.
     """
     notes: list[str] = []
+    if not path.is_file():
+        raise ConfigError(f"{path}: {'a folder, not a model file' if path.is_dir() else 'no such file'}")
     if path.suffix.lower() == ".urdf":
         hand = read_urdf(path)
         spec, notes = hand.spec, list(hand.notes)
@@ -152,7 +154,10 @@ def explore_hand(
         if not lugre_friction.is_friction_only(model.actuator_gaintype[k], model.actuator_gainprm[k])
     ]
     if not given:
-        raise ConfigError(f"{path} has no actuators: nothing in it can be driven")
+        raise ConfigError(
+            f"{path} has no actuators: nothing in it can be driven; add an <actuator> with position servos, or "
+            "take the hand's URDF"
+        )
     structure = find_structure(model, path, root, palm, fingers)
     motors = [ImportedMotor(model, k, path) for k in given]
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
@@ -235,8 +240,13 @@ def _notes(
 ) -> list[str]:
     if not structure.fingers:
         return ["no finger was found: nothing that moves hangs on the palm"]
-    notes = [f"fingers and their names are guesses, by what hangs on {model.body(structure.palm).name}: "
-             f"{', '.join(finger.name for finger in structure.fingers)}; --finger NAME=BODY says others"]  # fmt: skip
+    guessed = ", ".join(finger.name for finger in structure.fingers if finger.guessed)
+    notes = []
+    if guessed:
+        palm = model.body(structure.palm).name
+        notes.append(
+            f"fingers and their names are guesses, by what hangs on {palm}: {guessed}; --finger NAME=BODY says another"
+        )
     if structure.root == WORLD:
         notes.append("the fingers hang on the world itself: it is taken for the palm")
     if structure.wrist:

@@ -65,8 +65,8 @@ def find_structure(
 
     `root`: the body that stands still; None: the only one under the world on which something moves. `palm`: the body
     where the fingers begin; None: the last before the chains branch. `fingers`: for each name the body that ends the
-    finger; None: every link without moving descendants ends one. Raises ConfigError for an arm, and for what needs to
-    be said by `root`.
+    finger; what it does not name is guessed: every link without moving descendants ends one. Raises ConfigError for an
+    arm, and for what needs to be said by `root`.
     """
     links = _Links(model)
     top = _root(model, links, path, root)
@@ -145,7 +145,11 @@ def _root(model: mujoco.MjModel, links: _Links, path: Path, root: str | None) ->
     if root is not None:
         if root == WORLD:
             return 0
-        return _body(model, path, "root", root)
+        found = _body(model, path, "root", root)
+        if found not in tops:
+            outer = model.body(int(model.body_rootid[found])).name
+            raise ConfigError(f"{path}: --root {root} hangs on other bodies; take {outer}, and say --palm {root}")
+        return found
     moving = [top for top in tops if any(int(model.body_rootid[model.jnt_bodyid[j]]) == top for j in range(model.njnt))]
     bodies = [top for top in moving if not links.free(links.of(top))]
     if len(moving) == 1 and bodies:
@@ -188,15 +192,19 @@ def _ends(
         for leaf in groups[other]:
             groups[leaf] = groups[one]
     found = [sorted(group) for group in {id(group): group for group in groups.values()}.values()]
-    if not fingers:
-        return [("", group) for group in sorted(found)]
-    named = []
-    for name, body in fingers.items():
+    named: dict[tuple[int, ...], str] = {}
+    for name, body in (fingers or {}).items():
         end = _leaf(links, leaves, links.of(_body(model, path, f"finger {name}", body)))
         if end is None:
-            raise ConfigError(f"{path}: --finger {name}={body}: {body} is no part of one finger on the palm")
-        named.append((name, sorted(groups[end])))
-    return named
+            ends = ", ".join(model.body(links.bodies[leaf][-1]).name for leaf in leaves)
+            raise ConfigError(
+                f"{path}: --finger {name}={body}: {body} is no part of one finger on the palm; their ends are {ends}"
+            )
+        group = tuple(sorted(groups[end]))
+        if group in named:
+            raise ConfigError(f"{path}: --finger {name}={body} is the finger that is {named[group]} already")
+        named[group] = name
+    return [(named.get(tuple(group), ""), group) for group in sorted(found)]
 
 
 def _leaf(links: _Links, leaves: Sequence[int], link: int) -> int | None:

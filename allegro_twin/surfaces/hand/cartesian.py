@@ -91,7 +91,7 @@ def straight_line_motion(
 
 
 def _line(hand: HandKinematics, start: Vector, name: str, value: ArrayLike, euler: ArrayLike | None) -> _Line:
-    joints, solver = list(hand.spec.finger(name).joints), hand.finger(name)
+    joints, solver = list(hand.spec.finger(name).joints), hand.finger(name, start)
     if solver.shared:
         raise ConfigError(
             f"{hand.spec.name}: {name} cannot be moved alone, its motor moves {', '.join(solver.shared)} as well"

@@ -109,8 +109,8 @@ def test_fingertips_reach_where_the_joints_truly_are() -> None:
         tips = task.interface.fingertips(task.worlds.position)[0].reshape(-1, 3)
         assert isinstance(observation, dict)
         apart = np.linalg.norm(tips - observation["desired_goal"].reshape(-1, 3), axis=-1)
-        assert info["distance"] == pytest.approx(10.0 * apart.mean(), rel=1e-5)
-        assert reward == -info["distance"]
+        assert info["distance"] == pytest.approx(apart.mean(), rel=1e-5)
+        assert reward == pytest.approx(-10.0 * info["distance"], rel=1e-5)
         seen = float(env.compute_reward(observation["achieved_goal"], observation["desired_goal"], info))
         off.append(abs(seen - reward))
     assert max(off) > 0.02, "the noise does not show"

@@ -94,7 +94,8 @@ def test_a_checkup_ends_with_the_exit_code_of_what_is_broken(
 
 def test_only_a_bus_can_be_checked_listened_to_and_logged(command: Run, tmp_path: Path) -> None:
     assert command("check", "sim_right")[0::2] == (
-        2, "allegro-twin: only a hand on a bus has a link to check; this config has backend sim\n"
+        2, "allegro-twin: only a hand on a bus has a link to check; this config has backend sim: `allegro-twin "
+        "check-backend` checks any backend against the contract\n"
     )  # fmt: skip
     assert "only a bus can be listened to" in command("sniff", "sim_right")[2]
     assert "is a bus inside one program; log it with" in command("sniff", "can_virtual")[2]

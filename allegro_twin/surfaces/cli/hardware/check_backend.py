@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arguments import short_repr
 from allegro_twin.surfaces.cli import completion
 
 if TYPE_CHECKING:
@@ -74,7 +73,7 @@ def _factory(name: str) -> Callable[[], HandBackend]:
     def opened() -> HandBackend:
         made = found()
         if not hasattr(made, "reset") or not hasattr(made, "spec"):
-            raise ConfigError(f"{name}: it returns {short_repr(made)}, which is no backend")
+            raise ConfigError(f"{name}: it returns {type(made).__name__}, which is no backend")
         return made  # type: ignore[no-any-return]
 
     opened().close()

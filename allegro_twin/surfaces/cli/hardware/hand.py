@@ -118,7 +118,10 @@ def new(
     called = name or model.stem
     if not called.isidentifier():
         raise ConfigError(f"--name {called!r}: a hand's name is letters, digits and _, for files are called after it")
-    fingers = dict(_pair(each) for each in finger or ())
+    pairs = [_pair(each) for each in finger or ()]
+    fingers = dict(pairs)
+    if len(fingers) < len(pairs):
+        raise ConfigError(f"--finger {next(name for name, _ in pairs if [n for n, _ in pairs].count(name) > 1)}: twice")
     if check is not None:
         _check(check, explore_hand(model, root, palm, fingers))
         return
@@ -201,7 +204,10 @@ def _check(path: Path, found: ExploredHand) -> None:
     from allegro_twin.files.assets import read_yaml
     from allegro_twin.surfaces.cli import console
 
-    differences = card_differences(read_yaml(path), found.card)
+    card = read_yaml(path)
+    if "driven" not in card:
+        raise ConfigError(f"{path}: no card of a hand: it has no `driven`")
+    differences = card_differences(card, found.card)
     for line in differences:
         console.console.print(line, soft_wrap=True, highlight=False)
     if differences:

@@ -27,17 +27,16 @@ class TipIK:
 
     def __init__(self, spec: HandSpec) -> None:
         self._fingers = {finger.name: finger for finger in spec.fingers}
-        hand = hand_kinematics(spec)
-        self._solvers = {name: hand.finger(name) for name in self._fingers}
+        self._hand = hand_kinematics(spec)
 
     def tip(self, finger: str, position: Vector) -> Vector:
         """The tip's centre in a posture, (n,), rad: (3,), m, palm frame."""
         joints = list(self._fingers[finger].joints)
-        return np.asarray(self._solvers[finger].fk(position[joints]).position)
+        return np.asarray(self._hand.finger(finger, position).fk(position[joints]).position)
 
     def drag(self, finger: str, point: Vector, near: Vector) -> DraggedTip:
         """Move a tip to a point, (3,), m, palm frame, by the posture nearest to `near`, (n,), rad."""
-        joints, solver = list(self._fingers[finger].joints), self._solvers[finger]
+        joints, solver = list(self._fingers[finger].joints), self._hand.finger(finger, near)
         held = np.clip(near[joints], solver.lower, solver.upper)
         best = solver.ik(point, near=held).best(held)
         if best.reached:
