@@ -60,7 +60,7 @@ def test_five_hundred_messages_there_and_back_all_arrive_in_order(
 import sys
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node import Node
-words = v.vocabulary()
+words = v.ros_types()
 node = Node(words, "echo", "/", {DOMAIN})
 node.subscribe("{here.full("ping")}", v.JOINT_STATE)
 node.advertise("{here.full("pong")}", v.JOINT_STATE)
