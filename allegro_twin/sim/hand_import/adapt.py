@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import warnings
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
@@ -116,12 +118,19 @@ def _to_radians(spec: mujoco.MjSpec) -> None:
     spec.compiler.degree = False
 
 
-def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile without the warnings that say nothing about a hand: lost texture coordinates of a mesh, and names of
-    parts that are attached without a prefix. Raises ValueError."""
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without the warnings that say nothing about a hand: lost texture coordinates of a mesh, and names of parts that
+    are attached without a prefix."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="obj_decoder: invalid or missing face texture")
         warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
+        yield
+
+
+def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile, `quiet`. Raises ValueError."""
+    with quiet():
         return spec.compile()
 
 

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.hand_import.adapt import compile_model
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.sim.hand_import.adapt import compile_model, quiet
 from allegro_twin.types import Array
 
 READABLE = (".obj", ".stl", ".msh")
@@ -74,7 +75,8 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
     for mesh in spec.meshes:
         mesh.file = os.path.relpath(mesh.file, folder)
     spec.meshdir = ""
-    path.write_text(spec.to_xml())
+    with quiet(), atomic_file(path) as temporary:
+        temporary.write_text(spec.to_xml())
 
 
 def _find_meshes(robot: Element, path: Path, notes: list[str]) -> None:

@@ -143,6 +143,7 @@ def _write_hand(
     model: Path, called: str, side: Literal["right", "left"], out: Path, found: ExploredHand, *, film: bool
 ) -> None:
     """Write card, config, page, picture and film; of a URDF also the MJCF."""
+    from allegro_twin.files.atomic_write import atomic_file
     from allegro_twin.files.yaml_edit import write_settings
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.sim.hand_import.page import hand_page
@@ -166,7 +167,8 @@ def _write_hand(
     for note in found.notes:
         console.console.print(f"Note: {note}", soft_wrap=True, highlight=False)
     filmed = _picture(load_spec(str(card), side), out / called, film=film)
-    (out / f"{called}.md").write_text(hand_page(called, model.name, content, found.notes, filmed))
+    with atomic_file(out / f"{called}.md") as temporary:
+        temporary.write_text(hand_page(called, model.name, content, found.notes, filmed))
     driven, followers = len(content["driven"]), len(content.get("followers", ()))
     console.console.print(
         f"Wrote {card}: {driven} driven, {followers} following, fingers {', '.join(content['fingers']) or 'none'}. "
