@@ -56,6 +56,17 @@ Count = Annotated[
     typer.Option("--jobs", min=1, help="Processes; default: one for each core.", rich_help_panel=COMPUTE),
 ]
 
+OtherGrasp = Annotated[
+    str | None, typer.Option(help="Use this grasp, not the scenario's.", autocompletion=completion.grasps)
+]
+OtherObject = Annotated[
+    str | None,
+    typer.Option(
+        "--object",
+        help="Use this object, not the scenario's first: a name of the catalogue, or an .obj or .stl.",
+        autocompletion=completion.objects,
+    ),
+]
 Config = Annotated[
     str,
     typer.Option("--config", "-c", help="Config of the hand, by path or name.", autocompletion=completion.configs),

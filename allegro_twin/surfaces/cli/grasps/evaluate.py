@@ -37,17 +37,6 @@ Vary = Annotated[
         rich_help_panel=options.TRIALS,
     ),
 ]
-OtherGrasp = Annotated[
-    str | None, typer.Option(help="Use this grasp, not the scenario's.", autocompletion=completion.grasps)
-]
-OtherObject = Annotated[
-    str | None,
-    typer.Option(
-        "--object",
-        help="Use this object: a name of the catalogue, or an .obj or .stl.",
-        autocompletion=completion.objects,
-    ),
-]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the draws.", rich_help_panel=options.TRIALS)]
 OwnSeed = Annotated[
     int | None,
@@ -73,8 +62,8 @@ def evaluate(
     ] = None,
     vary: Vary = None,
     side: Annotated[options.Sides | None, typer.Option(help="Which hand; default: the scenario's.")] = None,
-    grasp: OtherGrasp = None,
-    thing: OtherObject = None,
+    grasp: options.OtherGrasp = None,
+    thing: options.OtherObject = None,
     seed: OwnSeed = None,
     out: Annotated[
         Path | None,

@@ -40,17 +40,6 @@ Performer = Annotated[
         "--config", "-c", help="Config of the hand that performs scenarios.", autocompletion=completion.configs
     ),
 ]
-OtherGrasp = Annotated[
-    str | None, typer.Option(help="Use this grasp, not the scenario's.", autocompletion=completion.grasps)
-]
-OtherObject = Annotated[
-    str | None,
-    typer.Option(
-        "--object",
-        help="Use this object, not the scenario's first: a name of the catalogue, or an .obj or .stl.",
-        autocompletion=completion.objects,
-    ),
-]
 Policy = Annotated[
     str | None,
     typer.Option(
@@ -105,8 +94,8 @@ def run(
     side: Side = None,
     hand: OtherHand = None,
     config: Performer = None,
-    grasp: OtherGrasp = None,
-    thing: OtherObject = None,
+    grasp: options.OtherGrasp = None,
+    thing: options.OtherObject = None,
     policy: Policy = None,
     goal: Goal = None,
     out: Out = None,
