@@ -12,11 +12,12 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
 from allegro_twin.grasping.plan.close_in_geometry import FINE, close_fingers, motor_scale
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
+from allegro_twin.grasping.plan.opposition import opposing_grasps
 from allegro_twin.grasping.plan.parallel import run_searches
 from allegro_twin.grasping.plan.propose import Proposer
 from allegro_twin.grasping.plan.save import save_grasps
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
-from allegro_twin.grasping.plan.templates import gathering_grasp, grasp_templates
+from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import AS_IT_IS, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
@@ -112,18 +113,44 @@ def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
         run_searches(shared | {"hand": "no_such_hand"}, [{"seed": 0}])
 
 
-def test_a_hand_without_a_grasp_in_the_library_begins_with_what_brings_its_fingertips_together(tmp_path: Path) -> None:
+def test_a_hand_without_a_grasp_in_the_library_begins_with_its_fingertips_opposite_each_other(tmp_path: Path) -> None:
     spec = hand("gripper", tmp_path)
-    (only,) = grasp_templates(spec)
-    assert (only.preshape > only.close).all()
-    assert (only.close > only.squeeze).all()
+    found = grasp_templates(spec)
+    assert len(found) > 1
+    for grasp in found:
+        assert (grasp.preshape >= grasp.close).all()
+        assert (grasp.close >= grasp.squeeze).all()
+        assert (grasp.preshape > grasp.squeeze).all()
     loose = replace(spec, actuation=replace(spec.actuation, stiffness=None))
     with pytest.raises(ConfigError, match="gripper_right: its card says no `stiffness` of what is driven"):
         grasp_templates(loose)
     with pytest.raises(ConfigError, match="gripper_right has fewer than two fingertips: name them in its card"):
-        gathering_grasp(replace(spec, fingers=spec.fingers[:1]))
-    with pytest.raises(ConfigError, match="soft_right: no motor brings its fingertips together"):
-        gathering_grasp(hand("soft", tmp_path / "soft"))
+        opposing_grasps(replace(spec, fingers=spec.fingers[:1]))
+    with pytest.raises(ConfigError, match="soft_right: no posture has its fingertips opposite each other"):
+        opposing_grasps(hand("soft", tmp_path / "soft"))
+
+
+@pytest.mark.parametrize("name", ["allegro", "leap", "qb_softhand", "sih", "model_o"])
+def test_a_hand_opposes_its_thumb_with_all_fingers_with_two_and_with_one(name: str) -> None:
+    """As if the library had no grasp of it: tips on the ball to 15 mm, inside the limits, the thumb among them."""
+    spec = load_spec(name)
+    for grasp in opposing_grasps(spec):
+        fingers, size = grasp.name.removesuffix("mm").rsplit("_", 1)
+        tips = hand_kinematics(spec).fingertips(grasp.close)
+        mine = [tips[finger.name].position for finger in spec.fingers if finger.name in fingers]
+        away = np.linalg.norm(np.array(mine) - grasp.centre, axis=1)
+        assert float(size) == 1000 * grasp.diameter
+        assert np.abs(away - grasp.diameter / 2).max() < 0.015
+        assert (spec.lower <= grasp.preshape).all()
+        assert (grasp.squeeze <= spec.upper).all()
+        assert "thumb" in fingers
+
+
+def test_the_allegros_fingers_close_by_bending_and_not_by_spreading() -> None:
+    all_fingers = [grasp for grasp in opposing_grasps(load_spec()) if "ring" in grasp.name]
+    for grasp in all_fingers:
+        assert grasp.closing.reshape(4, 4)[:3, 1:].all()
+        assert not grasp.closing.reshape(4, 4)[:3, 0].any()
 
 
 def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its_files_find_the_card(

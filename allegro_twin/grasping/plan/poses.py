@@ -9,6 +9,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.close_in_geometry import motor_scale
+from allegro_twin.grasping.plan.opposition import OpposingGrasp
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject
@@ -19,6 +20,8 @@ NEAREST, FURTHEST = 0.012, 0.085
 """m, from the palm's origin along its x to the point that it looks at."""
 SIDE, LOW, HIGH = 0.030, -0.030, 0.060
 """m, of that point along the palm's y and z."""
+VARIED = 0.5
+"""Of that box, about the place between fingertips, where a pre-shape has one."""
 AWRY = np.radians(7.0)
 FROM_ABOVE, ALIGNED, TAKEN = 0.3, 0.65, 0.85
 """Shares of palms that look down whatever the surface, of rolls along an axis, and of pre-shapes from the library."""
@@ -49,15 +52,30 @@ def guess_poses(
     offset = np.stack([
         random.uniform(NEAREST, FURTHEST, count), random.uniform(-SIDE, SIDE, count), random.uniform(LOW, HIGH, count)
     ], axis=1)  # fmt: skip
-    position = on.points - np.einsum("kij,kj->ki", rotation, offset)
     chosen = random.integers(len(templates), size=count)
+    for row, number in enumerate(chosen):
+        offset[row] = _between_fingers(offset[row], templates[number])
+    position = on.points - np.einsum("kij,kj->ki", rotation, offset)
     preshape = np.stack([_opened(templates[number], spec, random) for number in chosen])
     closing = np.stack([closing_directions(templates[number], spec) for number in chosen])
     return PoseGuesses(position, rotation, preshape, closing, [templates[number].name for number in chosen])
 
 
+def _between_fingers(offset: Array, grasp: Grasp) -> Array:
+    """Where the palm has the point that it looks at, (3,), m: as drawn; of a grasp that has room for a ball, on the
+    near side of the ball, and by a part of what was drawn beside it."""
+    if not isinstance(grasp, OpposingGrasp):
+        return offset
+    middle = np.array([(NEAREST + FURTHEST) / 2.0, 0.0, (LOW + HIGH) / 2.0])
+    on_ball = grasp.centre - np.array([grasp.diameter / 2.0, 0.0, 0.0])
+    beside: Array = on_ball + VARIED * (offset - middle)
+    return beside
+
+
 def closing_directions(grasp: Grasp, spec: HandSpec) -> Array:
     """Which way each motor goes from pre-shape to squeeze; 0 where what it moves turns by less than 0.1 rad."""
+    if isinstance(grasp, OpposingGrasp):
+        return grasp.closing
     travel = grasp.squeeze - grasp.preshape
     closing: Array = np.where(np.abs(travel) > 0.1 * motor_scale(spec), np.sign(travel), 0.0)
     return closing

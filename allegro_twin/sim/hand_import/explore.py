@@ -110,6 +110,7 @@ def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> fl
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
+_TOGETHER = 0.65  # Of the ways of all tips: what is left over where fingers close to one side; less: on each other.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -335,7 +336,7 @@ def _axes(
     drives: Sequence[set[int]],
 ) -> dict[str, list[float]]:
     """Guessed: fingers point from the palm to the tips, and the palm looks where the tips go when all motors close;
-    along the fingers where they close on each other, as a gripper's do. In the root's frame."""
+    along the fingers where these close on each other, as a gripper's do. In the root's frame."""
     wrist = set(structure.wrist)
     closing_of = [_closing(motor, way) for motor, way, own in zip(motors, ways, drives, strict=True) if not own & wrist]
     tips = np.concatenate([way[0][None] for way in ways]).reshape(-1, 3) if ways else np.empty((0, 3))
@@ -343,11 +344,14 @@ def _axes(
         return {"facing": [1.0, 0.0, 0.0], "fingers": [0.0, 0.0, 1.0]}
     turn = _palm_in_root(model, structure)
     along = _nearest_axis(turn @ tips.mean(axis=0))
-    closing = turn @ np.sum(closing_of, axis=0) if closing_of else np.zeros(3)
-    closing = closing - along * (closing @ along)
-    if np.linalg.norm(closing) < 1e-3:
-        return {"facing": along.tolist(), "fingers": np.roll(along, 1).tolist()}
-    return {"facing": _nearest_axis(closing).tolist(), "fingers": along.tolist()}
+    across = np.array(closing_of).reshape(-1, 3) @ turn.T
+    across -= np.outer(across @ along, along)
+    closing = across.sum(axis=0)
+    most = float(np.linalg.norm(across, axis=1).sum())
+    if np.linalg.norm(closing) > max(_TOGETHER * most, 1e-3):
+        return {"facing": _nearest_axis(closing).tolist(), "fingers": along.tolist()}
+    side = _nearest_axis(closing) if np.linalg.norm(closing) > 1e-3 else np.roll(along, 1)
+    return {"facing": along.tolist(), "fingers": side.tolist()}
 
 
 def _closing(motor: ImportedMotor, way: Array) -> Array:

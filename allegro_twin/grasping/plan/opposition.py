@@ -1,0 +1,239 @@
+"""Pre-shapes of any hand: fingertips that oppose each other across a ball between them.
+
+For a ball of diameter d at c in the palm frame, over the motors q and c, least squares of
+
+    (‖tᵢ − c‖ − d/2) / 5 mm     every fingertip tᵢ is on the ball,
+    3 Σ wᵢ uᵢ                   pushes balance; uᵢ = (tᵢ − c)/‖tᵢ − c‖, w = ½ of one finger, the others share ½,
+    (1 + pᵢ·uᵢ) / 2             pads look at the centre; pᵢ: where the last joint moves the tip as it bends,
+    0.15 (q − middle)/range     joints are in the middle of their ranges, where nothing else says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.metrics.quality import import_scipy
+from allegro_twin.grasping.plan.close_in_geometry import motor_scale
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.taxonomy import claim_type
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+MIDDLING, OTHERS = 0.065, ((0.085,), (0.045, 0.025))
+"""m: the ball that a hand is shown first, and those to which its posture is led from there."""
+NEAR, BALANCED = 0.015, 0.35
+"""A posture whose fingertips are further from the ball, m, or leave more of their push over, is no pre-shape."""
+TOWARDS = 0.5
+"""A motor closes if it moves fingertips toward the centre within 60°, as a cosine."""
+GATHERS = 0.3
+"""Of the ways of all fingertips, when what closes does: what brings them nearer to the centre."""
+OPENED, SQUEEZED = 0.5, 0.3
+"""rad, of the joints that close, from the ball: back for the pre-shape, further for the squeeze."""
+EXACT, BALANCE, PADS, MIDDLE = 0.005, 3.0, 0.5, 0.15
+"""m of a fingertip beside the ball that count as one; weights of balance, of where pads look, of the middle."""
+THUMB = "thumb"
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OpposingGrasp(Grasp):
+    """A grasp that has room for a ball between fingertips."""
+
+    centre: Vector
+    """Of the ball, in the palm frame, (3,), m."""
+    diameter: float
+    """m."""
+    closing: Vector
+    """Which way each motor closes: 1, -1 or 0, (n,)."""
+
+
+def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
+    """One for each of some diameters, and for all fingers, three of them or two. Raises ConfigError for a hand without
+    two fingertips, and for one whose fingertips cannot oppose each other."""
+    if len(spec.fingers) < 2:
+        raise ConfigError(f"{spec.name} has fewer than two fingertips: name them in its card")
+    hand = _Opposition(spec)
+    found = [grasp for group in hand.groups(hand.opposer()) for grasp in hand.family(group)]
+    if not found:
+        raise ConfigError(
+            f"{spec.name}: no posture has its fingertips opposite each other: store a grasp of it in the library"
+        )
+    return found
+
+
+class _Opposition:
+    """The least squares of one hand."""
+
+    def __init__(self, spec: HandSpec) -> None:
+        self.spec, self.model = spec, hand_kinematics(spec)
+        self.names = [finger.name for finger in spec.fingers]
+        self.moving = np.unique([joint for finger in spec.fingers for joint in finger.joints])
+        self.lower, self.upper = spec.lower[self.moving], spec.upper[self.moving]
+        self.bends = [self._bend(finger) for finger in range(len(spec.fingers))]
+
+    def posture(self, x: Array) -> Vector:
+        posture = np.array(self.spec.rest, dtype=float)
+        posture[self.moving] = x[: len(self.moving)]
+        return posture
+
+    def opposer(self) -> int:
+        """The thumb; of a hand without one, the finger that has the others against it best."""
+        if THUMB in self.names:
+            return self.names.index(THUMB)
+        groups = [[k, *(j for j in range(len(self.names)) if j != k)] for k in range(len(self.names))]
+        return int(np.argmin([self._first(group).cost for group in groups]))
+
+    def groups(self, opposer: int) -> list[list[int]]:
+        """The opposer first: with all fingers, with the two that it opposes best, with the one."""
+        others = [k for k in range(len(self.names)) if k != opposer]
+        costs = [self._first([opposer, k]).cost for k in others]
+        best = [others[k] for k in np.argsort(costs, kind="stable")]
+        sizes = sorted({min(size, len(others)) for size in (1, 2, len(others))}, reverse=True)
+        return [[opposer, *sorted(best[:size])] for size in sizes]
+
+    def family(self, group: Sequence[int]) -> list[OpposingGrasp]:
+        """A group's grasps of balls of all sizes that it can hold: the same motors close for all of them, those which
+        close on the largest."""
+        first = self._first(group)
+        found = {MIDDLING: first}
+        for sizes in OTHERS:
+            last = first
+            for diameter in sizes:
+                found[diameter] = last = self._solve(group, diameter, last.x)
+        held = sorted(each for each, solved in found.items() if self._opposes(solved, group, each))
+        if not held:
+            return []
+        closing = self._closing(found[held[-1]], group)
+        return [self._grasp(group, found[diameter], diameter, closing) for diameter in held] if closing.any() else []
+
+    def _first(self, group: Sequence[int]) -> _Solved:
+        """For the middling ball, from half bent, less and more."""
+        span, sign, solved = self.upper - self.lower, self._sign(), []
+        for part in (0.35, 0.5, 0.65):
+            bent = np.where(sign < 0.0, self.upper - part * span, self.lower + np.where(sign > 0.0, part, 0.5) * span)
+            middle = self._tips(self.posture(bent))[list(group)].mean(axis=0)
+            solved.append(self._solve(group, MIDDLING, np.append(bent, middle)))
+        return min(solved, key=lambda each: each.cost)
+
+    def _solve(self, group: Sequence[int], diameter: float, begin: Array) -> _Solved:
+        box = np.append(self.lower, np.full(3, -1.0)), np.append(self.upper, np.full(3, 1.0))
+        scale = np.append(np.maximum(self.upper - self.lower, 1e-3), np.full(3, 0.05))
+        state = _Residuals(self, list(group), diameter)
+        solved = import_scipy("optimize").least_squares(
+            state.values, np.clip(begin, box[0] + 1e-6, box[1] - 1e-6), state.slopes, box, x_scale=scale, max_nfev=80
+        )
+        return _Solved(np.asarray(solved.x), float(solved.cost))
+
+    def _opposes(self, solved: _Solved, group: Sequence[int], diameter: float) -> bool:
+        away = self._tips(self.posture(solved.x))[list(group)] - solved.x[-3:]
+        far = np.linalg.norm(away, axis=1)
+        left = np.linalg.norm(_weights(len(group)) @ (away / far[:, None]))
+        return bool(np.abs(far - diameter / 2.0).max() < NEAR and left < BALANCED)
+
+    def _grasp(self, group: Sequence[int], solved: _Solved, diameter: float, closing: Array) -> OpposingGrasp:
+        """What opens from there, and squeezes."""
+        spec, close = self.spec, self.posture(solved.x)
+        by = motor_scale(spec) * closing
+        preshape, squeeze = (np.clip(close + far * by, spec.lower, spec.upper) for far in (-OPENED, SQUEEZED))
+        name = "_".join([*(self.names[each] for each in group), f"{round(diameter * 1000)}mm"])
+        speed = float((spec.upper - spec.lower).max())
+        return OpposingGrasp(
+            name, claim_type(None), speed, "minimum_jerk", preshape, close, squeeze,
+            centre=solved.x[-3:], diameter=diameter, closing=closing,
+        )  # fmt: skip
+
+    def _closing(self, solved: _Solved, group: Sequence[int]) -> Array:
+        """Which way each motor moves fingertips toward the centre, (n,): 1, -1, or 0 for one that does not; 0 for all
+        where they would not come nearer to it together."""
+        tips, jacobians = self.tips_and_slopes(self.posture(solved.x), group)
+        towards = solved.x[-3:] - tips
+        towards /= np.linalg.norm(towards, axis=1)[:, None]
+        gain = np.einsum("fim,fi->m", jacobians, towards)
+        most = np.linalg.norm(jacobians, axis=1).sum(axis=0)
+        closing: Array = np.where(np.abs(gain) > TOWARDS * np.maximum(most, 1e-6), np.sign(gain), 0.0)
+        for finger in group:  # One that meets the ball across its way closes by its last joint.
+            if not closing[list(self.spec.fingers[finger].joints)].any():
+                motor, sign = self.bends[finger]
+                closing[motor] = sign
+        moved = jacobians @ closing
+        nearer, all_of_it = np.sum(moved * towards), np.linalg.norm(moved, axis=1).sum()
+        return closing if nearer > GATHERS * all_of_it else np.zeros_like(closing)
+
+    def tips_and_slopes(self, posture: Vector, group: Sequence[int]) -> tuple[Array, Array]:
+        """Fingertips (k, 3), m, and their Jacobians by all motors, (k, 3, n)."""
+        return self.model.fingertip_jacobians(posture, [self.names[k] for k in group])
+
+    def _bend(self, finger: int) -> tuple[int, float]:
+        """The last motor of a finger, and which way it bends: away from zero, or, where its range is the same on both
+        sides, toward the other fingertips."""
+        spec = self.spec
+        motor = spec.fingers[finger].joints[-1]
+        lower, upper = spec.lower[motor], spec.upper[motor]
+        if abs(lower + upper) > 0.2 * (upper - lower):
+            return motor, float(np.sign(lower + upper))
+        middle = (spec.lower + spec.upper) / 2.0
+        tips, jacobians = self.model.fingertip_jacobians(middle, self.names)
+        others = np.delete(tips, finger, axis=0).mean(axis=0)
+        return motor, float(np.sign(jacobians[finger, :, motor] @ (others - tips[finger])) or 1.0)
+
+    def _sign(self) -> Array:
+        """Which way each moving motor bends its finger, as `_bend` says it; 0 where its range is the same on both
+        sides."""
+        total, span = self.lower + self.upper, self.upper - self.lower
+        sign: Array = np.where(np.abs(total) > 0.2 * span, np.sign(total), 0.0)
+        return sign
+
+    def _tips(self, posture: Vector) -> Array:
+        return self.model.fingertip_jacobians(posture, self.names)[0]
+
+
+def _weights(count: int) -> Array:
+    return np.append(0.5, np.full(count - 1, 0.5 / (count - 1)))
+
+
+class _Solved(NamedTuple):
+    x: Array
+    """Moving motors, then the ball's centre."""
+    cost: float
+
+
+class _Residuals:
+    """Of the least squares, and their slopes; those of the pads as if they kept their direction."""
+
+    def __init__(self, hand: _Opposition, group: list[int], diameter: float) -> None:
+        self.hand, self.group, self.radius = hand, group, diameter / 2.0
+        self.weights = _weights(len(group))
+        self.span = np.maximum(hand.upper - hand.lower, 1e-6)
+
+    def values(self, x: Array) -> Array:
+        far, unit, pads, _ = self._look(x)
+        bent = (x[:-3] - (self.hand.lower + self.hand.upper) / 2.0) / self.span
+        looks = PADS * (1.0 + np.sum(pads * unit, axis=1))
+        return np.concatenate([(far - self.radius) / EXACT, BALANCE * self.weights @ unit, looks, MIDDLE * bent])
+
+    def slopes(self, x: Array) -> Array:
+        far, unit, pads, jacobians = self._look(x)
+        away = np.concatenate([jacobians, np.tile(-np.eye(3), (len(unit), 1, 1))], axis=2)
+        along = np.einsum("fi,fim->fm", unit, away)
+        turning = (away - unit[:, :, None] * along[:, None]) / far[:, None, None]
+        return np.concatenate([
+            along / EXACT,
+            BALANCE * np.einsum("f,fim->im", self.weights, turning),
+            PADS * np.einsum("fi,fim->fm", pads, turning),
+            np.pad(np.diag(MIDDLE / self.span), ((0, 0), (0, 3))),
+        ])  # fmt: skip
+
+    def _look(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        hand = self.hand
+        tips, jacobians = hand.tips_and_slopes(hand.posture(x), self.group)
+        away = tips - x[-3:]
+        far = np.maximum(np.linalg.norm(away, axis=1), 1e-6)
+        bends = [hand.bends[finger] for finger in self.group]
+        pads = np.array([sign * jacobians[row, :, motor] for row, (motor, sign) in enumerate(bends)])
+        pads /= np.maximum(np.linalg.norm(pads, axis=1), 1e-9)[:, None]
+        return far, away / far[:, None], pads, jacobians[:, :, hand.moving]
