@@ -74,7 +74,7 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
     folder = path.parent.resolve()
     for mesh in spec.meshes:
         mesh.file = os.path.relpath(mesh.file, folder)
-    spec.meshdir = ""
+    spec.meshdir, spec.modelfiledir = "", str(folder)  # The file's names are its own, wherever this process runs.
     with quiet(), atomic_file(path) as temporary:
         temporary.write_text(spec.to_xml())
 

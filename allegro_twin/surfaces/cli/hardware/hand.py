@@ -118,6 +118,8 @@ def new(
     called = name or model.stem
     if not called.isidentifier():
         raise ConfigError(f"--name {called!r}: a hand's name is letters, digits and _, for files are called after it")
+    if out.suffix in (".yaml", ".yml", ".xml"):
+        raise ConfigError(f"--out {out}: it is a folder, into which several files are written; --name names the hand")
     pairs = [_pair(each) for each in finger or ()]
     fingers = dict(pairs)
     if len(fingers) < len(pairs):
