@@ -77,10 +77,10 @@ def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:
 
 def _first(spec: HandSpec) -> Vector:
     """Home, for a hand that has one in the library; else the middle of every joint's range."""
-    from allegro_twin.hands.library.library import load_posture, posture_names
+    from allegro_twin.hands.library.library import home_posture
 
-    names = posture_names(spec.model)
-    return load_posture("home", spec) if names else frozen((spec.lower + spec.upper) / 2)
+    home = home_posture(spec)
+    return frozen((spec.lower + spec.upper) / 2) if home is None else home
 
 
 def _in_the_open(grasp: Grasp, spec: HandSpec) -> Wanted:

@@ -102,6 +102,8 @@ class HandSpec:
     """Effects of its drive beyond `actuation`; None: none."""
     card: str = ""
     """The path of the card that describes it, where no name does."""
+    postures: Mapping[str, Vector] = field(default_factory=dict)
+    """Postures that the card names, such as `home`, (n,), rad."""
 
     @property
     def name(self) -> str:

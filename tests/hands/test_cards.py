@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin import Hand
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import Library, home_posture, load_posture, posture_names
 from allegro_twin.sim.hand_import.adapt import read_mjcf
 from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.scene import hand_spec
@@ -49,6 +51,34 @@ def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> 
 def test_fingers_along_x_that_close_downwards_are_seen(tmp_path: Path) -> None:
     palm = explore_hand(_file(tmp_path, SOFT)).card["palm"]
     assert palm == {"facing": [0.0, 0.0, -1.0], "fingers": [1.0, 0.0, 0.0]}
+
+
+def test_a_new_card_has_the_postures_home_open_and_flat_and_every_way_in_takes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gripper.xml").write_text(GRIPPER)
+    command("hand", "new", "gripper.xml", "--no-film")
+    spec = load_spec("mine/gripper.yaml")
+    assert list(spec.postures) == ["home", "open", "flat"]
+    home, opened, flat = (load_posture(name, spec)[0] for name in spec.postures)
+    assert flat == 0.0
+    assert flat < home < opened  # A finger's slide is positive outwards.
+    assert posture_names(spec) == ["flat", "home", "open"]
+    assert [each.name for each in Library().list("posture", hand=spec)] == ["flat", "home", "open"]
+    with Hand.open("mine/sim_gripper.yaml") as hand:
+        hand.move_to("home", speed=0.05)
+        hand.wait(0.2)
+        assert hand.state.position == pytest.approx([home], abs=1e-3)
+    assert home_posture(load_spec("allegro")) == pytest.approx(load_posture("home", load_spec("allegro")))
+    assert home_posture(load_spec("sih")) is None
+
+
+def test_a_folder_to_write_into_is_not_the_name_of_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gripper.xml").write_text(GRIPPER)
+    with pytest.raises(ConfigError, match=r"--out mine.yaml: it is a folder, .* --name names the hand"):
+        command("hand", "new", "gripper.xml", "--out", "mine.yaml")
 
 
 def test_a_card_is_not_written_over_unless_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,6 +157,8 @@ CARDS: dict[str, dict[str, Any]] = {
     "fingers.left_finger: 'lift' is none of what is driven": {
         "fingers": {"left_finger": {"joints": ["lift"], "tip": ["left_finger", [0, 0, 0]]}}
     },
+    "postures: home has 2 values; 1 are driven": {"postures": {"home": [0.0, 0.0]}},
+    "postures: open: left is 0.1, outside -0.02 … 0.03": {"postures": {"open": [0.1]}},
     "must not be parallel": {"palm": {"facing": [1, 0, 0], "fingers": [2, 0, 0]}},
     "driven.0.actuatr: unknown key; did you mean 'actuator'": {"driven": [DRIVEN | {"actuatr": "x"}]},
 }

@@ -323,3 +323,40 @@ def test_a_mesh_that_touches_and_is_not_there_is_named(tmp_path: Path) -> None:
     text = urdf().replace('<box size="0.015 0.015 0.03"/>', '<mesh filename="package://two/meshes/a.stl"/>', 1)
     with pytest.raises(ConfigError, match="link palm: no mesh package://two/meshes/a.stl beside it or above it"):
         card(tmp_path, text)
+
+
+def test_meshes_of_a_urdf_are_found_wherever_its_card_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = ["v 0 0 0", "v 0.03 0 0", "v 0 0.03 0", "v 0 0 0.06"]
+    sides = ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
+    there, here = tmp_path / "robots" / "two", tmp_path / "lab" / "work"
+    for folder in (there / "meshes", here):
+        folder.mkdir(parents=True)
+    (there / "meshes" / "a.obj").write_text("\n".join(corners + sides))
+    text = urdf().replace('<box size="0.015 0.015 0.03"/>', '<mesh filename="package://two/meshes/a.obj"/>', 1)
+    (there / "two.urdf").write_text(text)
+    monkeypatch.chdir(here)
+    app(["hand", "new", "../../robots/two/two.urdf", "--out", "hands/mine", "--no-film"], standalone_mode=False)
+    assert 'file="../../../../robots/two/meshes/a.obj"' in Path("hands/mine/two.xml").read_text()
+    monkeypatch.chdir(tmp_path)
+    assert load_spec("lab/work/hands/mine/two.yaml").n_joints == 2
+
+
+def radial(count: int) -> str:
+    """Fingers around a palm, each closing toward its middle: two of them from one side, the others from the other."""
+    fingers = []
+    for k in range(count):
+        turn, x = (0, 0.04) if k else (180, -0.04)
+        fingers.append(f'''<body name="f{k}" pos="{x} {0.03 * k} 0.02" euler="0 0 {turn}">
+          <joint name="j{k}" axis="0 -1 0" range="0 80"/>
+          <geom type="capsule" fromto="0 0 0 0 0 0.07" size="0.008" mass="0.05"/></body>''')
+    motors = "".join(f'<position name="m{k}" joint="j{k}" kp="5" forcerange="-1 1"/>' for k in range(count))
+    return f"""<mujoco><worldbody><body name="palm"><geom type="box" size="0.05 0.05 0.01"/>{"".join(fingers)}</body>
+      </worldbody><actuator>{motors}</actuator></mujoco>"""
+
+
+def test_a_palm_whose_fingers_close_on_each_other_faces_along_them(tmp_path: Path) -> None:
+    path = tmp_path / "three.xml"
+    path.write_text(radial(3))
+    assert explore_hand(path).card["palm"] == {"facing": [0.0, 0.0, 1.0], "fingers": [-1.0, 0.0, 0.0]}

@@ -18,6 +18,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.quality import import_scipy
+from allegro_twin.grasping.plan.candidate import round_posture
 from allegro_twin.grasping.plan.close_in_geometry import motor_scale
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import claim_type
@@ -64,6 +65,24 @@ def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
             f"{spec.name}: no posture has its fingertips opposite each other: store a grasp of it in the library"
         )
     return found
+
+
+def card_postures(spec: HandSpec) -> dict[str, Vector]:
+    """Postures for the card of a hand, (n,), rad. `flat`: every motor as near to zero as it can be. `open`: fingers
+    around the largest ball that all of them can have between their tips, and away from it. `home`: their tips on a ball
+    of 65 mm. All three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without
+    SciPy."""
+    import_scipy("optimize")
+    flat = round_posture(spec.rest, spec)
+    try:
+        grasps = opposing_grasps(spec)
+    except ConfigError:
+        return dict.fromkeys(("home", "open", "flat"), flat)
+    most = max(grasp.name.count("_") for grasp in grasps)
+    with_all = {grasp.diameter: grasp for grasp in grasps if grasp.name.count("_") == most}
+    home = min(with_all.values(), key=lambda grasp: abs(grasp.diameter - MIDDLING))
+    opened = with_all[max(with_all)].preshape
+    return {"home": round_posture(home.close, spec), "open": round_posture(opened, spec), "flat": flat}
 
 
 class _Opposition:

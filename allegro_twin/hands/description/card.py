@@ -92,6 +92,8 @@ class HandCard(Settings):
     fingers: dict[str, FingerCard] = {}  # noqa: RUF012  # Pydantic copies it.
     followers: tuple[FollowerCard, ...] = ()
     palm: PalmCard = PalmCard()
+    postures: dict[str, tuple[float, ...]] = {}  # noqa: RUF012  # Pydantic copies it.
+    """Postures by name, a value for each that is driven, in their order; `home`, `open` and `flat` are asked for."""
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     servos: dict[str, Any] | None = None
@@ -115,6 +117,14 @@ class HandCard(Settings):
         for finger in (finger for pair in self.apart for finger in pair):
             if finger not in self.fingers:
                 raise ValueError(f"apart: {finger!r} is none of the fingers: {', '.join(self.fingers)}")
+        for name, posture in self.postures.items():
+            if len(posture) != len(names):
+                raise ValueError(f"postures: {name} has {len(posture)} values; {len(names)} are driven")
+            for each, value in zip(self.driven, posture, strict=True):
+                if not each.lower <= value <= each.upper:
+                    raise ValueError(
+                        f"postures: {name}: {each.name} is {value:g}, outside {each.lower:g} … {each.upper:g}"
+                    )
         if "torque" in self.commands and len(self.commands) > 1:
             raise ValueError(f"commands: a hand that takes torques takes nothing else, not {', '.join(self.commands)}")
         return self
@@ -147,6 +157,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         ),
         commands=card.commands,
         apart=card.apart,
+        postures={name: frozen(posture) for name, posture in card.postures.items()},
         followers=tuple(
             CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),

@@ -193,7 +193,7 @@ def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") ->
     """An entry from joint positions of the spec's hand, shape (n,), rad, which may be as it reports them: clipped by
     `spec.measured_posture`. Raises ConfigError outside the limits."""
     values = spec.measured_posture(position)
-    return PostureFile(description=description, side=spec.side, angles=_angles(values, spec), **_whose(spec))
+    return PostureFile(description=description, side=spec.side, angles=angles_by_finger(values, spec), **_whose(spec))
 
 
 def grasp_entry(
@@ -202,7 +202,9 @@ def grasp_entry(
 ) -> GraspFile:  # fmt: skip
     """An entry from `preshape`, `close` and `squeeze`, (n,) each, rad, of the spec's hand. Raises ConfigError outside
     the limits."""
-    preshape, close, squeeze = (_angles(spec.posture(postures[name], name), spec) for name in GraspFile.joint_fields)
+    preshape, close, squeeze = (
+        angles_by_finger(spec.posture(postures[name], name), spec) for name in GraspFile.joint_fields
+    )
     return GraspFile(
         description=description, taxonomy=taxonomy, side=spec.side, evidence=evidence, object_size=object_size,
         preshape=preshape, close=close, squeeze=squeeze, **_whose(spec),
@@ -255,7 +257,7 @@ def convert_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
     for field in entry.joint_fields:
         values: Any = getattr(entry, field)
         if isinstance(values, dict):
-            changed[field] = _angles(spec.mirror_posture(joint_vector(values, spec, where)), spec)
+            changed[field] = angles_by_finger(spec.mirror_posture(joint_vector(values, spec, where)), spec)
         else:
             changed[field] = tuple(tuple(row) for row in spec.mirror_posture(np.array(values)).tolist())
     if isinstance(entry, GraspFile):
@@ -290,7 +292,7 @@ def _whose(spec: HandSpec) -> dict[str, Any]:
     return {} if spec.model == HAND else {"hand": spec.model}
 
 
-def _angles(values: Vector, spec: HandSpec) -> Angles:
+def angles_by_finger(values: Vector, spec: HandSpec) -> Angles:
     """Angles by finger; by joint, where one joint moves several fingers."""
     if not spec.aliases:
         return {name: [value] for name, value in zip(spec.joints, values.tolist(), strict=True)}

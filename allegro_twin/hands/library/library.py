@@ -21,6 +21,7 @@ from allegro_twin.hands.library.entries import (
     GraspFile,
     PostureFile,
     TrajectoryFile,
+    angles_by_finger,
     convert_side,
     joint_values,
     parse_entry,
@@ -99,6 +100,8 @@ class Library:
         user = read_all(self._sources)
         added = {name: LibraryEntry(name, item.entry, None) for name, item in self._added.items()}
         everything = {name: read_shipped_entry(name) for name in shipped_entries(kind)} | user | added
+        if hand is not None:
+            everything |= {name: _of_card(name, hand) for name in hand.postures}
         found = [everything[name] for name in sorted(everything)]
         return tuple(filter_entries(found, kind, hand, taxonomy, fingers, object_size))
 
@@ -151,9 +154,11 @@ class Library:
         del self._added[name]
 
     def _found(self, name: str | Path, spec: HandSpec, kind: EntryKind | None = None) -> LibraryEntry:
-        """By path, else from memory, from what ships, from the user's files. What ships cannot be replaced, so a
-        mistake in a user's file does not keep a hand from going home. What ships for one model of hand has its name in
-        front: `home` of a LEAP Hand is `leap_home`."""
+        """By path, else from the hand's card, from memory, from what ships, from the user's files. What ships cannot be
+        replaced, so a mistake in a user's file does not keep a hand from going home. What ships for one model of hand
+        has its name in front: `home` of a LEAP Hand is `leap_home`."""
+        if str(name) in spec.postures and kind in (None, "posture"):
+            return _of_card(str(name), spec)
         if f"{spec.model}_{name}" in shipped_entries():
             name = f"{spec.model}_{name}"
         given = Path(name)
@@ -180,6 +185,12 @@ def _at(path: Path, kind: EntryKind | None) -> LibraryEntry:
     if not file.is_file():
         raise ConfigError(f"{path}: no such {kind or 'library'} file")
     return read_single_entry(file)
+
+
+def _of_card(name: str, spec: HandSpec) -> LibraryEntry:
+    """A posture that a hand's card names."""
+    entry = PostureFile(hand=spec.model, side=spec.side, angles=angles_by_finger(spec.postures[name], spec))
+    return LibraryEntry(name, entry, Path(spec.card) if spec.card else None)
 
 
 def _ours(name: str) -> None:
@@ -297,9 +308,17 @@ def load_posture(name: str | Path, spec: HandSpec) -> Vector:
     return Library().posture(name, spec)
 
 
-def posture_names(model: str = HAND) -> list[str]:
-    """Names of all postures of a model of hand that ship with the package."""
-    return _names("posture", model)
+def home_posture(spec: HandSpec) -> Vector | None:
+    """The hand's `home`, shape (n,), rad; None for a hand without one."""
+    names = posture_names(spec)
+    return load_posture("home", spec) if {"home", f"{spec.model}_home"} & set(names) else None
+
+
+def posture_names(hand: HandSpec | str = HAND) -> list[str]:
+    """Names of all postures of a hand that ship with the package, or that its card has."""
+    if isinstance(hand, str):
+        return _names("posture", hand)
+    return sorted({*_names("posture", hand.model), *hand.postures})
 
 
 def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.array_api import as_array, to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.library import load_posture, posture_names
+from allegro_twin.hands.library.library import home_posture, load_posture
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
@@ -57,7 +57,8 @@ class ReachTask(Task):
         free, xp = contact_free_postures(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
         self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
-        home = load_posture("home", self.spec) if posture_names(self.spec.model) else self.spec.rest
+        known = home_posture(self.spec)
+        home = self.spec.rest if known is None else known
         self._start = xp.asarray(home)
 
     def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from allegro_twin.app import Rig
@@ -17,7 +17,6 @@ from allegro_twin.hands.library.library import Library, load_grasp, load_posture
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.requests import OpenScene
 from allegro_twin.surfaces.panel.stream import LibraryContents, SessionInfo
-from allegro_twin.types import Vector
 from allegro_twin.viewing.scenery import scenery
 
 
@@ -43,20 +42,9 @@ def describe_hand(session: int, rig: Rig, config: RunConfig, controllers: tuple[
 def library_contents(spec: HandSpec) -> LibraryContents:
     """Postures and grasps that this hand can have; others are left out."""
     return LibraryContents(
-        _entries("posture", spec, lambda name: load_posture(name, spec)),
-        _entries("grasp", spec, lambda name: load_grasp(name, spec).close),
+        {each.name: load_posture(each.name, spec) for each in Library().list("posture", hand=spec)},
+        {each.name: load_grasp(each.name, spec).close for each in Library().list("grasp", hand=spec)},
     )
-
-
-def _entries(kind: Any, spec: HandSpec, load: Callable[[str], Vector]) -> dict[str, Vector]:
-    found = {}
-    for listed in Library().list(kind):
-        if listed.entry.hand == spec.model:
-            try:
-                found[listed.name] = load(listed.name)
-            except ConfigError:
-                continue  # Outside the limits of this very hand.
-    return found
 
 
 def scene_of(config: RunConfig, request: OpenScene) -> RunConfig:

@@ -179,7 +179,7 @@ class HandTopics(SessionTopics):
 
     def _lib_cmd(self, message: Any, sender: UUID) -> float:
         word, hand = message.data, self._hand
-        grasps, postures = grasp_names(hand.spec.model), posture_names(hand.spec.model)
+        grasps, postures = grasp_names(hand.spec.model), posture_names(hand.spec)
         if word == OFF:
             hand.set_controller(hand.controllers[0])
         elif word == "gravcomp":

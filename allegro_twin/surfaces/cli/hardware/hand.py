@@ -147,6 +147,7 @@ def _write_hand(
     """Write card, config, page, picture and film; of a URDF also the MJCF."""
     from allegro_twin.files.atomic_write import atomic_file
     from allegro_twin.files.yaml_edit import write_settings
+    from allegro_twin.grasping.plan.opposition import card_postures
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.sim.hand_import.page import hand_page
     from allegro_twin.sim.hand_import.urdf import write_mjcf
@@ -158,11 +159,15 @@ def _write_hand(
         source = out / f"{called}.xml"
         write_mjcf(found.spec, source)
     content = found.card | {"mjcf": os.path.relpath(source.resolve(), out.resolve()), "side": side}
-    write_settings(
-        card,
-        content,
-        f"{called}: written by `allegro-twin hand new` from {model.name}; `palm` and `fingers` are guesses.",
-    )
+    head = f"{called}: written by `allegro-twin hand new` from {model.name}; `palm`, `fingers`, `postures` are guesses."
+    write_settings(card, content, head)
+    try:
+        postures = card_postures(load_spec(str(card), side))
+    except ConfigError as error:
+        console.warn(f"no postures in the card: {error}")
+    else:
+        content["postures"] = {name: posture.tolist() for name, posture in postures.items()}
+        write_settings(card, content, head)
     kind = "pd" if content["commands"] == ["torque"] else "position"
     run = {"hand": {"model": str(card), "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
     write_settings(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
