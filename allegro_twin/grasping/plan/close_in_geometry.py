@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.sim.contact.grasp_scene import GraspScene, Indices, TouchPoints
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Vector
+from allegro_twin.types import Array, Vector, frozen
 
 COARSE, FINE = 0.17, 0.04
 """rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
@@ -18,6 +19,7 @@ FURTHEST = 1.6
 """rad that a joint closes."""
 
 
+@lru_cache(maxsize=8)
 def motor_scale(spec: HandSpec) -> Vector:
     """How far each motor goes while what it moves turns by a radian, (n,): 1 where it turns joints itself; less where a
     tendon or a linkage moves its fastest follower by more, and where its whole way is short, on a slide say."""
@@ -26,7 +28,7 @@ def motor_scale(spec: HandSpec) -> Vector:
     for each in spec.followers:
         steepest = np.abs(np.diff(each.positions)).max() * (len(each.positions) - 1) / span[each.driven]
         found[each.driven] = min(found[each.driven], 1.0 / max(steepest, 1e-9), span[each.driven] / FURTHEST)
-    return found
+    return frozen(found)
 
 
 def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, TouchPoints]:
