@@ -5,7 +5,10 @@ For a ball of diameter d at c in the palm frame, over the motors q and c, least 
     (‖tᵢ − c‖ − d/2) / 5 mm     every fingertip tᵢ is on the ball,
     3 Σ wᵢ uᵢ                   pushes balance; uᵢ = (tᵢ − c)/‖tᵢ − c‖, w = ½ of one finger, the others share ½,
     (1 + pᵢ·uᵢ) / 2             pads look at the centre; pᵢ: where the last joint moves the tip as it bends,
-    0.15 (q − middle)/range     joints are in the middle of their ranges, where nothing else says so.
+    (sᵢⱼ − (tᵢ − tⱼ)·eᵢⱼ)₊ / 5 mm those of one side stay apart and in their order: eᵢⱼ as in the flat hand,
+    0.15 (q − q₀)/range         joints are in the middle of their ranges, where nothing else says so.
+
+Fingers that have no part in it are bent by a quarter.
 """
 
 from __future__ import annotations
@@ -38,6 +41,9 @@ OPENED, SQUEEZED = 0.5, 0.3
 """rad, of the joints that close, from the ball: back for the pre-shape, further for the squeeze."""
 EXACT, BALANCE, PADS, MIDDLE = 0.005, 3.0, 0.5, 0.15
 """m of a fingertip beside the ball that count as one; weights of balance, of where pads look, of the middle."""
+APART, WIDE, ASIDE = 0.9, 0.025, 0.25
+"""Of their distance in the flat hand, and at most m, that fingertips of one side keep; of its range by which a joint
+bends that has no part."""
 THUMB = "thumb"
 
 
@@ -93,7 +99,26 @@ class _Opposition:
         self.names = [finger.name for finger in spec.fingers]
         self.moving = np.unique([joint for finger in spec.fingers for joint in finger.joints])
         self.lower, self.upper = spec.lower[self.moving], spec.upper[self.moving]
+        both = np.zeros(spec.n_joints, dtype=bool)
+        both[self.moving] = self._sign() == 0.0
+        self.sideways = [both & ~np.isin(np.arange(spec.n_joints), finger.joints) for finger in spec.fingers]
+        """Of each finger as the opposer: motors of others with the same range on both sides, which spread them."""
         self.bends = [self._bend(finger) for finger in range(len(spec.fingers))]
+        tips = self._tips(np.asarray(spec.rest))
+        apart = tips[:, None] - tips
+        far = np.maximum(np.linalg.norm(apart, axis=2), 1e-6)
+        self.sides = apart / far[:, :, None]
+        """From one fingertip to another in the flat hand, (fingers, fingers, 3)."""
+        self.spaces = np.minimum(APART * far, WIDE)
+        """That they keep between each other in that direction, (fingers, fingers), m."""
+
+    def preferred(self, group: Sequence[int]) -> Array:
+        """Where moving motors are if nothing else says so."""
+        span, sign = self.upper - self.lower, self._sign()
+        own = np.isin(self.moving, [joint for each in group for joint in self.spec.fingers[each].joints])
+        part = np.where(own | (sign == 0.0), 0.5, ASIDE)
+        preferred: Array = np.where(sign < 0.0, self.upper - part * span, self.lower + part * span)
+        return preferred
 
     def posture(self, x: Array) -> Vector:
         posture = np.array(self.spec.rest, dtype=float)
@@ -108,12 +133,17 @@ class _Opposition:
         return int(np.argmin([self._first(group).cost for group in groups]))
 
     def groups(self, opposer: int) -> list[list[int]]:
-        """The opposer first: with all fingers, with the two that it opposes best, with the one."""
+        """The opposer first: with all fingers, with the one that it opposes best and the better one beside that, with
+        the one."""
         others = [k for k in range(len(self.names)) if k != opposer]
         costs = [self._first([opposer, k]).cost for k in others]
-        best = [others[k] for k in np.argsort(costs, kind="stable")]
-        sizes = sorted({min(size, len(others)) for size in (1, 2, len(others))}, reverse=True)
-        return [[opposer, *sorted(best[:size])] for size in sizes]
+        best = int(np.argmin(costs))
+        beside = [k for k in (best - 1, best + 1) if 0 <= k < len(others)]
+        found = [others, [others[best]]]
+        if len(others) > 2:
+            second = min(beside, key=lambda k: costs[k])
+            found.insert(1, [others[k] for k in sorted((best, second))])
+        return [[opposer, *each] for each in found if len(others) > 1 or each is others]
 
     def family(self, group: Sequence[int]) -> list[OpposingGrasp]:
         """A group's grasps of balls of all sizes that it can hold: the same motors close for all of them, those which
@@ -175,6 +205,7 @@ class _Opposition:
         gain = np.einsum("fim,fi->m", jacobians, towards)
         most = np.linalg.norm(jacobians, axis=1).sum(axis=0)
         closing: Array = np.where(np.abs(gain) > TOWARDS * np.maximum(most, 1e-6), np.sign(gain), 0.0)
+        closing[self.sideways[group[0]]] = 0.0
         for finger in group:  # One that meets the ball across its way closes by its last joint.
             if not closing[list(self.spec.fingers[finger].joints)].any():
                 motor, sign = self.bends[finger]
@@ -228,24 +259,40 @@ class _Residuals:
         self.hand, self.group, self.radius = hand, group, diameter / 2.0
         self.weights = _weights(len(group))
         self.span = np.maximum(hand.upper - hand.lower, 1e-6)
+        self.preferred = hand.preferred(group)
+        self.first, self.second = np.triu_indices(len(group) - 1, 1)  # Of those that the opposer opposes.
+        self.first, self.second = self.first + 1, self.second + 1
+        self.spaces = hand.spaces[np.ix_(group, group)][self.first, self.second]
+        self.sides = hand.sides[np.ix_(group, group)][self.first, self.second]
 
     def values(self, x: Array) -> Array:
         far, unit, pads, _ = self._look(x)
-        bent = (x[:-3] - (self.hand.lower + self.hand.upper) / 2.0) / self.span
+        bent = (x[:-3] - self.preferred) / self.span
         looks = PADS * (1.0 + np.sum(pads * unit, axis=1))
-        return np.concatenate([(far - self.radius) / EXACT, BALANCE * self.weights @ unit, looks, MIDDLE * bent])
+        near = np.maximum(self.spaces - self._between(far, unit), 0.0)
+        return np.concatenate(
+            [(far - self.radius) / EXACT, BALANCE * self.weights @ unit, looks, near / EXACT, MIDDLE * bent]
+        )
 
     def slopes(self, x: Array) -> Array:
         far, unit, pads, jacobians = self._look(x)
         away = np.concatenate([jacobians, np.tile(-np.eye(3), (len(unit), 1, 1))], axis=2)
         along = np.einsum("fi,fim->fm", unit, away)
         turning = (away - unit[:, :, None] * along[:, None]) / far[:, None, None]
+        nearer = -np.einsum("pi,pim->pm", self.sides, away[self.first] - away[self.second])
         return np.concatenate([
             along / EXACT,
             BALANCE * np.einsum("f,fim->im", self.weights, turning),
             PADS * np.einsum("fi,fim->fm", pads, turning),
+            np.where(self.spaces > self._between(far, unit), 1.0 / EXACT, 0.0)[:, None] * nearer,
             np.pad(np.diag(MIDDLE / self.span), ((0, 0), (0, 3))),
         ])  # fmt: skip
+
+    def _between(self, far: Array, unit: Array) -> Array:
+        """How far fingertips of one side are from each other in the flat hand's direction, (pairs,), m."""
+        tips = far[:, None] * unit
+        between: Array = np.sum((tips[self.first] - tips[self.second]) * self.sides, axis=1)
+        return between
 
     def _look(self, x: Array) -> tuple[Array, Array, Array, Array]:
         hand = self.hand

@@ -40,6 +40,8 @@ LOWERED, NEAR = 0.5, 0.03
 """The share of palms that come down to the table where they are not further above it, m."""
 RETREAT = (0.025, 0.05, 0.10)
 """m along the way out, where the hand must be free."""
+OVERLAP = 0.003
+"""m, by which links of a hand may be inside each other before it closes."""
 BATCH = 256
 METRES, TURN = 0.007, np.radians(6.0)
 """By how much a variation of a candidate differs (standard deviations), m and rad."""
@@ -133,7 +135,7 @@ def fit_palm(bench: GraspScene, guessed: PoseGuesses, row: int, random: Random) 
     if position[2] > 0.5 or np.linalg.norm(position - guessed.position[row]) > 0.06:
         return None
     bench.place(position, rotation, preshape)
-    if bench.meets_anything():
+    if bench.meets_anything() or bench.overlap() > OVERLAP:
         return None
     for way in (-rotation[:, 0], np.array([0.0, 0.0, 1.0])):
         if all(_free(bench, position + far * way, rotation, preshape) for far in RETREAT):

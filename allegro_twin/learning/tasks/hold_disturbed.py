@@ -77,12 +77,11 @@ class HoldDisturbedTask(GraspTask):
                               "other objects")  # fmt: skip
 
     def object_choices(self) -> tuple[ObjectChoice, ...]:
-        defaults = (
-            _OBJECTS
-            if self.spec.model == HAND
-            else require_objects(tuple(known_scenarios(self.spec.model)), self.spec, self.name)
-        )
-        return self.settings.objects or defaults
+        if self.settings.objects is not None:
+            return self.settings.objects
+        if self.spec.model == HAND:
+            return _OBJECTS
+        return require_objects(tuple(known_scenarios(self.spec.model)), self.spec, self.name)
 
     def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
         own = _GRASPS.get(object_name(choice)) if self.spec.model == HAND else None

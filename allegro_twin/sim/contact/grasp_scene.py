@@ -104,6 +104,11 @@ class GraspScene:
         """Whether the hand touches the object, or what it stands on."""
         return bool(self._pairs()[2].any())
 
+    def overlap(self) -> float:
+        """How deep the hand is inside itself, m."""
+        geoms, depth = self.data.contact.geom, -self.data.contact.dist
+        return float(depth[(self.part[geoms] >= 0).all(axis=1)].max(initial=0.0))
+
     def stopped(self) -> NDArray[np.bool_]:
         """The joints that carry something of the hand that touches something else, (joints,)."""
         first, second, foreign = self._pairs()

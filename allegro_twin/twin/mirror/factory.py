@@ -9,7 +9,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
-from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.description.specs import is_hand_model, load_spec
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
@@ -86,6 +86,8 @@ def recorded_spec(recording: Recording, hand: str) -> HandSpec:
     spec = recording.spec
     if "torque" in spec.commands:
         return spec
+    if not hand and not is_hand_model(spec.model):
+        raise ConfigError(f"{recording.path} is of the hand {spec.model}, which a card describes: say --hand CARD")
     whole = load_spec(hand or spec.model, spec.side)
     if whole.joints != spec.joints:
         raise ConfigError(f"{recording.path} is of a {spec.name}, and {whole.name} has other joints: say --hand")
