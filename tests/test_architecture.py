@@ -64,6 +64,7 @@ HOMES = {
     "torch": {"array_api", "sim/batch", "learning"},
     "av": {"viewing"},
     "coacd": {"sim/objects"},
+    "trimesh": {"sim/hand_import"},
     "platformdirs": {"files"},
     "scipy": {"sim", "grasping", "twin/identify", "cell/perception"},
     "PIL": {"viewing", "surfaces/cli"},

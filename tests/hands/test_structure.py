@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -249,11 +250,34 @@ def test_a_card_is_checked_against_its_file(tmp_path: Path, monkeypatch: pytest.
     app(["hand", "new", "gripper.xml", "--no-film"], standalone_mode=False)
     app(["hand", "new", "gripper.xml", "--check", "mine/gripper.yaml"], standalone_mode=False)
     Path("gripper.xml").write_text(GRIPPER.replace("-20 20", "-15 15"))
-    with pytest.raises(ConfigError, match="1 entries differ from the file"):
+    with pytest.raises(ConfigError, match="1 value differs from the file"):
         app(["hand", "new", "gripper.xml", "--check", "mine/gripper.yaml"], standalone_mode=False)
     changed = explore_hand(Path("gripper.xml")).card
     assert card_differences(changed, changed) == []
-    assert card_differences(changed | {"root": "x"}, changed) == ["root: x; the file: base"]
+    assert card_differences(changed | {"root": "x"}, changed) == ["root: x in the card, base in the file"]
+
+
+def test_a_check_says_which_quantity_differs_and_both_values(tmp_path: Path) -> None:
+    path = tmp_path / "gripper.xml"
+    path.write_text(GRIPPER)
+    found = explore_hand(path).card
+    card = copy.deepcopy(found)
+    card["driven"][0]["upper"] = 0.025
+    card["fingers"]["left_finger"]["tip"] = ["base", [0.0, 0.0, 0.03]]
+    card["followers"][0]["positions"][3] += 0.004
+    card["palm"]["facing"] = [1.0, 0.0, 0.0]
+    card["fingers"]["thumb"] = card["fingers"].pop("right_finger")
+    facing = " ".join(f"{value:g}" for value in found["palm"]["facing"])
+    position = found["followers"][0]["positions"][3]
+    assert card_differences(card, found) == [
+        f"palm, facing: 1 0 0 in the card, {facing} in the file",
+        "driven left, upper: 0.025 in the card, 0.03 in the file",
+        f"followers right, positions: {position + 0.004:g} in the card, {position:g} in the file, at place 4 of 11, "
+        "where they differ most",
+        "finger left_finger, tip: base 0 0 0.03 in the card, left_finger 0 0 0.03 in the file",
+        "finger right_finger: not in the card, in the file",
+        "finger thumb: in the card, not in the file",
+    ]
 
 
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 0.02"/><mass value="0.05"/>
@@ -321,7 +345,10 @@ def test_a_urdf_runs_from_the_mjcf_that_is_written_beside_its_card(
 
 def test_a_mesh_that_touches_and_is_not_there_is_named(tmp_path: Path) -> None:
     text = urdf().replace('<box size="0.015 0.015 0.03"/>', '<mesh filename="package://two/meshes/a.stl"/>', 1)
-    with pytest.raises(ConfigError, match="link palm: no mesh package://two/meshes/a.stl beside it or above it"):
+    with pytest.raises(
+        ConfigError,
+        match="link palm: collision mesh package://two/meshes/a.stl: no folder two above the URDF or in ROS_PACKAGE",
+    ):
         card(tmp_path, text)
 
 

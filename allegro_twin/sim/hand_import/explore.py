@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
-from allegro_twin.sim.hand_import.urdf import read_urdf
+from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf
 from allegro_twin.types import Array
 
 UNKNOWN = "unknown"
@@ -134,9 +134,7 @@ def explore_hand(
     `find_structure` takes. Raises ConfigError for a file without a hand that can be driven.
     """
     notes: list[str] = []
-    if not path.is_file():
-        raise ConfigError(f"{path}: {'a folder, not a model file' if path.is_dir() else 'no such file'}")
-    if path.suffix.lower() == ".urdf":
+    if is_urdf(path):
         hand = read_urdf(path)
         spec, notes = hand.spec, list(hand.notes)
     else:
@@ -148,17 +146,21 @@ def explore_hand(
     try:
         model = compile_model(spec)
     except ValueError as error:
-        raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+        text = str(error).strip().splitlines()[0].removeprefix("Error: ")
+        way = "; names are relative to the model file and its `meshdir`" if "opening file" in text else ""
+        raise ConfigError(f"{path}: {text}{way}") from error
     given = [
         k
         for k in range(model.nu)
         if not lugre_friction.is_friction_only(model.actuator_gaintype[k], model.actuator_gainprm[k])
     ]
     if not given:
-        raise ConfigError(
-            f"{path} has no actuators: nothing in it can be driven; add an <actuator> with position servos, or "
-            "take the hand's URDF"
+        way = (
+            "no joint of it moves: a driven one is revolute, continuous or prismatic and has no <mimic>"
+            if is_urdf(path)
+            else "nothing in it can be driven; add an <actuator> with position servos, or take the hand's URDF"
         )
+        raise ConfigError(f"{path} has no actuators: {way}")
     structure = find_structure(model, path, root, palm, fingers)
     motors = [ImportedMotor(model, k, path) for k in given]
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}

@@ -1,4 +1,4 @@
-"""A URDF of a hand as an MJCF with position servos: meshes found, inertias repaired, mimic joints coupled."""
+"""A URDF of a hand as an MJCF with position servos: inertias repaired, mimic joints coupled, meshes converted."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.sim.hand_import.adapt import compile_model, quiet
+from allegro_twin.sim.hand_import.meshes import UrdfMeshes
 from allegro_twin.types import Array
 
-READABLE = (".obj", ".stl", ".msh")
-"""Mesh formats that MuJoCo reads."""
 PLACEHOLDER = 100.0
 """N·m or N. An effort from here on is no motor's of a hand; 0 is none either."""
 ANGLE, WAY = 0.1, 0.005
@@ -38,16 +37,37 @@ class UrdfHand(NamedTuple):
     """Joints whose largest effort the file does not say."""
 
 
+def is_urdf(path: Path) -> bool:
+    """Whether a model file is a URDF, or else an MJCF, by its first element. Raises ConfigError for another file."""
+    wanted = "an MJCF begins with <mujoco>, a URDF with <robot>"
+    if not path.is_file():
+        raise ConfigError(f"{path}: {'a folder, not a model file' if path.is_dir() else 'no such file'}")
+    if not path.stat().st_size:
+        raise ConfigError(f"{path}: the file is empty; {wanted}")
+    try:
+        _, first = next(ElementTree.iterparse(path, events=("start",)))
+    except (OSError, ElementTree.ParseError) as error:
+        raise ConfigError(f"{path}: not an XML file ({error}); {wanted}") from error
+    tag = first.tag.rpartition("}")[2]
+    if tag not in ("mujoco", "robot"):
+        raise ConfigError(f"{path}: its first element is <{tag}>; {wanted}")
+    if tag == "mujoco" and path.suffix.lower() == ".urdf":
+        raise ConfigError(f"{path}: its first element is <mujoco>, so it is an MJCF: call it {path.stem}.xml")
+    return bool(tag == "robot")
+
+
 def read_urdf(path: Path) -> UrdfHand:
-    """Raises ConfigError for a file that is no URDF, and for a mesh that touches and is not there."""
+    """Raises ConfigError for a URDF that cannot be read, and for a mesh that touches and is not there."""
     try:
         robot = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise ConfigError(f"{path}: not a readable URDF: {error}") from error
-    if robot.tag != "robot":
-        raise ConfigError(f"{path}: not a URDF: its first element is <{robot.tag}>, not <robot>")
+    if any(element.tag.startswith("{") and "xacro" in element.tag for element in robot.iter()):
+        raise ConfigError(f"{path}: it has xacro macros; `xacro {path.name} > hand.urdf` resolves them")
+    _check_joints(robot, path)
     notes: list[str] = []
-    _find_meshes(robot, path, notes)
+    meshes = UrdfMeshes(path)
+    meshes.find(robot, notes)
     _repair_inertias(robot, notes)
     for old in robot.findall("mujoco"):
         robot.remove(old)
@@ -58,66 +78,55 @@ def read_urdf(path: Path) -> UrdfHand:
     robot.insert(0, options)
     unlimited = _efforts(robot, notes)
     try:
-        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"), assets=meshes.assets)
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     spec.modelname = path.stem
+    for mesh in spec.meshes:
+        if mesh.file in meshes.shown:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # A label can be flat.
     _under_one_root(spec, robot)
+    _hide_collisions(spec)
     _couple(spec, robot, path)
     _drive(spec, robot, path, notes)
     _exclude_touching(spec, path, notes)
     return UrdfHand(spec, notes, unlimited)
 
 
+def _check_joints(robot: Element, path: Path) -> None:
+    """Raises ConfigError where links or the ends of a joint are missing."""
+    links = {link.get("name") for link in robot.findall("link")}
+    if not links:
+        raise ConfigError(f"{path}: a URDF without a <link>: there is no hand in it")
+    children = set()
+    for joint in robot.findall("joint"):
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = None if element is None else element.get("link")
+            if link not in links:
+                raise ConfigError(f"{path}: joint {joint.get('name')}: its {end} {link} is no <link> of the file")
+            if end == "child":
+                children.add(link)
+    if not links - children:
+        raise ConfigError(f"{path}: every link is the child of a joint: a URDF is a tree, and one link begins it")
+
+
 def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
-    """Write the model beside its card; meshes stay where they are, named relative to the new file."""
+    """Write the model beside its card, and converted meshes into a folder beside it. Other meshes stay where they are,
+    named relative to the new file."""
     folder = path.parent.resolve()
     for mesh in spec.meshes:
+        content = spec.assets.get(mesh.file)
+        if content is not None:
+            file = folder / f"{path.stem}_meshes" / mesh.file
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_file(file) as temporary:
+                temporary.write_bytes(content)
+            mesh.file = str(file)
         mesh.file = os.path.relpath(mesh.file, folder)
     spec.meshdir, spec.modelfiledir = "", str(folder)  # The file's names are its own, wherever this process runs.
     with quiet(), atomic_file(path) as temporary:
         temporary.write_text(spec.to_xml())
-
-
-def _find_meshes(robot: Element, path: Path, notes: list[str]) -> None:
-    """Name every mesh by its full path; drop visual ones that MuJoCo cannot read."""
-    left_out = []
-    for link in robot.findall("link"):
-        for kind in ("visual", "collision"):
-            for element in link.findall(kind):
-                mesh = element.find("geometry/mesh")
-                if mesh is None:
-                    continue
-                named = mesh.get("filename", "")
-                file = _mesh_file(named, path)
-                if file is not None and file.suffix.lower() in READABLE:
-                    mesh.set("filename", str(file))
-                elif kind == "visual":
-                    link.remove(element)
-                    left_out.append(named)
-                elif file is None:
-                    raise ConfigError(f"{path}: link {link.get('name')}: no mesh {named} beside it or above it")
-                else:
-                    raise ConfigError(
-                        f"{path}: link {link.get('name')}: MuJoCo reads no {file.suffix} ({named}); convert it to OBJ"
-                    )
-    if left_out:
-        notes.append(f"{len(left_out)} visual meshes are left out, as {left_out[0]}: MuJoCo reads OBJ and STL, and the "
-                     "collision shapes are shown")  # fmt: skip
-
-
-def _mesh_file(name: str, path: Path) -> Path | None:
-    """A mesh beside the file, or, by `package://name/rest`, below a folder above it."""
-    rest = name.removeprefix("file://")
-    if name.startswith("package://"):
-        package, _, inner = name.removeprefix("package://").partition("/")
-        for folder in path.resolve().parents:
-            for candidate in (folder / package / inner, folder / inner):
-                if candidate.is_file():
-                    return candidate
-        return None
-    file = Path(rest) if Path(rest).is_absolute() else path.resolve().parent / rest
-    return file if file.is_file() else None
 
 
 def _repair_inertias(robot: Element, notes: list[str]) -> None:
@@ -203,6 +212,14 @@ def _under_one_root(spec: mujoco.MjSpec, robot: Element) -> None:
     first = next(str(link.get("name")) for link in robot.findall("link") if link.get("name") not in children)
     if not any(body.name == first for body in spec.bodies):
         raise ConfigError(f"link {first} is missing in what MuJoCo read")
+
+
+def _hide_collisions(spec: mujoco.MjSpec) -> None:
+    """Show a body's visual shapes, and its collision shapes only where it has no other: groups as in Menagerie."""
+    for body in spec.bodies:
+        shown = [geom for geom in body.geoms if not geom.contype and not geom.conaffinity]
+        for geom in body.geoms if shown else ():
+            geom.group = 2 if geom in shown else 3
 
 
 def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:

@@ -150,12 +150,12 @@ def _write_hand(
     from allegro_twin.grasping.plan.opposition import card_postures
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.sim.hand_import.page import hand_page
-    from allegro_twin.sim.hand_import.urdf import write_mjcf
+    from allegro_twin.sim.hand_import.urdf import is_urdf, write_mjcf
     from allegro_twin.surfaces.cli import console
 
     card, config, source = out / f"{called}.yaml", out / f"sim_{called}.yaml", model
     out.mkdir(parents=True, exist_ok=True)
-    if model.suffix.lower() == ".urdf":
+    if is_urdf(model):
         source = out / f"{called}.xml"
         write_mjcf(found.spec, source)
     content = found.card | {"mjcf": os.path.relpath(source.resolve(), out.resolve()), "side": side}
@@ -172,7 +172,7 @@ def _write_hand(
     run = {"hand": {"model": str(card), "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
     write_settings(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
     for note in found.notes:
-        console.console.print(f"Note: {note}", soft_wrap=True, highlight=False)
+        console.console.print(f"Note: {note}", soft_wrap=True, highlight=False, markup=False)
     filmed = _picture(load_spec(str(card), side), out / called, film=film)
     with atomic_file(out / f"{called}.md") as temporary:
         temporary.write_text(hand_page(called, model.name, content, found.notes, filmed))
@@ -218,26 +218,46 @@ def _check(path: Path, found: ExploredHand) -> None:
         raise ConfigError(f"{path}: no card of a hand: it has no `driven`")
     differences = card_differences(card, found.card)
     for line in differences:
-        console.console.print(line, soft_wrap=True, highlight=False)
+        console.console.print(line, soft_wrap=True, highlight=False, markup=False)
     if differences:
-        raise ConfigError(f"{path}: {len(differences)} entries differ from the file; `hand new --force` writes it anew")
+        many = "1 value differs" if len(differences) == 1 else f"{len(differences)} values differ"
+        raise ConfigError(f"{path}: {many} from the file; `hand new --force` writes it anew")
     console.console.print(f"{path}: as its file", highlight=False)
 
 
 def card_differences(card: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    """A line for each entry of a card that its file says otherwise; what only a person can know is left alone."""
+    """A line for each quantity of a card that its file says otherwise; what only a person can know is left alone."""
     lines = []
     for block in ("root", "commands", "palm", "wrist"):
-        if card.get(block) != found.get(block):
-            lines.append(f"{block}: {card.get(block)}; the file: {found.get(block)}")
+        lines += _differences(block, card.get(block), found.get(block))
     for block in ("driven", "followers"):
         mine = {row["name"]: row for row in card.get(block, ())}
         theirs = {row["name"]: row for row in found.get(block, ())}
         for name in {**theirs, **mine}:
-            if mine.get(name) != theirs.get(name):
-                lines.append(f"{block} {name}: {mine.get(name, 'missing')}; the file: {theirs.get(name, 'missing')}")
+            lines += _differences(f"{block} {name}", mine.get(name), theirs.get(name))
     for name in {**found["fingers"], **card.get("fingers", {})}:
-        mine, theirs = card.get("fingers", {}).get(name), found["fingers"].get(name)
-        if mine != theirs:
-            lines.append(f"fingers {name}: {mine or 'missing'}; the file: {theirs or 'missing'}")
+        lines += _differences(f"finger {name}", card.get("fingers", {}).get(name), found["fingers"].get(name))
     return lines
+
+
+def _differences(name: str, mine: Any, theirs: Any) -> list[str]:
+    """Lines that say a quantity with the card's value and the file's."""
+    if mine == theirs:
+        return []
+    if isinstance(mine, Mapping) and isinstance(theirs, Mapping):
+        return [line for key in {**theirs, **mine} for line in _differences(f"{name}, {key}", mine.get(key),
+                                                                           theirs.get(key))]  # fmt: skip
+    if mine is None or theirs is None:
+        return [f"{name}: {'not in the card' if mine is None else 'in the card'}, "
+                f"{'not in the file' if theirs is None else 'in the file'}"]  # fmt: skip
+    if name.endswith("positions") and len(mine) == len(theirs):
+        place = max(range(len(mine)), key=lambda k: abs(mine[k] - theirs[k]))
+        return [f"{name}: {mine[place]:g} in the card, {theirs[place]:g} in the file, at place {place + 1} of "
+                f"{len(mine)}, where they differ most"]  # fmt: skip
+    return [f"{name}: {_words(mine)} in the card, {_words(theirs)} in the file"]
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    return " ".join(map(_words, value)) if isinstance(value, list | tuple) else str(value)
