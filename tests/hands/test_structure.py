@@ -357,7 +357,7 @@ def test_meshes_of_a_urdf_are_found_wherever_its_card_is_written(
 ) -> None:
     corners = ["v 0 0 0", "v 0.03 0 0", "v 0 0.03 0", "v 0 0 0.06"]
     sides = ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
-    there, here = tmp_path / "robots" / "two", tmp_path / "lab" / "work"
+    there, here = tmp_path / "robots" / "two", tmp_path / "lab" / "bench"
     for folder in (there / "meshes", here):
         folder.mkdir(parents=True)
     (there / "meshes" / "a.obj").write_text("\n".join(corners + sides))
@@ -367,7 +367,7 @@ def test_meshes_of_a_urdf_are_found_wherever_its_card_is_written(
     app(["hand", "new", "../../robots/two/two.urdf", "--out", "hands/mine", "--no-film"], standalone_mode=False)
     assert 'file="../../../../robots/two/meshes/a.obj"' in Path("hands/mine/two.xml").read_text()
     monkeypatch.chdir(tmp_path)
-    assert load_spec("lab/work/hands/mine/two.yaml").n_joints == 2
+    assert load_spec("lab/bench/hands/mine/two.yaml").n_joints == 2
 
 
 def radial(count: int) -> str:
