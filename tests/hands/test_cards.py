@@ -63,7 +63,8 @@ def test_a_new_card_has_the_postures_home_open_and_flat_and_every_way_in_takes_t
     assert list(spec.postures) == ["home", "open", "flat"]
     home, opened, flat = (load_posture(name, spec)[0] for name in spec.postures)
     assert flat == 0.0
-    assert flat < home < opened  # A finger's slide is positive outwards.
+    assert flat == opened  # Nothing of a gripper turns.
+    assert home == pytest.approx(0.0125)  # A finger's slide is positive outwards: 65 mm less two pads.
     assert posture_names(spec) == ["flat", "home", "open"]
     assert [each.name for each in Library().list("posture", hand=spec)] == ["flat", "home", "open"]
     with Hand.open("mine/sim_gripper.yaml") as hand:

@@ -57,6 +57,8 @@ class OpposingGrasp(Grasp):
     """m."""
     closing: Vector
     """Which way each motor closes: 1, -1 or 0, (n,)."""
+    opposer: tuple[int, ...]
+    """Motors of the finger that opposes the others."""
 
 
 def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
@@ -74,10 +76,9 @@ def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
 
 
 def card_postures(spec: HandSpec) -> dict[str, Vector]:
-    """Postures for the card of a hand, (n,), rad. `flat`: every motor as near to zero as it can be. `open`: fingers
-    around the largest ball that all of them can have between their tips, and away from it. `home`: their tips on a ball
-    of 65 mm. All three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without
-    SciPy."""
+    """Postures for the card of a hand, (n,), rad. `flat`: every motor as near to zero as it can be. `home`: fingertips
+    on a ball of 65 mm. `open`: the flat hand with its thumb, or what opposes the others, turned to them as in `home`. All
+    three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
     import_scipy("optimize")
     flat = round_posture(spec.rest, spec)
     try:
@@ -87,7 +88,9 @@ def card_postures(spec: HandSpec) -> dict[str, Vector]:
     most = max(grasp.name.count("_") for grasp in grasps)
     with_all = {grasp.diameter: grasp for grasp in grasps if grasp.name.count("_") == most}
     home = min(with_all.values(), key=lambda grasp: abs(grasp.diameter - MIDDLING))
-    opened = with_all[max(with_all)].preshape
+    opened = flat.copy()
+    turned = [joint for joint in home.opposer if not home.closing[joint]]
+    opened[turned] = home.close[turned]
     return {"home": round_posture(home.close, spec), "open": round_posture(opened, spec), "flat": flat}
 
 
@@ -194,6 +197,7 @@ class _Opposition:
         return OpposingGrasp(
             name, claim_type(None), speed, "minimum_jerk", preshape, close, squeeze,
             centre=solved.x[-3:], diameter=diameter, closing=closing,
+            opposer=spec.fingers[group[0]].joints,
         )  # fmt: skip
 
     def _closing(self, solved: _Solved, group: Sequence[int]) -> Array:
