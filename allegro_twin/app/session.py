@@ -45,7 +45,7 @@ class Outputs:
     """Every frame of the hand's bus: .blf, .log or .asc."""
     size: tuple[int, int] = (480, 480)
     """Of pictures and films: width and height, pixels."""
-    camera: str = "side"
+    camera: str = "auto"
     """From where, also to begin with in Rerun: a name or three numbers, as `look.views.view` takes them."""
 
 
@@ -259,8 +259,9 @@ def _photographed(
                 import_module(name)
         from allegro_twin.viewing.stills import photographed
 
+        objects = [] if rig.trial is None else [rig.trial.things[0].thing.name]
         return photographed(samples, rig.sim, outputs.video, outputs.image, _moments(rig), outputs.size,
-                            outputs.camera, stack)  # fmt: skip
+                            outputs.camera, stack, objects)  # fmt: skip
     except ImportError as error:
         notes.append(f"no pictures: {error}; pip install 'allegro-twin[view]'")
         return samples

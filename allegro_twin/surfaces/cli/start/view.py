@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 Camera = Annotated[
     str,
     typer.Option(
-        help="Viewpoint: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).",
+        help="Viewpoint: auto (stills turn to the grip), front, side, top, palm, or "
+        "AZIMUTH,ELEVATION,DISTANCE (degrees, m).",
         rich_help_panel=options.OUTPUT,
     ),
 ]
