@@ -50,12 +50,12 @@ def pictured(
 
 def overview(strips: Mapping[str, Path], target: Path, *, pane: int = 1, columns: int = 6) -> None:
     """One picture of many trials: a pane of every strip that `pictured` made, with its name."""
-    from PIL import Image, ImageDraw
+    from PIL import Image, ImageDraw, ImageFont
 
     size = 240
     rows = -(-len(strips) // columns)
     sheet = Image.new("RGB", (columns * size, rows * size), "white")
-    draw = ImageDraw.Draw(sheet)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
     for index, (name, path) in enumerate(strips.items()):
         strip = Image.open(path)
         panes = int(strip.info.get(_PANES, strip.width // strip.height))
@@ -65,7 +65,7 @@ def overview(strips: Mapping[str, Path], target: Path, *, pane: int = 1, columns
         corner = (index % columns * size, index // columns * size)
         part = strip.crop((*middle, middle[0] + edge, middle[1] + edge))
         sheet.paste(part.resize((size, size)), corner)
-        draw.text((corner[0] + 8, corner[1] + 6), name, fill=(40, 40, 40))
+        draw.text((corner[0] + 8, corner[1] + 6), name, fill=(40, 40, 40), font=font)
     with atomic_file(target) as temporary:
         sheet.save(temporary, compress_level=_QUICKLY)
 
