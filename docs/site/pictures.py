@@ -45,8 +45,6 @@ def cell() -> None:
     found = {name: _ran("lab", f"lab_{name}") for name in _HANDS}
     panes = [np.asarray(Image.open(found[name] / "grasp.png"))[60:380, 140:500] for name in _HANDS]
     _save(np.vstack([np.hstack(panes[:2]), np.hstack(panes[2:])]), "lab_hands")
-    both = [np.asarray(Image.open(path)) for path in (folder / "before.png", found["model_o"] / "grasp.png")]
-    _save(np.hstack(both), "arm")
 
 
 def panel() -> None:
