@@ -92,9 +92,7 @@ def _browser(command: list[str], size: tuple[int, int]) -> Iterator[Any]:
     """A page that a command serves, once its picture is there."""
     from playwright.sync_api import sync_playwright
 
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as program:
-        if command[0] == "lab":
-            command = [*command, "--out", f"{folder}/out"]
+    with sync_playwright() as program:
         served = subprocess.Popen([*_PROGRAM, *command, "--port", "8231"], stdout=subprocess.PIPE, text=True)
         assert served.stdout is not None
         try:
