@@ -9,7 +9,7 @@ PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo demo-all docs test tests types test-rl test-panel test-realtime test-socketcan test-socketcan-timing test-slow test-long \
-        test-lowest test-all mutants bench models install tutorials reference clean
+        test-lowest test-all mutants bench models install tutorials reference pictures clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -110,6 +110,10 @@ tutorials: $(DOCS)
 # The generated pages of the reference: commands.md, configs.md and api/.
 reference: $(READY)
 	$(BIN)/python docs/site/reference.py
+
+# The pictures of the docs, by the commands that the docs name: apt-get install chromium for those of the panel.
+pictures: $(PANEL)
+	$(BIN)/python docs/site/pictures.py
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

@@ -71,8 +71,10 @@ def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: Ha
 
 def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     """Why the hand must stop now, or None."""
-    down, up = (-limits.velocity, limits.velocity) if limits.speeds is None else limits.speeds(state.position)
-    fastest = np.where(state.velocity < 0.0, -down, up)
+    fastest = limits.velocity
+    if limits.speeds is not None:
+        down, up = limits.speeds(state.position)
+        fastest = np.where(state.velocity < 0.0, -down, up)
     if (np.abs(state.velocity) > fastest).any():
         joint = int(np.nanargmax(np.abs(state.velocity) / fastest))
         speed, limit = state.velocity[joint], fastest[joint]

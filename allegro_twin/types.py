@@ -116,8 +116,8 @@ def _checked(values: ArrayLike, name: str, *, infinite: bool = False) -> Vector:
         raise CommandError(f"{name} must be an array of numbers, not {values!r}") from error
     if array.ndim != 1:
         raise CommandError(f"{name} must have one axis, one value per actuator; it has shape {array.shape}")
-    sound = np.isfinite(array) | (infinite & np.isposinf(array))
-    if not sound.all():
+    sound = np.isfinite(array)
+    if not sound.all() and not (infinite and (sound := sound | np.isposinf(array)).all()):
         bad = int(np.flatnonzero(~sound)[0])
         raise CommandError(f"{name}[{bad}] is {array[bad]}; every value must be finite")
     return array

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -173,24 +174,31 @@ def test_a_picture_is_taken_in_the_end_and_the_camera_is_let_go_of(tmp_path: Pat
         assert picture.size == (8, 8)
 
 
-def test_a_recording_has_no_picture_and_says_where_to_look(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["image", "video"])
+def test_a_picture_of_a_recording_is_refused_with_where_to_look_and_one_that_is_optional_is_a_note(
+    kind: str, tmp_path: Path
+) -> None:
     performed(Outputs(tmp_path / "a.arrow"))
-    backend = {"kind": "replay", "file": str(tmp_path / "a.arrow")}
-    _, outcome, times = performed(Outputs(image=tmp_path / "a.png"), backend=backend)
+    backend, file = {"kind": "replay", "file": str(tmp_path / "a.arrow")}, tmp_path / "a.file"
+    with pytest.raises(ConfigError, match=r"no picture .*a.file: only a simulation .* with `allegro-twin view`"):
+        performed(replace(Outputs(), **{kind: file}), backend=backend)  # type: ignore[arg-type]  # One of two paths.
+    _, outcome, times = performed(replace(Outputs(optional=True), **{kind: file}), backend=backend)  # type: ignore[arg-type]  # Likewise.
     assert outcome.notes == (
-        "no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`",
+        "no pictures: only a simulation can be rendered; look at a recording with `allegro-twin view`",
     )
-    assert (len(times), (tmp_path / "a.png").exists()) == (101, False)
+    assert (len(times), file.exists()) == (101, False)
 
 
-def test_a_scene_that_cannot_be_rendered_is_a_note_and_the_run_goes_on(
+def test_a_scene_that_cannot_be_rendered_is_refused_and_where_its_picture_is_optional_a_note(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_camera(backend: object, **settings: object) -> None:
         raise ConfigError("cannot render: no library")
 
     monkeypatch.setattr(camera, "Camera", no_camera)
-    _, outcome, times = performed(Outputs(image=tmp_path / "a.png"))
+    with pytest.raises(ConfigError, match=r"no picture .*a.png: cannot render: no library"):
+        performed(Outputs(image=tmp_path / "a.png"))
+    _, outcome, times = performed(Outputs(image=tmp_path / "a.png", optional=True))
     assert outcome.notes == ("no pictures: cannot render: no library",)
     assert len(times) == 101
 

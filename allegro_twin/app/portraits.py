@@ -54,6 +54,7 @@ def portrait(target: EvaluationTarget, path: Path) -> None:
     Raises ConfigError where pictures cannot be rendered, ImportError without the extra for them, HandFault where the
     guard stops the hand."""
     from allegro_twin.viewing.stills import photographed
+    from allegro_twin.viewing.views import AUTO
 
     rig = staged(target)
     assert rig.trial is not None
@@ -61,7 +62,8 @@ def portrait(target: EvaluationTarget, path: Path) -> None:
     moment = next((window.end for window in rig.trial.windows if window.check), rig.trial.seconds)
     with ExitStack() as stack:
         samples = until(moment, run(rig.backend, rig.controller))
-        for _ in photographed(samples, rig.sim, None, path, [moment], SIZE, "side", stack):
+        name = rig.trial.things[0].thing.name
+        for _ in photographed(samples, rig.sim, None, path, [moment], SIZE, AUTO, stack, [name]):
             pass
 
 

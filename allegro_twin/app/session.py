@@ -45,8 +45,10 @@ class Outputs:
     """Every frame of the hand's bus: .blf, .log or .asc."""
     size: tuple[int, int] = (480, 480)
     """Of pictures and films: width and height, pixels."""
-    camera: str = "side"
-    """From where, also to begin with in Rerun: a name or three numbers, as `look.views.view` takes them."""
+    camera: str = "auto"
+    """From where, also to begin with in Rerun: a name or three numbers, as `viewing.views.view` takes them."""
+    optional: bool = False
+    """Pictures that cannot be made become a note; else the run is refused before the hand moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,7 @@ def perform(
 ) -> RunOutcome:
     """Run until the rig's time is over or its backend ends. The hand is limp afterwards, whatever happens.
 
-    Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
+    Raises HandError; ConfigError for pictures that cannot be made, unless they are optional.
     """
     if rig.trial is not None and rig.seconds is not None and rig.seconds < rig.trial.seconds - 1e-9:
         raise ConfigError(
@@ -250,22 +252,23 @@ def _photographed(
 ) -> Iterator[Sample]:
     if outputs.image is None and outputs.video is None:
         return samples
-    if rig.sim is None:
-        notes.append("no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`")
-        return samples
     try:
+        if rig.sim is None:
+            raise ConfigError("only a simulation can be rendered; look at a recording with `allegro-twin view`")
         for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
             if wanted is not None:
                 import_module(name)
         from allegro_twin.viewing.stills import photographed
 
+        objects = [] if rig.trial is None else [rig.trial.things[0].thing.name]
         return photographed(samples, rig.sim, outputs.video, outputs.image, _moments(rig), outputs.size,
-                            outputs.camera, stack)  # fmt: skip
-    except ImportError as error:
-        notes.append(f"no pictures: {error}; pip install 'allegro-twin[view]'")
-        return samples
-    except ConfigError as error:
-        notes.append(f"no pictures: {error}")
+                            outputs.camera, stack, objects)  # fmt: skip
+    except (ImportError, ConfigError) as error:
+        why = str(error) if isinstance(error, ConfigError) else f"{error}; pip install 'allegro-twin[view]'"
+        if not outputs.optional:
+            files = " and ".join(str(path) for path in (outputs.image, outputs.video) if path is not None)
+            raise ConfigError(f"no picture {files}: {why}") from error
+        notes.append(f"no pictures: {why}")
         return samples
 
 

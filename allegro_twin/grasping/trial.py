@@ -20,7 +20,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.sim.contact.contact_surfaces import SURFACES, DigitPose, SurfaceForces, SurfaceProbe, box_edges
+from allegro_twin.sim.contact.contact_surfaces import SURFACES, BodyPlaces, SurfaceForces, SurfaceProbe, box_edges
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model.appearance import scene_appearance
@@ -73,7 +73,8 @@ class Trial:
         push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))
         self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive, pushing=push)
         self._probe = ObjectProbe(model, self.backend.data, spec, name)
-        self._surfaces, self._borne = SurfaceProbe(model, spec, name), list[tuple[SurfaceForces, DigitPose]]()
+        self._surfaces, self._borne = SurfaceProbe(model, spec, name), list[SurfaceForces]()
+        self._stood: BodyPlaces | None = None
         self._holding = next((window for window in self.windows if window.check), None)
         limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
@@ -123,14 +124,15 @@ class Trial:
     def feel(self, t: float, data: Any) -> None:
         """Keep what carries, in the first phase that checks; `data`: MuJoCo's of this trial at `t` s."""
         if self._holding is not None and self._holding.begin < t <= self._holding.end + 1e-9:
-            self._borne.append((self._surfaces(data), self._surfaces.stance(data)))
+            self._borne.append(self._surfaces(data))
+            self._stood = BodyPlaces.of(data)
 
     def observed_type(self) -> ObservedType | None:
         """The type of grasp that its contacts showed on average over that phase; None before it."""
-        if not self._borne or not self.backend.spec.fingers:
+        if not self._borne or self._stood is None or not self.backend.spec.fingers:
             return None
-        force, normal, _ = (np.mean([each[k] for each, _ in self._borne], axis=0) for k in range(3))
-        stance = self._borne[-1][1]
+        force, normal, _ = (np.mean([each[k] for each in self._borne], axis=0) for k in range(3))
+        stance = self._surfaces.stance(self._stood)
         names = [finger.name for finger in self.backend.spec.fingers]
         thumb = next((name for name in names if "thumb" in name.lower() or name.lower() == "th"), None)
         up = (

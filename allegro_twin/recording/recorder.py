@@ -21,7 +21,7 @@ BATCH = 100  # Rows: what a killed process can lose, 0.3 s at 333 Hz.
 UNITS = {
     "t": "s", "tick": "1", "position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C",
     "gravity": "m/s²", "wrench": "N, N·m", "command_torque": "N·m", "command_position": "rad", "command_effort": "N·m",
-    "command_duration": "s",
+    "command_duration": "s", "mouse_force": "N",
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
 ExtraColumns = Callable[[], Mapping[str, Array]]

@@ -43,7 +43,6 @@ class HandPortrait:
         for geom in range(model.ngeom):
             model.geom_matid[geom] = -1
             model.geom_rgba[geom] = self._color(int(model.geom_bodyid[geom]), model.geom_rgba[geom])
-        model.vis.global_.offwidth = model.vis.global_.offheight = SIZE
         model.vis.headlight.ambient = np.full(3, 0.35)
         self._pose(self._rest)
         self._view = self._frame()

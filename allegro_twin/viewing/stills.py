@@ -13,6 +13,7 @@ from allegro_twin.types import Sample
 from allegro_twin.viewing import camera as cameras
 from allegro_twin.viewing.camera import Camera, Picture, Scene
 from allegro_twin.viewing.films import filmed
+from allegro_twin.viewing.views import AUTO
 
 _PANES = "panes"
 """In a strip's metadata: how many pictures stand side by side."""
@@ -20,20 +21,27 @@ _QUICKLY = 3
 """zlib's level for pictures: a third of the time of its usual 6, a third more bytes (100 kB a strip)."""
 
 
-def pictured(samples: Iterable[Sample], camera: Camera, path: Path, moments: Sequence[float]) -> Iterator[Sample]:
-    """A stage that takes a picture at each of the moments (s), and in the end, side by side in one PNG."""
+def pictured(
+    samples: Iterable[Sample], camera: Camera, path: Path, moments: Sequence[float], objects: Sequence[str] = ()
+) -> Iterator[Sample]:
+    """A stage that takes a picture at each of the moments (s), and in the end, side by side in one PNG. With `objects`
+    the camera turns to where most of the grip on them is seen."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     left = sorted(moments)
     pictures: list[Picture] = []
+
+    def take() -> None:
+        pictures.append(camera.take_still(objects) if objects else camera.take())
+
     for sample in samples:
         if left and sample.state.t >= left[0] - 1e-9:
-            pictures.append(camera.take())
+            take()
             left.pop(0)
         yield sample
     if left or not pictures:
-        pictures.append(camera.take())
+        take()
     with atomic_file(path) as temporary:
         told = PngInfo()
         told.add_text(_PANES, str(len(pictures)))
@@ -42,12 +50,12 @@ def pictured(samples: Iterable[Sample], camera: Camera, path: Path, moments: Seq
 
 def overview(strips: Mapping[str, Path], target: Path, *, pane: int = 1, columns: int = 6) -> None:
     """One picture of many trials: a pane of every strip that `pictured` made, with its name."""
-    from PIL import Image, ImageDraw
+    from PIL import Image, ImageDraw, ImageFont
 
     size = 240
     rows = -(-len(strips) // columns)
     sheet = Image.new("RGB", (columns * size, rows * size), "white")
-    draw = ImageDraw.Draw(sheet)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
     for index, (name, path) in enumerate(strips.items()):
         strip = Image.open(path)
         panes = int(strip.info.get(_PANES, strip.width // strip.height))
@@ -57,7 +65,7 @@ def overview(strips: Mapping[str, Path], target: Path, *, pane: int = 1, columns
         corner = (index % columns * size, index // columns * size)
         part = strip.crop((*middle, middle[0] + edge, middle[1] + edge))
         sheet.paste(part.resize((size, size)), corner)
-        draw.text((corner[0] + 8, corner[1] + 6), name, fill=(40, 40, 40))
+        draw.text((corner[0] + 8, corner[1] + 6), name, fill=(40, 40, 40), font=font)
     with atomic_file(target) as temporary:
         sheet.save(temporary, compress_level=_QUICKLY)
 
@@ -80,15 +88,21 @@ def photographed(
     size: tuple[int, int],
     view: str,
     stack: ExitStack,
+    objects: Sequence[str] = (),
 ) -> Iterator[Sample]:
-    """The stages that make a film and a strip, with one camera, closed by the stack. Raises as it does."""
-    eye = cameras.Camera(scene, width=size[0], height=size[1], view=view)
-    stack.callback(eye.close)
+    """The stages that make a film and a strip, whose cameras the stack closes. In the view `auto` the strip's camera
+    turns to the grip on the objects. Raises as a camera does."""
+
+    def eye() -> Camera:
+        found = cameras.Camera(scene, width=size[0], height=size[1], view=view)
+        stack.callback(found.close)
+        return found
+
     if video is not None:
         import av  # noqa: F401  # Whoever has no films should hear so before the hand moves.
 
-        samples = filmed(samples, eye, video)
-    return samples if image is None else pictured(samples, eye, image, moments)
+        samples = filmed(samples, eye(), video)
+    return samples if image is None else pictured(samples, eye(), image, moments, objects if view == AUTO else ())
 
 
 def save_png(picture: Picture, path: Path) -> None:

@@ -53,7 +53,8 @@ def _local(shape: VisualShape) -> tuple[Array, Array]:
         case "ellipsoid":
             return _ellipsoid(np.array(shape.size), fine)
         case "box":
-            return _box(np.array(shape.size), 12 if shape.paint else 1)
+            edges = object_appearance(shape.paint).box_edges() if shape.paint else np.array([-1.0, 1.0])
+            return _box(np.array(shape.size), edges)
         case "capsule":
             return _turned(*_capsule(*shape.size))
         case "cylinder":
@@ -101,8 +102,7 @@ def _turned(wide: Array, high: Array, out: Array, up: Array, fine: int = 1) -> t
     return _split(swept(wide, high).swapaxes(0, 1)), _split(swept(out, up).swapaxes(0, 1))
 
 
-def _box(half: Array, parts: int) -> tuple[Array, Array]:
-    steps = np.linspace(-1.0, 1.0, parts + 1)
+def _box(half: Array, steps: Array) -> tuple[Array, Array]:
     a, b = np.meshgrid(steps, steps, indexing="ij")
     corners, normals = [], []
     for axis in range(3):

@@ -10,8 +10,10 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array
 
-NAMES = ("front", "side", "top", "palm")
+NAMES = ("auto", "front", "side", "top", "palm")
 DEFAULT = "side"
+AUTO = "auto"
+"""Like `side`, a little higher; stills of a trial turn to where most of the grip is seen."""
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 _HAND = 0.12  # m. From a palm to the middle of its grasp, at most.
 _LARGEST = 8192  # Pixels along an edge: what OpenGL drivers are sure to have.
@@ -58,8 +60,9 @@ def aim(straight: Array, bent: Array) -> Aim:
 def view(name: str, target: Aim, palm: Array) -> View:
     """A named view or `AZIMUTH,ELEVATION,DISTANCE`. `palm` is the right hand's orientation in the world, (3, 3).
 
-    `front` sees the fingertips from ahead, `side` the gap between thumb and fingers, `top` from above, `palm` what the
-    fingers close on. Raises ConfigError for anything else.
+    `auto` is `side` from higher, where the shadow is in the picture. `front` sees the fingertips from ahead, `side` the
+    gap between thumb and fingers, `top` from above, `palm` what the fingers close on. Raises ConfigError for anything
+    else.
     """
     if "," in name:
         return _given(name)
@@ -68,6 +71,8 @@ def view(name: str, target: Aim, palm: Array) -> View:
     match name:
         case "front":
             return _from(ahead + 0.35 * inward, -15.0, 0.42)
+        case "auto":
+            return _from(-across + 0.35 * ahead + 0.15 * inward, -25.0, 0.45)
         case "side":
             return _from(-across + 0.35 * ahead + 0.15 * inward, -14.0, 0.42)
         case "top":

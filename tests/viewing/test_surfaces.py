@@ -17,7 +17,7 @@ from allegro_twin.viewing.surfaces import join_surfaces, surface_of
         (VisualShape("sphere", (0.02,), paint="golf_ball"), (4 * 24) * (4 * 12) * 2),
         (VisualShape("ellipsoid", (0.01, 0.02, 0.03)), 24 * 12 * 2),
         (VisualShape("box", (0.01, 0.02, 0.03)), 6 * 2),
-        (VisualShape("box", (0.01, 0.02, 0.03), paint="rubiks_cube"), 6 * 12 * 12 * 2),
+        (VisualShape("box", (0.01, 0.02, 0.03), paint="rubiks_cube"), 6 * 7 * 7 * 2),
         (VisualShape("capsule", (0.01, 0.02)), 24 * 9 * 2),
         (VisualShape("cylinder", (0.01, 0.02)), 24 * 5 * 2),
         (VisualShape("cylinder", (0.01, 0.02), paint="mug"), (2 * 24) * 43 * 2),
@@ -109,3 +109,14 @@ def test_many_surfaces_are_one() -> None:
     np.testing.assert_array_equal(both.vertices, np.concatenate([one.vertices, other.vertices]))
     np.testing.assert_array_equal(both.normals[len(one.normals) :], other.normals)
     np.testing.assert_array_equal(both.colors[: len(one.colors)], one.colors)
+
+
+@pytest.mark.parametrize("name", ["rubiks_cube", "gelatin_box", "potted_meat_can"])
+def test_a_painted_box_changes_its_colour_only_where_its_pattern_does(name: str) -> None:
+    half = np.array([0.02, 0.03, 0.04])
+    found = surface_of(VisualShape("box", tuple(half), paint=name))
+    corners, colors = found.vertices.reshape(-1, 3, 3), found.colors[::3, :3]
+    for weights in ((0.9, 0.05, 0.05), (0.05, 0.9, 0.05), (0.05, 0.05, 0.9)):  # Just inside each corner.
+        places = np.einsum("fcx,c->fx", corners, weights) / half
+        painted = np.round(255 * object_appearance(name).paint(places))
+        np.testing.assert_array_equal(painted, colors)

@@ -143,8 +143,6 @@ def _lens(lens: Intrinsics, pose: CameraPose) -> PinholeView:
 
 
 def _screen(model: mujoco.MjModel, lens: Intrinsics) -> OffscreenRenderer:
-    buffer = model.vis.global_
-    buffer.offwidth, buffer.offheight = max(buffer.offwidth, lens.width), max(buffer.offheight, lens.height)
     try:
         return OffscreenRenderer(model, lens.height, lens.width, sites=False)
     except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:

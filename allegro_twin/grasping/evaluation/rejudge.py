@@ -19,9 +19,10 @@ from allegro_twin.version import __version__
 
 
 def rejudge(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> TrialReport | None:
-    """The same as at the end of the trial; None where none was recorded, to its end, with what a verdict needs."""
+    """The same as at the end of the trial; None where none was recorded, to its end, with what a verdict needs, and
+    where somebody pulled the object with the mouse."""
     rule = meta.get("judged")
-    if rule is None:
+    if rule is None or np.any(columns.get("mouse_force", 0.0)):
         return None
     windows = [PhaseWindow(*row) for row in rule["windows"]]
     if not len(columns["t"]) or columns["t"][-1] < windows[-1].end - 1e-9:

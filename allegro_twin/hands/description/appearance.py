@@ -24,6 +24,8 @@ LIMIT: Color = (0.55, 0.55, 0.55)
 # Okabe and Ito, "Color Universal Design" (2008): told apart by the colour-blind too.
 _SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c00")
 _FACES = ("#c41e3a", "#ff5800", "#009e60", "#0051ba", "#ffd500", "#ffffff")  # +x, -x, +y, -y, +z, -z.
+_BAND, _STICKER = 0.45, 0.4
+"""Half the height of a band in half-extents, and half the width of a sticker in its cell."""
 _PATTERNS = ("plain", "band", "lines", "halves", "faces")
 
 
@@ -56,7 +58,7 @@ class ObjectAppearance:
         largest = np.abs(place).argmax(axis=1)
         match self.pattern:
             case "band":
-                second = (np.abs(place[:, 2]) < 0.45) & (largest != 2)
+                second = (np.abs(place[:, 2]) < _BAND) & (largest != 2)
             case "lines":
                 unit = place / np.maximum(np.linalg.norm(place, axis=1, keepdims=True), 1e-9)
                 second = np.abs(unit).min(axis=1) < 0.07
@@ -68,6 +70,19 @@ class ObjectAppearance:
                 second = np.zeros(len(place), dtype=bool)
         return np.where(second[:, None], np.array(self.second), np.array(self.color))
 
+    def box_edges(self) -> Array:
+        """Where colours may change along an edge of a box, both ends included, in half-extents, (k,)."""
+        match self.pattern:
+            case "plain":
+                return np.array([-1.0, 1.0])
+            case "band":
+                return np.array([-1.0, -_BAND, _BAND, 1.0])
+            case "faces":
+                inner = np.add.outer([0.0, 1.0, 2.0], [0.5 - _STICKER, 0.5 + _STICKER]).ravel() / 1.5 - 1.0
+                return np.array([-1.0, *inner, 1.0])
+            case _:
+                return np.linspace(-1.0, 1.0, 13)
+
     def _stickers(self, cube: Array, largest: Array) -> Array:
         """Three by three on each face, with the second colour between them."""
         rows = np.arange(len(cube))
@@ -75,7 +90,7 @@ class ObjectAppearance:
         cells = np.abs((cube * 1.5 + 1.5) % 1.0 - 0.5)
         cells[rows, largest.astype(int)] = 0.0
         colors = np.array([parse_color(text) for text in _FACES])[face.astype(int)]
-        return np.where((cells.max(axis=1) > 0.4)[:, None], np.array(self.second), colors)
+        return np.where((cells.max(axis=1) > _STICKER)[:, None], np.array(self.second), colors)
 
 
 def parse_color(text: str) -> Color:

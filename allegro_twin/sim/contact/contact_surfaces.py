@@ -42,6 +42,18 @@ class DigitPose(NamedTuple):
     """How far root and tip are apart, as a share of that length, (d,)."""
 
 
+class BodyPlaces(NamedTuple):
+    """Where bodies and sites are in a state, under the names that MuJoCo's data have: what `stance` needs, to keep."""
+
+    xpos: Array
+    xmat: Array
+    site_xpos: Array
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> BodyPlaces:
+        return cls(data.xpos.copy(), data.xmat.copy(), data.site_xpos.copy())
+
+
 class SurfaceProbe:
     """Looks into a scene at one object, contact by contact.
 
@@ -85,7 +97,7 @@ class SurfaceProbe:
             found.point[part, surface] += force[0] * ((contact.pos[index] - origin) @ turn)
         return found
 
-    def stance(self, data: mujoco.MjData) -> DigitPose:
+    def stance(self, data: mujoco.MjData | BodyPlaces) -> DigitPose:
         """How the digits stand."""
         rows = []
         turn = data.xmat[self._palm].reshape(3, 3)

@@ -13,6 +13,7 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.drivetrain.drivetrain import Drivetrain, drives_joints
 from allegro_twin.sim.drivetrain.servos import ONE, Servos
 from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
+from allegro_twin.sim.engine.mouse_force import SECONDS, MouseDrag, MouseForce
 from allegro_twin.sim.engine.world import World
 from allegro_twin.sim.model.joints import JointChange, PostureMap, as_slice, motor_joints, set_joint_losses
 from allegro_twin.sim.model.wrist import WRIST_JOINTS
@@ -86,6 +87,7 @@ class SimBackend:
         self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
         self._holding = ArmHold(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
         self._feels = flange_sensors(spec, model)
+        self.mouse = MouseForce(model, self.data)
         self._session, self._tick = 0, 0
         self.world.join(self)
 
@@ -114,7 +116,7 @@ class SimBackend:
     @property
     def every_step(self) -> bool:
         """Whether it has something to do at every physics step."""
-        return self.world.steps < len(self.drive) or self._train is not None
+        return self.world.steps < len(self.drive) or self._train is not None or self.mouse.active
 
     def reset(self) -> HandState:
         if self.world.steps or self._session == self.world.session:
@@ -139,6 +141,7 @@ class SimBackend:
             self._train.reset()
         if self._holding is not None:
             self._holding.reset()
+        self.mouse.reset()
         self._tick = 0
 
     def write(self, command: Command) -> None:
@@ -180,6 +183,18 @@ class SimBackend:
             self.data.ctrl[self._wrist] = self.drive[step]
         if self._train is not None:
             self._train.step(self.data)
+        if self.mouse.active:
+            self.mouse.step(step)
+
+    def drag(self, body: str, point: Vector, target: Vector) -> None:
+        """Pull a body with the mouse until `let_go`, for five seconds at most: a point on it, (3,), m, in its frame,
+        towards a point of the world, (3,), m. Any thread may call it."""
+        steps = round(SECONDS / self.model.opt.timestep)
+        self.mouse.drag = MouseDrag(self.model.body(body).id, point, target, self.world.steps + steps)
+
+    def let_go(self) -> None:
+        """End the force of the mouse, from the next physics step on. Any thread may call it."""
+        self.mouse.drag = None
 
     def push(self, torque: Vector) -> None:
         """Torques on the joints from outside, (n,), N·m, until replaced: a person who leads the fingers."""

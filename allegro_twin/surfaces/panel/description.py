@@ -36,6 +36,7 @@ def describe_hand(session: int, rig: Rig, config: RunConfig, controllers: tuple[
         config.task.scenario,
         config.task.object,
         _no_tips(rig.spec),
+        _no_drag(rig, config),
     )
 
 
@@ -85,6 +86,13 @@ def _things() -> tuple[str, ...]:
     from allegro_twin.sim.objects.catalogue import object_catalogue
 
     return tuple(object_catalogue())
+
+
+def _no_drag(rig: Rig, config: RunConfig) -> str:
+    """Why objects cannot be pulled with the mouse."""
+    if rig.sim is None:
+        return f"only simulated objects can be pulled with the mouse; this hand is {config.backend.place}"
+    return "" if rig.trial is not None else "there is no object here; choose a scenario, and set the scene"
 
 
 def _no_tips(spec: HandSpec) -> str:

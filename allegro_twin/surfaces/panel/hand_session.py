@@ -127,12 +127,16 @@ class HandSession:
             case requests.HoldHere():
                 hand.stop()
             case requests.StopMotion():
-                hand.direct.limp()
+                self.stop()
             case requests.ReleaseStop():
                 hand.direct.release()
                 return "the stop is released; the hand is limp until the next request"
             case requests.DriverLeft():
-                hand.direct.stay()
+                self.stay()
+            case requests.DragObject():
+                self._drag(request)
+            case requests.DropObject():
+                self._drop()
             case requests.Teach(on):
                 return self._teach(on)
             case requests.PlayTaught():
@@ -146,11 +150,13 @@ class HandSession:
         return ""
 
     def stop(self) -> None:
-        """No torque from the next period on."""
+        """No torque from the next period on, and no force of the mouse."""
+        self._drop()
         self.hand.direct.limp()
 
     def stay(self) -> None:
-        """End a motion where the hand is."""
+        """End a motion where the hand is, and the force of the mouse."""
+        self._drop()
         with suppress(HandError):  # The loop has ended, and the hand is limp; `report` tells.
             self.hand.direct.stay()
 
@@ -170,7 +176,9 @@ class HandSession:
             self._verdict_due = False
             verdict = self.rig.trial.report()
             text = "held" if verdict.held else f"not held: {verdict.reason}"
-            yield Notice(f"the verdict: {text}", bad=not verdict.held)
+            if (pulled := self._pulled()) > 0.0:
+                text += f"; but the mouse pulled an object with up to {pulled:.1f} N: no verdict on the scenario"
+            yield Notice(f"the verdict: {text}", bad=not verdict.held or pulled > 0.0)
         try:
             _ = hand.state
         except HandError as error:
@@ -178,11 +186,31 @@ class HandSession:
 
     def close(self) -> None:
         """Leave the hand limp and let go of it. Raises LinkError when it did not confirm that."""
+        self._drop()
         try:
             self.hand.close()
         finally:
             with suppress(RecordingError):  # What was written is readable.
                 self._stop_recording()
+
+    def _drag(self, request: requests.DragObject) -> None:
+        rig = self.rig
+        if rig.sim is None or rig.trial is None:
+            raise ConfigError("there is no simulated object to pull with the mouse")
+        if self.hand.direct.stopped:
+            raise ConfigError("nothing is pulled until the stop is released")
+        things, point, target = rig.trial.things, np.array(request.point), np.array(request.target)
+        if not 0 <= request.number < len(things) or not np.isfinite([point, target]).all():
+            raise ConfigError(f"there is no object {request.number} at such a place")
+        rig.sim.drag(things[request.number].thing.name, point, target)
+
+    def _drop(self) -> None:
+        if self.rig.sim is not None:
+            self.rig.sim.let_go()
+
+    def _pulled(self) -> float:
+        """The largest force of the mouse since the trial began, N."""
+        return 0.0 if self.rig.sim is None else self.rig.sim.mouse.largest
 
     def _teach(self, on: bool) -> str:
         self._teaching = False
@@ -238,17 +266,35 @@ class HandSession:
         if (recorder := self._recorder) is not None:
             look = {name: value for name, value in self._look().items() if value.ndim == 1}
             try:
-                recorder.add(sample, look | {"target": self.hand.direct.target})
+                recorder.add(sample, {**look, "target": self.hand.direct.target, **self._mouse_column()})
             except RecordingError as error:
                 self._recorder, self._trouble = None, str(error)
         if state.t >= self._next:
             self._next = state.t + 1.0 / RATE - self.rig.backend.period / 2
             self._send(self._frame(sample))
 
+    def _mouse_column(self) -> Mapping[str, Array]:
+        """The force of the mouse as a recording has it, where there are objects."""
+        if self.rig.sim is None or self.rig.trial is None:
+            return {}
+        now = self.rig.sim.mouse.now
+        return {"mouse_force": np.zeros(3) if now is None else now[2]}
+
+    def _dragged(self) -> Mapping[str, Array]:
+        """The force of the mouse as the page shows it, while it acts."""
+        rig = self.rig
+        now = None if rig.sim is None else rig.sim.mouse.now
+        if now is None or rig.sim is None or rig.trial is None:
+            return {}
+        drag, point, force = now
+        name = rig.sim.model.body(drag.body).name
+        number = [placed.thing.name for placed in rig.trial.things].index(name)
+        return {"drag": np.concatenate([[number], point, drag.target, force])}
+
     def _frame(self, sample: Sample) -> StreamFrame:
-        state, direct = sample.state, self.hand.direct
+        state, direct, look = sample.state, self.hand.direct, {**self._look(), **self._dragged()}
         return StreamFrame(
-            self._number, state.t, state.position, state.torque, state.temperature, direct.target, dict(self._look()),
+            self._number, state.t, state.position, state.torque, state.temperature, direct.target, look,
             self.hand.controller, direct.stopped, self._lost, tuple(self.rig.device.warnings()),
             state.t - self._recorded_from if self._recorder is not None else -1.0, self._teaching,
         )  # fmt: skip

@@ -116,6 +116,9 @@ class Host:
 
     def _take(self, request: requests.Request) -> None:
         session, limp = self._session, self._pages.gone == "limp"
+        if isinstance(request, requests.IMMEDIATE):
+            self._execute(request)
+            return
         if isinstance(request, requests.StopMotion) or (isinstance(request, requests.DriverLeft) and limp):
             if session is not None:
                 session.stop()

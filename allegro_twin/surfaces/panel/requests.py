@@ -100,6 +100,23 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
+class DragObject:
+    """Pull an object of the scene with the mouse."""
+
+    number: int
+    """0: the one that is grasped."""
+    point: tuple[float, float, float]
+    """Where it was picked, in its own frame, m."""
+    target: tuple[float, float, float]
+    """Where the mouse is, in the plane of the picture through the picked point; world, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class DropObject:
+    """The mouse lets go of an object."""
+
+
+@dataclass(frozen=True, slots=True)
 class OpenScene:
     """Open a simulated hand anew, in a scenario, with an object of the catalogue in place of its own; None: as the
     config has it. `perform`: and do what the scenario, or the config, is for."""
@@ -134,10 +151,14 @@ Request: TypeAlias = (
     | PlayTaught
     | StoreTaught
     | Record
+    | DragObject
+    | DropObject
     | OpenScene
     | Reopen
     | DriverLeft
 )
+IMMEDIATE = (DragObject, DropObject)
+"""These wait for no other request: one that is being planned may take a second."""
 _CONTINUOUS = (MoveJoints, MovePalm)
 """A handle that is dragged asks for more of these than a session can do: of several in a row only the newest waits."""
 

@@ -37,7 +37,8 @@ class StreamFrame(NamedTuple):
     """(n,), rad; NaN where the controller wants no position."""
     look: Mapping[str, Array]
     """What is known beside the hand: `rerun.viewer.Look`, and `others`, (k, 7), for every object but the first. With an
-    arm: `flange` and `goal`, where the palm is to go, (7,)."""
+    arm: `flange` and `goal`, where the palm is to go, (7,). While the mouse pulls an object: `drag`, its number, the
+    picked point (m) and the mouse's (m), and the force (N), all in the world, (10,)."""
     kind: str
     """The controller."""
     stopped: bool
@@ -73,6 +74,8 @@ class SessionInfo:
     thing: str | None = None
     no_tips: str = ""
     """Why fingertips cannot be dragged; empty: they can."""
+    no_drag: str = ""
+    """Why objects cannot be pulled with the mouse; empty: they can."""
     arm: HandSpec | None = None
     """The arm of a cell; None: the hand is alone."""
 

@@ -133,11 +133,12 @@ def test_a_recording_exports(suffix: str, tmp_path: Path, recording_path: Path, 
 def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Path, command: Run) -> None:
     image, video = tmp_path / "a.png", tmp_path / "a.mp4"
     code, _, errors = command("run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video)
-    assert code == 0
     if image.exists():
+        assert code == 0
         assert image.read_bytes().startswith(b"\x89PNG")
         assert video.stat().st_size > 1000
     else:
+        assert code == 2
         assert "headless rendering needs EGL: apt-get install" in " ".join(errors.split())
 
 

@@ -136,7 +136,7 @@ def kitchen(place: Path, folder: Path) -> Path:
 def names_in_a_line(extra: str, answer: tuple[int, str]) -> bool:
     """Whether an answer says which extra to install, in one line, and ends with the code of that."""
     code, errors = answer
-    ends = 0 if "no pictures" in errors else 2  # A run is not for its pictures.
+    ends = 0 if "no pictures" in errors else 2  # A run into a folder is not for its pictures.
     return f"pip install 'allegro-twin[{extra}]'" in errors and (errors.count("\n"), code) == (1, ends)
 
 

@@ -20,6 +20,10 @@ class Handle(SimpleNamespace):
     def on_update(self, call: Callable[[Any], Any]) -> None:
         self.updated = call
 
+    def on_drag(self, button: str) -> Callable[[Callable[[Any], Any]], None]:
+        assert button == "left"
+        return lambda call: setattr(self, "dragged", call)
+
     def on_drag_end(self, call: Callable[[Any], Any]) -> None:
         self.dropped = call
 
@@ -167,3 +171,10 @@ def drag(handle: Handle, position: Any) -> None:
 
 def drop(handle: Handle) -> None:
     asyncio.run(handle.dropped(SimpleNamespace(client_id=1, client=1, target=handle)))
+
+
+def drag_mesh(handle: Handle, phase: str, start: Any, end: Any, client: int = 1) -> None:
+    """The mouse on a mesh of the picture: world points, m."""
+    event = SimpleNamespace(client_id=client, client=client, target=handle, phase=phase, start_position=start,
+                            end_position=end)  # fmt: skip
+    asyncio.run(handle.dragged(event))

@@ -243,13 +243,22 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     import numpy as np
 
     from allegro_twin.hands.description.specs import load_spec
-    from allegro_twin.surfaces.panel.page.scene import eye
     from allegro_twin.surfaces.panel.page.tip_ik import TipIK
     from allegro_twin.viewing.scenery import scenery
 
     spec = load_spec()
-    place, target = eye(spec, scenery(spec, {}))
     point = TipIK(spec).tip(finger, np.clip(0.0, spec.lower, spec.upper)) + np.array([0.0, 0.0, above])
+    return pixel_of(page, point, scenery(spec, {}))
+
+
+def pixel_of(page: Any, point: Any, around: Any) -> tuple[float, float]:
+    """Where a place of the world (m) is in the first view of a scenery, pixels."""
+    import numpy as np
+
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.surfaces.panel.page.scene import eye
+
+    place, target = eye(load_spec(), around)
     ahead = (target - place) / np.linalg.norm(target - place)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -258,6 +267,48 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     scale = picture["height"] / 2 / np.tan(np.radians(FIELD) / 2) / (way @ ahead)
     middle = picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2
     return middle[0] + scale * float(way @ right) - LEFT, middle[1] - scale * float(way @ up)
+
+
+def test_the_pixels_of_an_object_are_the_object_and_a_mouse_that_drags_them_pulls_it_until_its_button_is_up(
+    browser: Any, tmp_path: Path
+) -> None:
+    from allegro_twin.grasping.trial import make_trial
+    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.viewing.scenery import scenery
+
+    trial = make_trial("lemon", load_spec(), 0.003)
+    place = trial.things[0].position
+    config = tmp_path / "lemon.yaml"
+    config.write_text("backend: {kind: sim}\ntask: {scenario: lemon}\ncontroller: {kind: pd}\n")
+    with served(tmp_path, config=str(config)) as panel:
+        page = tab(browser, panel.url)
+        open_tab(page, "Time")
+        page.evaluate("document.querySelectorAll('[role=alert]').forEach(said => said.remove())")
+        x, y = pixel_of(page, place, scenery(load_spec(), trial.meta()))
+        press(page, "Record")
+        sees(page, "recording: 1 s")
+        page.mouse.move(x - 5, y - 5)
+        page.mouse.move(x, y, steps=4)
+        page.wait_for_timeout(500)
+        page.mouse.down()
+        for step in range(6):
+            page.mouse.move(x, y - 6 * step)
+            page.wait_for_timeout(150)
+        sees(page, "The mouse pulls lemon with")
+        page.mouse.up()
+        page.wait_for_function("!/The mouse pulls/.test(document.body.textContent)", timeout=PATIENCE)
+        press(page, "End the recording")
+        sees(page, "the recording is whole")
+        open_tab(page, "Control")
+        sees(page, "Drag an object in the picture to pull it")
+    from allegro_twin.recording.reader import load
+
+    columns = load(tmp_path / "out" / "panel_001.arrow").columns
+    force = columns["mouse_force"]
+    pulled = force[(force != 0.0).any(axis=1)]
+    assert len(pulled) > 30
+    assert pulled[:, 2].max() > 0.2  # Upwards, as the mouse went.
+    assert not force[-1].any()
 
 
 def test_a_wrong_token_is_refused_and_the_right_one_opens_the_page(browser: Any, tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ import pytest
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.panel import requests as r
 from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
@@ -311,3 +313,95 @@ def test_a_hand_that_closes_its_own_loop_performs_a_scenario_by_it(
         assert desk.page.notices() == ""
     finally:
         desk.host.close()
+
+
+@pytest.fixture
+def lemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+    """A hand over a lemon."""
+    monkeypatch.chdir(tmp_path)
+    config = load_config("sim_right")
+    found = Desk(tmp_path, config.model_copy(update={"task": TaskSettings(scenario="lemon")}))
+    yield found
+    found.host.close()
+
+
+def pull(desk: Desk, up: float = 0.2) -> StreamFrame:
+    """Drag the lemon upwards until it is seen to be pulled."""
+    at = desk.page.frame().look["object"][:3]
+    desk.wish(r.DragObject(0, (0.0, 0.0, 0.0), (at[0], at[1], at[2] + up)))
+    desk.until(lambda: "drag" in desk.page.frame().look)
+    return desk.page.frame()
+
+
+def test_the_mouse_pulls_an_object_with_a_force_that_is_told_and_bounded(lemon: Desk) -> None:
+    number, *_, fx, fy, fz = pull(lemon, up=3.0).look["drag"]
+    assert number == 0
+    np.testing.assert_allclose(np.linalg.norm([fx, fy, fz]), 5.0, rtol=1e-6)
+    lemon.wish(r.DropObject())
+    lemon.until(lambda: "drag" not in lemon.page.frame().look)
+
+
+@pytest.mark.parametrize("end", [r.DropObject(), r.StopMotion(), r.DriverLeft(), None, r.Reopen()])
+def test_the_force_ends_with_the_button_a_stop_the_driver_the_page_and_the_session(end: Any, lemon: Desk) -> None:
+    begin = pull(lemon).t
+    session = lemon.host._session
+    assert isinstance(session, HandSession)
+    assert session.rig.sim is not None
+    lemon.wish(end)  # None: the page has died.
+    lemon.until(lambda: "drag" not in lemon.page.frame().look)
+    assert lemon.page.frame().t < begin + 3.0, "it ended by itself, after five seconds of simulated time"
+    assert session.rig.sim.mouse.drag is None
+    if isinstance(end, r.StopMotion):
+        lemon.wish(r.DragObject(0, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+        lemon.until(lambda: "nothing is pulled until the stop is released" in lemon.page.notices())
+
+
+def test_letting_go_does_not_wait_for_a_wish_that_is_being_planned(lemon: Desk) -> None:
+    begin = pull(lemon).t
+    lemon.wish(r.DropObject())  # The host does not turn: no other request is carried out.
+    while "drag" in (frame := lemon.page.frame()).look:
+        assert frame.t < begin + 3.0
+
+
+def test_a_recording_has_the_force_and_a_verdict_says_that_there_was_one(lemon: Desk, tmp_path: Path) -> None:
+    lemon.wish(r.OpenScene("lemon", None, perform=True))
+    lemon.until(lambda: lemon.page.frame().session == 2)
+    lemon.wish(r.Record(on=True))
+    lemon.until(lambda: lemon.page.frame().recorded > 0.1)
+    pull(lemon)
+    session = lemon.host._session
+    assert isinstance(session, HandSession)
+    session._verdict_due = True
+    assert session.rig.trial is not None
+    session.rig.trial.report = lambda: TrialReport(True, "", (), 0.0, 0.0, 0.0, {})  # type: ignore[method-assign]  # As if it were over.
+    lemon.until(lambda: "no verdict on the scenario" in lemon.page.notices())
+    assert "held; but the mouse pulled an object with up to" in lemon.page.notices()
+    lemon.wish(r.Record(on=False))
+    lemon.until(lambda: "is whole" in lemon.page.notices())
+    recording = load(tmp_path / "out" / "panel_001.arrow")
+    force = np.linalg.norm(recording.columns["mouse_force"], axis=1)
+    assert force[0] == 0.0
+    assert 0.0 < force.max() <= 5.0 + 1e-9
+
+
+def test_an_object_that_is_not_there_is_not_pulled(lemon: Desk, tmp_path: Path) -> None:
+    for number, height in ((1, 0.1), (-1, 0.1), (0, float("nan"))):
+        lemon.wish(r.DragObject(number, (0.0, 0.0, 0.0), (0.0, 0.0, height)))
+        lemon.until(lambda number=number: f"no object {number}" in lemon.page.notices())  # type: ignore[misc]  # Bound for this turn.
+
+
+def test_a_hand_without_objects_and_a_recording_say_why_nothing_can_be_pulled(
+    desk: Desk, recording_path: Path, tmp_path: Path
+) -> None:
+    opened = desk.page.said[0]
+    assert isinstance(opened, SessionInfo)
+    assert "choose a scenario" in opened.no_drag
+    desk.wish(r.DragObject(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1)))
+    desk.until(lambda: "no simulated object to pull" in desk.page.notices())
+    config = tmp_path / "replay.yaml"
+    config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: torque}}\n")
+    other = Desk(tmp_path, load_config(config))
+    opened = other.page.said[0]
+    assert isinstance(opened, SessionInfo)
+    assert "only simulated objects" in opened.no_drag
+    other.host.close()

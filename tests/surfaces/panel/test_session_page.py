@@ -29,7 +29,7 @@ from allegro_twin.viewing.scenery import scenery
 from allegro_twin.viewing.skeleton import Skeleton
 from tests.patience import wait_for
 from tests.snapshots import assert_snapshot
-from tests.surfaces.panel.fake_viser import Client, Server, change, click, drag, drop
+from tests.surfaces.panel.fake_viser import Client, Server, change, click, drag, drag_mesh, drop
 
 SNAPSHOTS = Path(__file__).with_name("snapshots")
 SPEC = load_spec()
@@ -672,3 +672,85 @@ def test_a_page_hears_of_nobody_who_has_gone() -> None:
     before = len(page.first.told)
     page.session.hear(Notice("late"))
     assert len(page.first.told) == before
+
+
+LEMON = VisualShape("sphere", (0.03,), (0.0, 0.0, 0.0), paint="lemon")
+POSE = np.array([1.0, 2.0, 3.0, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # A quarter turn about the vertical.
+
+
+def with_objects() -> Page:
+    around = replace(scenery(SPEC, {}), objects={"mug": [MUG], "lemon": [LEMON]})
+    found = Page(opened(scenery=around))
+    found.show(moment(1.0, look={"object": np.zeros(7), "others": POSE[None]}))
+    return found
+
+
+def mesh(page: Page) -> Any:
+    return page.server.scene.at("/object_1/lemon")
+
+
+def test_a_mouse_on_an_object_pulls_the_place_where_it_was_picked_until_it_lets_go() -> None:
+    page = with_objects()
+    page.asked.clear()
+    drag_mesh(mesh(page), "start", (1.0, 2.03, 3.0), (1.0, 2.03, 3.0))
+    drag_mesh(mesh(page), "update", (9.0, 9.0, 9.0), (1.0, 2.1, 3.2))
+    drag_mesh(mesh(page), "end", (9.0, 9.0, 9.0), (1.0, 2.1, 3.2))
+    first, second, last = page.asked
+    assert isinstance(first, r.DragObject)
+    assert isinstance(second, r.DragObject)
+    np.testing.assert_allclose(first.point, (0.03, 0.0, 0.0), atol=1e-9)  # In the frame of the lemon.
+    assert (second.number, second.point, second.target) == (1, first.point, (1.0, 2.1, 3.2))
+    assert last == r.DropObject()
+
+
+def test_the_picture_has_a_line_and_the_force_while_an_object_is_pulled() -> None:
+    page = with_objects()
+    pulled = moment(2.0, look={"drag": np.array([1.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.2, 0.0, 3.0, 4.0])})
+    page.show(pulled)
+    line, label = page.server.scene.at("/pull"), page.server.scene.at("/pull_force")
+    page.show(pulled._replace(t=3.0))
+    np.testing.assert_allclose(line.points, [[[0.0, 0.0, 0.1], [0.0, 0.0, 0.2]]])
+    assert (label.text, label.visible, line.visible) == ("5.0 N", True, True)
+    assert "The mouse pulls lemon with 5.0 N" in page.says()
+    page.show(moment(4.0))
+    assert not label.visible
+    assert not line.visible
+    assert "pulls" not in page.says()
+
+
+def test_who_looks_on_a_stopped_hand_and_a_picture_of_the_past_pull_nothing() -> None:
+    page = with_objects()
+    second = page.come()
+    page.asked.clear()
+    drag_mesh(mesh(page), "start", POSE[:3], POSE[:3], client=2)
+    drag_mesh(mesh(page), "update", POSE[:3], POSE[:3], client=2)
+    drag_mesh(mesh(page), "end", POSE[:3], POSE[:3], client=2)
+    assert len(second.told) == 1
+    assert "you look on" in second.told[0][1]
+    page.session.state.look_back(0.0)
+    drag_mesh(mesh(page), "start", POSE[:3], POSE[:3])
+    assert "the picture is of the past" in page.first.told[-1][1]
+    page.session.state.look_back(None)
+    page.show(moment(2.0, stopped=True))
+    drag_mesh(mesh(page), "start", POSE[:3], POSE[:3])
+    assert "until the stop is released" in page.first.told[-1][1]
+    assert page.asked == []
+
+
+def test_who_lets_go_of_the_wheel_while_pulling_pulls_no_longer() -> None:
+    page = with_objects()
+    page.asked.clear()
+    drag_mesh(mesh(page), "start", POSE[:3], POSE[:3])
+    click(page.at("Let go"))
+    drag_mesh(mesh(page), "update", POSE[:3], POSE[:3])
+    drag_mesh(mesh(page), "end", POSE[:3], POSE[:3])
+    assert [type(each) for each in page.asked] == [r.DragObject, r.DriverLeft, r.DropObject]
+
+
+def test_a_hand_whose_objects_cannot_be_pulled_says_why() -> None:
+    around = replace(scenery(SPEC, {}), objects={"mug": [MUG]})
+    page = Page(opened(scenery=around, no_drag="this hand is on <can0>"))
+    assert not hasattr(page.server.scene.at("/object_0/mug"), "dragged")
+    text = next(each.content for each in page.first.gui.made if "pulled with the mouse" in getattr(each, "content", ""))
+    assert 'title="this hand is on &lt;can0&gt;"' in text
+    assert any("to pull it" in getattr(each, "content", "") for each in with_objects().first.gui.made)

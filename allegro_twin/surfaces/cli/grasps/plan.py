@@ -266,7 +266,7 @@ def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:
         for path in paths:
             picture = path.with_suffix(".png")
             config = scenario_config(path)
-            for note in perform(assemble(config), config, Outputs(image=picture)).notes:
+            for note in perform(assemble(config), config, Outputs(image=picture, optional=True)).notes:
                 console.errors.print(f"[yellow]{path.stem}: {note}[/]")
             bar.advance(task)
             if picture.exists():

@@ -86,7 +86,7 @@ def outputs_in(folder: Path, job: RunJob, rig: Rig, outputs: Outputs) -> Outputs
     for name in ("record", "image"):
         if getattr(outputs, name) is not None:
             raise ConfigError(f"--out keeps a recording and a picture of each run: leave out --{name}")
-    return replace(outputs, record=folder / f"{stem}.arrow", image=folder / f"{stem}.png")
+    return replace(outputs, record=folder / f"{stem}.arrow", image=folder / f"{stem}.png", optional=True)
 
 
 def files_of(target: str) -> list[Path]:

@@ -105,7 +105,7 @@ def run(
     rrd: Rrd = None,
     wire_log: WireLog = None,
     size: Size = "480x480",
-    camera: viewing.Camera = "side",
+    camera: viewing.Camera = "auto",
     view: View = False,
     web: Web = False,
     seconds: Seconds = None,

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 Camera = Annotated[
     str,
     typer.Option(
-        help="Viewpoint: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).",
+        help="Viewpoint: auto (stills turn to the grip), front, side, top, palm, or "
+        "AZIMUTH,ELEVATION,DISTANCE (degrees, m).",
         rich_help_panel=options.OUTPUT,
     ),
 ]
@@ -92,6 +93,9 @@ def add_verdict(viewer: Any, recording: Any) -> None:
     report = rejudge(recording.spec, recording.columns, recording.meta)
     if report is not None:
         viewer.conclude(phase_results(report), report_markdown(report))
+    elif (pulled := recording.columns.get("mouse_force")) is not None and pulled.any():
+        largest = float((pulled**2).sum(axis=1).max()) ** 0.5
+        viewer.conclude({}, f"no verdict: the mouse pulled an object with up to {largest:.1f} N")
 
 
 def show_live(hand: Hand, *, web: bool) -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
+from typing import Any
 
+import numpy as np
 import viser
 
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.page.controller_view import ControllerView
 from allegro_twin.surfaces.panel.page.fingertips import TipHandles
@@ -17,6 +20,9 @@ from allegro_twin.surfaces.panel.page.palm_marker import PalmMarker
 from allegro_twin.surfaces.panel.page.plots import Plots
 from allegro_twin.surfaces.panel.page.timeline import Timeline
 from allegro_twin.surfaces.panel.stream import Notice, StreamFrame
+from allegro_twin.types import Vector
+
+_LOOKS_ON = "you look on; somebody else drives, or nobody: press Drive"
 
 
 class ClientPage:
@@ -28,6 +34,7 @@ class ClientPage:
         self._browser = Browser(state, client, self._ask)
         self._sections: list[Section] = []
         self._enabled: bool | None = None
+        self._picked: tuple[float, ...] | None = None
         gui, info = client.gui, state.info
         self._cell = info is not None and info.arm is not None
         gui.set_panel_label("Opening …" if info is None else info.title)
@@ -66,6 +73,31 @@ class ClientPage:
             if isinstance(section, LibraryView):
                 section.fill()
 
+    def drag(self, number: int, event: Any, pose: Vector | None) -> None:
+        """The mouse drags an object, whose pose as it is drawn is `pose`, (7,)."""
+        if event.phase == "end":
+            if self._picked is not None:
+                self._picked = None
+                self._state.request(requests.DropObject())  # Also of a browser that drives no longer.
+            return
+        if event.phase == "start":
+            self._picked = self._pick(event, pose)
+        if self._picked is not None:
+            self._ask(requests.DragObject(number, _triple(self._picked), _triple(event.end_position)))
+
+    def _pick(self, event: Any, pose: Vector | None) -> tuple[float, ...] | None:
+        """The picked point in the object's frame; None, and a word why, where nothing may be pulled now."""
+        refused = (
+            _LOOKS_ON if not self._browser.drives
+            else "nothing is pulled until the stop is released" if not self._enabled
+            else "the picture is of the past; go back to now, then pull" if self._state.shown is not None
+            else ""
+        )  # fmt: skip
+        if refused or pose is None:
+            self.tell(Notice(refused or "the object is not there yet", bad=True))
+            return None
+        return tuple(matrix_from_quaternion(pose[3:]).T @ (np.array(event.start_position) - pose[:3]))
+
     def refresh(self) -> None:
         """Show the newest state, some six times a second."""
         self._show_state()
@@ -94,6 +126,9 @@ class ClientPage:
         if state.shown is not None:
             old = f"{state.age:.1f} s old" if state.age >= 0.1 else "paused"
             lines.append((BAD, f"The picture is {old}; the hand goes on"))
+        if frame is not None and "drag" in frame.look and state.info is not None:
+            number, force = int(frame.look["drag"][0]), float(np.linalg.norm(frame.look["drag"][7:]))
+            lines.append((CALM, f"The mouse pulls {list(state.info.scenery.objects)[number]} with {force:.1f} N"))
         if state.notice.text:
             lines.append((BAD if state.notice.bad else CALM, state.notice.text))
         update(self._banner, content=banner([line for line in lines if line[1]]))
@@ -140,7 +175,7 @@ class ClientPage:
         if self._browser.drives:
             self._state.request(request)
         else:
-            self.tell(Notice("you look on; somebody else drives, or nobody: press Drive", bad=True))
+            self.tell(Notice(_LOOKS_ON, bad=True))
 
     async def _drive_or_let_go(self, event: object) -> None:
         who = self._client.client_id
@@ -155,6 +190,11 @@ class ClientPage:
             self._ask(request)
 
         return click
+
+
+def _triple(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
 
 
 class HealthView:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 from typing import Any
 
 import viser
 
 from allegro_twin.surfaces.panel import requests
+from allegro_twin.surfaces.panel.page.html import CALM, FONT
 from allegro_twin.surfaces.panel.page.page_state import Browser, update
 from allegro_twin.surfaces.panel.stream import SessionInfo, StreamFrame
 
@@ -41,6 +43,7 @@ class ControllerView:
             self._add_gravity()
         if info.scenarios:
             self._add_scene(info)
+        self._gui.add_html(_about_pulling(info.no_drag))
 
     def _add_gravity(self) -> None:
         with self._gui.add_folder("Gravity"):
@@ -100,6 +103,17 @@ class ControllerView:
                 self._browser.ask(request(event.target.value))
 
         return changed
+
+
+def _about_pulling(why_not: str) -> str:
+    text, color, hint = (
+        "Drag an object in the picture to pull it",
+        CALM,
+        "A spring pulls it towards the mouse, with the force that the picture shows",
+    )
+    if why_not:
+        text, color, hint = "Objects cannot be pulled with the mouse (?)", "#999", why_not
+    return f'<div style="{FONT};color:{color};cursor:help" title="{escape(hint)}">{text}</div>'
 
 
 def choices(first: str, names: tuple[str, ...], chosen: str | None) -> tuple[str, ...]:

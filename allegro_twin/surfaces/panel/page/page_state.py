@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from allegro_twin.surfaces.panel.page.tip_ik import TipIK
-from allegro_twin.surfaces.panel.requests import DriverLeft, MoveJoints, Request
+from allegro_twin.surfaces.panel.requests import IMMEDIATE, DriverLeft, MoveJoints, Request
 from allegro_twin.surfaces.panel.stream import LibraryContents, Notice, SessionInfo, StreamFrame
 from allegro_twin.types import Array, Vector
 
@@ -154,6 +154,9 @@ class PageState:
 
     def request(self, request: Request) -> None:
         """Pass a request on."""
+        if isinstance(request, IMMEDIATE):
+            self._send(request)
+            return
         self.notice = Notice("")
         self._goal = np.array(request.position) if isinstance(request, MoveJoints) else None
         self._send(request)

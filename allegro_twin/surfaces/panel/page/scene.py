@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +28,10 @@ _BELOW, _WIDE, _LINES = 0.14, 0.3, 13  # m under the palm, half its edge, and li
 _NOWHERE = np.array([[0.0, 0.0, -50.0], [0.0, 0.0, -50.001]])  # m. An arrow needs a length.
 _STILL, _ARM_STILL = 1e-5, 1e-4
 """m, and of a quaternion: what moves by less is not sent. An arm with its force sensor is never quite still."""
+_PULL = (214, 110, 0)
+"""Colour of the line between an object and the mouse that pulls it."""
+_ABOVE = np.array([0.0, 0.0, 0.015])  # m, of the force's label over the mouse: the line stays in sight.
+OnDrag = Callable[[int, Any], None]
 _ASIDE, _CLOSER = 35.0, 1.0
 """Degrees that the first view of a hand is turned past the palm, and the part of the distance of pictures."""
 
@@ -35,7 +39,8 @@ _ASIDE, _CLOSER = 35.0, 1.0
 class SceneView:
     """The picture of one session, for all browsers."""
 
-    def __init__(self, server: viser.ViserServer, info: SessionInfo) -> None:
+    def __init__(self, server: viser.ViserServer, info: SessionInfo, on_drag: OnDrag | None = None) -> None:
+        """`on_drag` hears of the mouse on an object, by its number, where objects can be pulled."""
         scene, scenery = server.scene, info.scenery
         scene.reset()
         scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(160, 160, 170), intensity=1.6)
@@ -54,9 +59,12 @@ class SceneView:
                 self._mesh(f"{name}/look", body.shapes)
         for number, (thing, shapes) in enumerate(scenery.objects.items()):
             self._node(f"/object_{number}")
-            self._mesh(f"/object_{number}/{thing}", shapes)
+            mesh = self._mesh(f"/object_{number}/{thing}", shapes)
+            if mesh is not None and on_drag is not None and info.arm is None and not info.no_drag:
+                mesh.on_drag("left")(_numbered(on_drag, number))
         self._mesh("/fixed", scenery.fixed)
         self._arrows: Any = None
+        self._pull: tuple[Any, Any] | None = None
         self._place(PALM, np.array(scenery.palm))
         if scenery.arm is not None:
             self._add_arm(scenery.arm)
@@ -82,6 +90,29 @@ class SceneView:
             if ARM in self._chains:
                 self._bend(ARM, frame.arm)
             self._press(look)
+            self._show_pull(look.get("drag"))
+
+    def pose(self, number: int) -> Vector | None:
+        """Where an object is drawn, (7,); None: nowhere yet."""
+        return self._placed.get(f"/object_{number}")
+
+    def _show_pull(self, drag: Array | None) -> None:
+        """A line from the picked point to the mouse, and the force in newtons."""
+        if drag is None:
+            for handle in self._pull or ():
+                handle.visible = False
+            return
+        point, target, text = drag[1:4], drag[4:7], f"{np.linalg.norm(drag[7:]):.1f} N"
+        above = target + _ABOVE
+        line = np.array([[point, target]], dtype=np.float32)
+        if self._pull is None:
+            scene = self._server.scene
+            self._pull = (scene.add_line_segments("/pull", line, _PULL, line_width=4.0),
+                          scene.add_label("/pull_force", text, position=above))  # fmt: skip
+            return
+        segment, label = self._pull
+        segment.points, label.text, label.position = line, text, above
+        segment.visible = label.visible = True
 
     def _add_arm(self, arm: ArmScenery) -> None:
         self._node("/flange")
@@ -105,10 +136,11 @@ class SceneView:
         self._placed[name] = np.array(pose)
         node.position, node.wxyz = pose[:3], pose[3:]
 
-    def _mesh(self, name: str, shapes: Sequence[VisualShape]) -> None:
-        if shapes:
-            whole = join_surfaces([surface_of(shape) for shape in shapes])
-            self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
+    def _mesh(self, name: str, shapes: Sequence[VisualShape]) -> Any:
+        if not shapes:
+            return None
+        whole = join_surfaces([surface_of(shape) for shape in shapes])
+        return self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
 
     def _press(self, look: Mapping[str, Array]) -> None:
         """An arrow for each part that presses on the object, towards where it does."""
@@ -130,6 +162,15 @@ class SceneView:
             )  # fmt: skip
         else:
             self._arrows.points, self._arrows.visible = rows.astype(np.float32), True
+
+
+def _numbered(on_drag: OnDrag, number: int) -> Callable[[Any], Coroutine[None, None, None]]:
+    """A callback of viser's for one object; viser awaits these in the order of the mouse."""
+
+    async def dragged(event: Any) -> None:
+        on_drag(number, event)
+
+    return dragged
 
 
 def _floor(middle: Vector) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import viser
 
@@ -78,10 +79,16 @@ class SessionPage:
 
     def _open(self, info: SessionInfo) -> None:
         self.state.open(info)
-        self._scene = SceneView(self._server, info)
+        self._scene = SceneView(self._server, info, self._dragged)
         self.state.redraw = self._scene.show
         for who, client in list(self._clients.items()):
             self._clients[who] = client.rebuilt()
+
+    def _dragged(self, number: int, event: Any) -> None:
+        with self._changing:
+            client, pose = self._clients.get(event.client_id), None if self._scene is None else self._scene.pose(number)
+            if client is not None:
+                client.drag(number, event, pose)
 
     def _draw_library(self, contents: LibraryContents) -> None:
         """Render new entries in a process of its own: some seconds of work that no picture should wait for."""
