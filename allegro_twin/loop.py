@@ -33,7 +33,7 @@ def until(t: float, samples: Iterable[Sample]) -> Iterator[Sample]:
             return
 
 
-def together(*runs: tuple[Iterable[Sample], float]) -> Iterator[tuple[int, Sample]]:
+def interleave(*runs: tuple[Iterable[Sample], float]) -> Iterator[tuple[int, Sample]]:
     """The samples of devices that share a world, each with the place of its run among the arguments.
 
     A run is its samples, with whatever stages around them, and its period, s. They take turns in the order of time, at

@@ -23,7 +23,7 @@ import numpy as np
 from allegro_twin.cell.assembly import Cell, make_cell, with_objects
 from allegro_twin.cell.motion.grasp_selection import stored_grasps
 from allegro_twin.cell.run import LabReport, perform
-from allegro_twin.cell.settings import LabSettings, ThingSettings
+from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
@@ -55,7 +55,7 @@ def main() -> None:
                 break
             draws = np.random.default_rng((asked.seed, number, index))
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
-            thing = ThingSettings(name=name, at=(float(at[0]), float(at[1])), yaw=yaw)
+            thing = TableObjectSettings(name=name, at=(float(at[0]), float(at[1])), yaw=yaw)
             turn = float(draws.uniform(0.0, 2.0 * np.pi))
             here = with_objects(settings, [thing], 1000 * asked.seed + len(names) * number + index)
             unlike = (asked.seed, number, index, 1) if asked.unlike else None

@@ -18,7 +18,7 @@ import numpy as np
 from allegro_twin.cell.assembly import make_cell, with_objects
 from allegro_twin.cell.motion.grasp_selection import stored_grasps
 from allegro_twin.cell.run import perform
-from allegro_twin.cell.settings import LabSettings, ThingSettings
+from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
 from allegro_twin.sim.objects.catalogue import load_object
@@ -27,7 +27,7 @@ _GAP = 0.005  # m, between two at least.
 Row = dict[str, Any]
 
 
-def drawn(names: Sequence[str], draws: np.random.Generator) -> list[ThingSettings]:
+def drawn(names: Sequence[str], draws: np.random.Generator) -> list[TableObjectSettings]:
     """Two or three objects, none in another."""
     chosen = draws.permutation(names)[: int(draws.integers(2, 4))]
     wide = [float(np.hypot(*load_object(str(name)).half_extents()[:2])) for name in chosen]
@@ -40,7 +40,7 @@ def drawn(names: Sequence[str], draws: np.random.Generator) -> list[ThingSetting
         if min(cell) > _GAP and np.abs(place).max() < 0.4:
             places.append(place)
     yaws = draws.uniform(-180.0, 180.0, len(chosen)).tolist()
-    return [ThingSettings(name=str(name), at=(float(place[0]), float(place[1])), yaw=yaw)
+    return [TableObjectSettings(name=str(name), at=(float(place[0]), float(place[1])), yaw=yaw)
             for name, place, yaw in zip(chosen, places, yaws, strict=True)]  # fmt: skip
 
 

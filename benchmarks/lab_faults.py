@@ -34,7 +34,7 @@ from allegro_twin.cell.arm.faults import DisturbedBackend, PassThroughBackend
 from allegro_twin.cell.assembly import Cell, make_cell, with_objects
 from allegro_twin.cell.motion.grasp_selection import stored_grasps
 from allegro_twin.cell.run import LabReport, perform
-from allegro_twin.cell.settings import LabSettings, ThingSettings
+from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.cell.states import MachineState, StateName
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
@@ -244,7 +244,7 @@ def main() -> None:
         left = asked.objects
         for name in draws.permutation(names):
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
-            thing = ThingSettings(name=str(name), at=(float(at[0]), float(at[1])), yaw=yaw)
+            thing = TableObjectSettings(name=str(name), at=(float(at[0]), float(at[1])), yaw=yaw)
             here = with_objects(settings, [thing], asked.seed)
             if left == 0:
                 break

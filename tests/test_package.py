@@ -123,7 +123,7 @@ def test_version_and_help_are_answered_in_every_place(arguments: list[str], comm
 @pytest.mark.parametrize(
     ("typed", "expected"),
     [
-        ("posture f", {"fist"}),
+        ("posture f", {"fist", "flat"}),
         ("grasp quad", {"quadpod", "quadpod_pear"}),
         ("run lem", {"lemon"}),
         ("run sim_", SIMULATED),

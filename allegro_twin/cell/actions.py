@@ -11,7 +11,6 @@ from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera
-from allegro_twin.cell.checks.force_sensor_check import check_drift, check_plausibility, with_doubt
 from allegro_twin.cell.checks.grasp_check import (
     GraspCheck,
     check_grasp,
@@ -25,6 +24,7 @@ from allegro_twin.cell.checks.grasp_check import (
     weigh,
 )
 from allegro_twin.cell.checks.motor_check import MotorCheck
+from allegro_twin.cell.checks.sensor_zero_check import check_drift, check_plausibility, with_uncertainty
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.motion.clutter import other_objects
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, misread_positions, squeeze_speed, touching_joints
@@ -338,7 +338,7 @@ class CellActions:
         found = check_grasp(weight, told, stop, squeeze, sight, settings)
         why = check_drift(self._idle, self._before, settings, len(self.others))
         why = why or check_plausibility(found, self._before, self._after, axes, settings)
-        self.checked = with_doubt(found, why, settings)
+        self.checked = with_uncertainty(found, why, settings)
 
         def sure() -> bool:
             ways = misread_positions(hand.position)

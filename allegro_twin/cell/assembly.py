@@ -14,7 +14,7 @@ from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.camera.self_filter import SelfFilter
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import PerceptionPipeline
-from allegro_twin.cell.settings import LabSettings, SecuritySettings, ThingSettings
+from allegro_twin.cell.settings import LabSettings, SecuritySettings, TableObjectSettings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
@@ -98,12 +98,12 @@ def waiting_pose(robot: ArmWithHand, wait: SecuritySettings) -> tuple[Pose, Vect
     return security, robot.model.reach(robot.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
 
 
-def with_objects(settings: LabSettings, things: Sequence[ThingSettings], seed: int) -> LabSettings:
+def with_objects(settings: LabSettings, things: Sequence[TableObjectSettings], seed: int) -> LabSettings:
     """The same cell with other things on the table."""
     return settings.model_copy(update={"objects": tuple(things), "seed": seed})
 
 
-def _placed(settings: ThingSettings) -> PlacedObject:
+def _placed(settings: TableObjectSettings) -> PlacedObject:
     thing = load_object(settings.name)
     position = (*settings.at, float(thing.half_extents()[2]) + _AIR)
     w, x, y, z = standing_orientation("z", float(np.radians(settings.yaw))).tolist()

@@ -29,7 +29,7 @@ from allegro_twin.cell.states import (
     watch_outcome,
 )
 from allegro_twin.errors import HandFault, LinkError
-from allegro_twin.loop import run, together
+from allegro_twin.loop import interleave, run
 from allegro_twin.types import Array, Sample
 
 SampleStage = Callable[[Iterable[Sample]], Iterator[Sample]]
@@ -89,7 +89,7 @@ def perform(
     last: Sample | None = None
     passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
     try:
-        for turn, sample in together((arms, cell.arm.period), (hands, cell.hand.period)):
+        for turn, sample in interleave((arms, cell.arm.period), (hands, cell.hand.period)):
             passed[turn] += (cell.arm, cell.hand)[turn].period
             if passed[turn] > rules.longest:
                 now = endless_run(now, sample.state.t, rules, ("arm", "hand")[turn])

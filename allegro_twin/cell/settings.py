@@ -59,7 +59,7 @@ class SecuritySettings(Settings):
     """Where stretched fingers point."""
 
 
-class ThingSettings(Settings):
+class TableObjectSettings(Settings):
     """A thing of the catalogue that stands on the table."""
 
     name: str
@@ -96,8 +96,8 @@ class DecideSettings(Settings):
     """and this, rad."""
 
 
-class ValidateSettings(Settings):
-    """When a thing counts as held."""
+class GraspCheckSettings(Settings):
+    """Thresholds of the grasp check, key `validation`: when an object counts as held."""
 
     by: Literal["force", "torque", "fingers"] = "fingers"
     """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
@@ -108,7 +108,7 @@ class ValidateSettings(Settings):
     long: Annotated[int, Field(ge=1)] = 1500
     """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
     least: Positive = 0.053
-    """kg: what weighs more is there. `samples` detect it (docs/explanation/cell.md)."""
+    """Force threshold, kg: an object that weighs more is held. `samples` detect it (docs/explanation/cell.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.1
@@ -120,7 +120,7 @@ class ValidateSettings(Settings):
     """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
 
     @model_validator(mode="after")
-    def _ordered(self) -> ValidateSettings:
+    def _ordered(self) -> GraspCheckSettings:
         if self.least >= self.most:
             raise ValueError(f"least {self.least:g} kg is not below most {self.most:g} kg; it is in kg")
         return self
@@ -156,7 +156,7 @@ class LabSettings(Settings):
     hand: CellHandSettings = CellHandSettings()
     camera: CellCameraSettings
     perception: PerceptionSettings
-    objects: Annotated[tuple[ThingSettings, ...], Field(min_length=1)]
+    objects: Annotated[tuple[TableObjectSettings, ...], Field(min_length=1)]
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
     """Of every contact."""
     security: SecuritySettings = SecuritySettings()
@@ -164,7 +164,7 @@ class LabSettings(Settings):
     """m."""
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()
-    validation: ValidateSettings = ValidateSettings()
+    validation: GraspCheckSettings = GraspCheckSettings()
     follow: RemoteControlSettings = RemoteControlSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""

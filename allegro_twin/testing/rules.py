@@ -102,7 +102,7 @@ def reset_begins_at_zero(make: Make) -> None:
             drive(backend, 3)
 
 
-def time_goes_forward(make: Make) -> None:
+def time_increases(make: Make) -> None:
     """t and tick only go forward, and t is tick periods, to half a period."""
     with opened(make) as backend:
         states, period = drive(backend, 20), backend.period
@@ -167,7 +167,7 @@ def reading_holds_the_last_command(make: Make) -> None:
     require(ticks == sorted(set(ticks)), f"ticks are {ticks}")
 
 
-def a_session_repeats_itself(make: Make) -> None:
+def a_session_is_repeatable(make: Make) -> None:
     """Where only `read` lets time pass, a second session is the first one, bit for bit."""
     with opened(make) as backend:
         if device_of(backend).live:
@@ -299,12 +299,12 @@ RULES: tuple[Rule, ...] = (
     says_which_hand_it_is,
     says_whether_it_is_live,
     reset_begins_at_zero,
-    time_goes_forward,
+    time_increases,
     a_state_is_whole,
     a_state_cannot_be_changed,
     a_state_does_not_change,
     reading_holds_the_last_command,
-    a_session_repeats_itself,
+    a_session_is_repeatable,
     an_instance_repeats_another,
     wrong_commands_are_refused,
     parts_that_it_does_not_take_are_refused,

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.checks.camera_check import CameraCheck
-from allegro_twin.cell.checks.force_sensor_check import check_drift, check_plausibility
 from allegro_twin.cell.checks.grasp_check import (
     GraspCheck,
     check_grasp,
@@ -19,13 +18,14 @@ from allegro_twin.cell.checks.grasp_check import (
     torque_between_fingers,
     weigh,
 )
+from allegro_twin.cell.checks.sensor_zero_check import check_drift, check_plausibility
 from allegro_twin.cell.motion.empty_grasp import EmptyGrasp, misread_positions
-from allegro_twin.cell.settings import ValidateSettings
+from allegro_twin.cell.settings import GraspCheckSettings
 from allegro_twin.types import Array
 
 DOWN = np.array([0.0, 0.0, -9.81])
 AXES = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-SETTINGS = ValidateSettings()
+SETTINGS = GraspCheckSettings()
 
 
 def felt(kilograms: float, samples: int, seed: int, bias: float = 0.0) -> list[Array]:
@@ -137,7 +137,7 @@ def test_a_motor_at_its_own_stop_that_is_read_a_little_short_of_it_presses_on_no
 
 @pytest.mark.parametrize(("by", "held"), [("force", False), ("torque", True), ("fingers", False)])
 def test_the_settings_say_which_check_decides(by: str, held: bool) -> None:
-    settings = ValidateSettings.model_validate({"by": by})
+    settings = GraspCheckSettings.model_validate({"by": by})
     found = check_grasp(0.03, 0.053, 1.0, 0.1, CameraCheck(), settings)
     assert (found.by_force, found.by_torque, found.by_fingers, found.held) == (None, True, False, held)
 
@@ -159,7 +159,7 @@ SEEN, HIDDEN, TABLE, FROZEN = (
 def test_checks_that_disagree_and_checks_that_nothing_confirms_are_never_held(
     by: str, weight: float, torque: float, press: float, sure: bool, sight: CameraCheck
 ) -> None:
-    settings = ValidateSettings.model_validate({"by": by})
+    settings = GraspCheckSettings.model_validate({"by": by})
     found = check_grasp(weight, 0.053, torque, press, sight, settings)
     said = grasp_verdict(1.0, found, sight, lambda: sure, settings)
     confirmed = weight > 0.0 or sight is SEEN or (sure and sight is HIDDEN)
@@ -182,8 +182,8 @@ def test_a_zero_that_moves_while_nothing_touches_the_hand_is_told() -> None:
     assert check_drift([], felt(0.0, 100, 2), SETTINGS) == ""
 
 
-def empty(weight: float, press: float, by: str = "fingers") -> tuple[GraspCheck, ValidateSettings]:
-    settings = ValidateSettings.model_validate({"by": by})
+def empty(weight: float, press: float, by: str = "fingers") -> tuple[GraspCheck, GraspCheckSettings]:
+    settings = GraspCheckSettings.model_validate({"by": by})
     return check_grasp(weight, 0.053, 0.0, press, CameraCheck(), settings), settings
 
 

@@ -9,7 +9,7 @@ from allegro_twin.cell.assembly import make_cell, with_objects
 from allegro_twin.cell.motion.grasp_selection import TableObject, stored_grasps
 from allegro_twin.cell.reachability import nearest_grasp, reachable_grasps
 from allegro_twin.cell.run import LabReport, perform
-from allegro_twin.cell.settings import LabSettings, ThingSettings
+from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
@@ -52,7 +52,7 @@ def test_a_hand_holds_most_things_of_the_demo_wherever_they_stand_and_says_nothi
     names = sorted(card.name for card in stored_grasps(hand))
     for seed, name in enumerate(names):
         x, y, yaw = (float(draw) for draw in draws.uniform((-0.08, -0.08, -180.0), (0.08, 0.08, 180.0)))
-        report = taken(with_objects(settings, [ThingSettings(name=name, at=(x, y), yaw=yaw)], seed))
+        report = taken(with_objects(settings, [TableObjectSettings(name=name, at=(x, y), yaw=yaw)], seed))
         held += report.is_lifted
         assert report.is_lifted or report.end.word != "held", name
     assert held >= 10  # Of 12: docs/results/cell.md names those that are not.

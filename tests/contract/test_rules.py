@@ -132,8 +132,8 @@ BAD: list[tuple[rules.Rule, type[Good], str]] = [
     (rules.says_which_hand_it_is, changed(said={"spec": "allegro"}), "spec is a str, not a HandSpec"),
     (rules.says_whether_it_is_live, changed(live="yes"), "live is 'yes', not True or False"),
     (rules.reset_begins_at_zero, state_with(t=lambda hand: hand.tick * PERIOD + 1e-4), "gives t 0.0001 s, tick 0"),
-    (rules.time_goes_forward, state_with(tick=lambda hand: hand.tick // 2), "tick went from 0 to 0"),
-    (rules.time_goes_forward, state_with(t=lambda hand: hand.tick * 0.01), "whose time is 0.003 s"),
+    (rules.time_increases, state_with(tick=lambda hand: hand.tick // 2), "tick went from 0 to 0"),
+    (rules.time_increases, state_with(t=lambda hand: hand.tick * 0.01), "whose time is 0.003 s"),
     (rules.a_state_is_whole, state_with(velocity=lambda hand: frozen(np.full(16, np.nan))),
      "velocity is .*: not finite"),
     (rules.a_state_is_whole, state_with(torque=lambda hand: frozen(np.zeros(4))), r"float64 of shape \(4,\)"),
@@ -142,7 +142,7 @@ BAD: list[tuple[rules.Rule, type[Good], str]] = [
     (rules.a_state_does_not_change, Shared, "position of tick 0 changed afterwards"),
     (rules.reading_holds_the_last_command, state_with(tick=lambda hand: min(hand.tick, 2)),
      r"ticks are \[1, 2, 2, 2\]"),
-    (rules.a_session_repeats_itself, Drifting, "a second session has another position"),
+    (rules.a_session_is_repeatable, Drifting, "a second session has another position"),
     (rules.an_instance_repeats_another, Drifting, "a second backend has another position"),
     (rules.wrong_commands_are_refused, changed(write=lambda self, command: None),
      "a TorqueCommand of 15 values.* is taken"),
@@ -183,7 +183,7 @@ def test_a_good_backend_keeps_every_rule_that_applies() -> None:
 
 def test_a_live_backend_need_not_repeat_itself() -> None:
     found = {result.rule: result.outcome for result in check_backend(Live)}
-    assert found["a session repeats itself"] == found["an instance repeats another"] == "does not apply"
+    assert found["a session is repeatable"] == found["an instance repeats another"] == "does not apply"
     assert "broken" not in found.values()
 
 

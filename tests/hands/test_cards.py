@@ -72,7 +72,7 @@ def test_a_new_card_has_the_postures_home_open_and_flat_and_every_way_in_takes_t
         hand.wait(0.2)
         assert hand.state.position == pytest.approx([home], abs=1e-3)
     assert home_posture(load_spec("allegro")) == pytest.approx(load_posture("home", load_spec("allegro")))
-    assert home_posture(load_spec("sih")) is None
+    assert home_posture(load_spec(str(made("soft", tmp_path / "bare")))) is None
 
 
 def test_a_folder_to_write_into_is_not_the_name_of_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.parts import body_parts
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, add_object
-from allegro_twin.sim.objects.convex_decomposition import convex_pieces, surface_excess
+from allegro_twin.sim.objects.convex_decomposition import convex_parts, surface_excess
 from allegro_twin.sim.objects.meshes import TRIANGLES, Mesh, convex_hull, load_mesh, mesh_middle
 from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
 from allegro_twin.surfaces.cli.start.jobs import configs_of
@@ -135,12 +135,12 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
     corners: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = load_mesh(written(tmp_path / "ring.obj", *ring(corners)))
-    pieces = convex_pieces(mesh, "ring")
+    pieces = convex_parts(mesh, "ring")
     assert 2 <= len(pieces) <= 40
     assert surface_excess(pieces, mesh) <= 0.001
     assert sum(piece.volume for piece in pieces) == pytest.approx(mesh.volume, rel=0.05)
     monkeypatch.setattr("coacd.run_coacd", None)
-    for again, piece in zip(convex_pieces(mesh, "ring"), pieces, strict=True):
+    for again, piece in zip(convex_parts(mesh, "ring"), pieces, strict=True):
         np.testing.assert_array_equal(again.vertices, piece.vertices)
 
 
@@ -170,12 +170,12 @@ def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "coacd", None)
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.02
     hull = convex_hull(corners, "cube")
-    assert len(convex_pieces(hull, "cube")) == 1
+    assert len(convex_parts(hull, "cube")) == 1
     with pytest.raises(
         ConfigError, match=r"ring is concave: its hull has 4\d % more volume.*pip install 'allegro-twin\["
     ):
         vertices, faces = ring()
-        convex_pieces(Mesh(vertices, np.array(faces)), "ring")
+        convex_parts(Mesh(vertices, np.array(faces)), "ring")
 
 
 def test_a_mesh_that_is_no_solid_of_a_hands_size_says_why(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from allegro_twin.cell.arm.tool import IdentifiedTool, identify_tool
 from allegro_twin.controller import Controller
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.loop import run, together
+from allegro_twin.loop import interleave, run
 from allegro_twin.types import Array, Sample
 
 TILTS = ((0.0, 0.0, 0.0), (0.8, 0.0, 0.0), (-0.8, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, -0.8, 0.0))
@@ -35,7 +35,7 @@ def weigh_tool(robot: ArmWithHand, hand: Controller[Any], tilts: Sequence[Sequen
         (run(robot.arm, Impedance(robot.model, target, _FIRM)), robot.arm.period),
         (run(robot.hand, hand), robot.hand.period),
     )
-    samples = (sample for turn, sample in together(*runs) if turn == 0)
+    samples = (sample for turn, sample in interleave(*runs) if turn == 0)
     axes, felt = [], []
     for number, tilt in enumerate(tilts):
         target.move(Pose(home.position, rotate(home.rotation, np.array(tilt))))

@@ -1,4 +1,4 @@
-"""Grasp check: weight, torque, fingers and camera, and the verdict that they give together. Pure."""
+"""Grasp check: force (weight), torque, fingers and camera against their thresholds, and the verdict. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.cell.checks.camera_check import CameraCheck
 from allegro_twin.cell.motion.empty_grasp import EmptyGrasp
-from allegro_twin.cell.settings import ValidateSettings
+from allegro_twin.cell.settings import GraspCheckSettings
 from allegro_twin.cell.states import CellOutcome, Observation
 from allegro_twin.types import Array, Vector
 
@@ -44,13 +44,13 @@ class GraspCheck:
     """Why the force sensor is not to be trusted; nothing where it is."""
 
 
-def tare_samples(size: Vector, settings: ValidateSettings) -> int:
+def tare_samples(size: Vector, settings: GraspCheckSettings) -> int:
     """Samples before the approach to a solid of a size, (3,), m: more where `samples` may not tell it."""
     light = _LIGHT * float(np.prod(size)) < settings.least
     return max(settings.tare, settings.samples) if light else settings.samples
 
 
-def detectable_weight(before: int, after: int, settings: ValidateSettings) -> float:
+def detectable_weight(before: int, after: int, settings: GraspCheckSettings) -> float:
     """The weight that so many samples before and after can tell from none, kg: less than `settings.least` only where it
     was weighed for long."""
     if after < settings.long:
@@ -60,7 +60,7 @@ def detectable_weight(before: int, after: int, settings: ValidateSettings) -> fl
 
 
 def check_grasp(
-    weight: float, least: float, torque: float, between: float, sight: CameraCheck, settings: ValidateSettings
+    weight: float, least: float, torque: float, between: float, sight: CameraCheck, settings: GraspCheckSettings
 ) -> GraspCheck:
     """The verdicts of all four; `least`: the weight that can be told, kg."""
     force = True if weight > least else None
@@ -123,7 +123,7 @@ def presses_surely(
 
 
 def grasp_verdict(
-    t: float, found: GraspCheck, sight: CameraCheck, sure: Callable[[], bool], settings: ValidateSettings
+    t: float, found: GraspCheck, sight: CameraCheck, sure: Callable[[], bool], settings: GraspCheckSettings
 ) -> Observation:
     """What the state machine hears.
 

@@ -21,7 +21,7 @@ from allegro_twin.control.trajectory import Path, SetPoint, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.loop import paced, run, together
+from allegro_twin.loop import interleave, paced, run
 from allegro_twin.types import Array, HandState, Sample, Vector
 
 
@@ -143,7 +143,7 @@ def run_remote_control(
     if speed is not None:
         arms = paced(arms, speed)
     hands = observers.hand(run(cell.hand, grip))
-    for which, sample in together((observers.arm(arms), cell.arm.period), (hands, cell.hand.period)):
+    for which, sample in interleave((observers.arm(arms), cell.arm.period), (hands, cell.hand.period)):
         if which == 0:
             for sentence in remote.update(sample.state):
                 observers.on_refusal(sample.state.t, sentence)

@@ -77,8 +77,8 @@ def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
 
 def card_postures(spec: HandSpec) -> dict[str, Vector]:
     """Postures for the card of a hand, (n,), rad. `flat`: every motor as near to zero as it can be. `home`: fingertips
-    on a ball of 65 mm. `open`: the flat hand with its thumb, or what opposes the others, turned to them as in `home`. All
-    three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
+    on a ball of 65 mm. `open`: the flat hand with its thumb, or what opposes the others, turned to them as in `home`.
+    All three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
     import_scipy("optimize")
     flat = round_posture(spec.rest, spec)
     try:

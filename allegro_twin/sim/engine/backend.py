@@ -43,7 +43,7 @@ class SimBackend:
     """A hand, or an arm, in a compiled scene; or in a world that it shares with others.
 
     Who shares a world shares its time: a state is of the moment up to which the one who is ahead has gone, and a period
-    that another's reading has let pass counts as missed. `loop.together` takes turns so that none is.
+    that another's reading has let pass counts as missed. `loop.interleave` takes turns so that none is.
     A reset begins the world anew, unless it is new and this device has not been reset in it.
 
     `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.

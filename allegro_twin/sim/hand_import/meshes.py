@@ -105,8 +105,8 @@ class UrdfMeshes:
     def _convert(self, file: Path, kind: str) -> list[tuple[str, tuple[float, ...] | None]]:
         """Names in `assets` and colours of a mesh's pieces."""
         if (file, kind) not in self._converted:
-            pieces = read_pieces(file)
-            pieces = pieces_by_color(pieces) if kind == "visual" else solid_pieces(pieces)
+            pieces = read_parts(file)
+            pieces = parts_by_color(pieces) if kind == "visual" else solid_parts(pieces)
             names = []
             for number, piece in enumerate(pieces):
                 name = f"{file.stem}_{kind}_{number}.obj"
@@ -142,7 +142,7 @@ class UrdfMeshes:
         raise MeshError(f"no folder {package} above the URDF or in ROS_PACKAGE_PATH; put the URDF into its package")
 
 
-def read_pieces(file: Path) -> list[MeshPiece]:
+def read_parts(file: Path) -> list[MeshPiece]:
     """The nodes of a mesh file, each in the file's own frame.
 
     As RViz and MoveIt read COLLADA: `unit meter` counts, `up_axis` does not. Coordinates of glTF are taken as they are.
@@ -205,7 +205,7 @@ def _color(visual: Any) -> tuple[float, ...] | None:
     return tuple(color.round(4).tolist())
 
 
-def pieces_by_color(pieces: list[MeshPiece]) -> list[MeshPiece]:
+def parts_by_color(pieces: list[MeshPiece]) -> list[MeshPiece]:
     """For looking: what has one colour is one piece."""
     groups: dict[tuple[float, ...] | None, list[MeshPiece]] = {}
     for piece in pieces:
@@ -213,7 +213,7 @@ def pieces_by_color(pieces: list[MeshPiece]) -> list[MeshPiece]:
     return [_join(group) for group in groups.values()]
 
 
-def solid_pieces(pieces: list[MeshPiece]) -> list[MeshPiece]:
+def solid_parts(pieces: list[MeshPiece]) -> list[MeshPiece]:
     """For contacts: each node, whose hull MuJoCo takes; all in one where a node is flat. Raises MeshError."""
     if any(map(_is_flat, pieces)):
         pieces = [_join(pieces)]

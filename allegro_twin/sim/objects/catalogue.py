@@ -14,7 +14,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.kinematics.orientation import rotate_quaternion
 from allegro_twin.sim.objects import textures
-from allegro_twin.sim.objects.convex_decomposition import convex_pieces
+from allegro_twin.sim.objects.convex_decomposition import convex_parts
 from allegro_twin.sim.objects.meshes import Mesh, load_hull, load_mesh
 from allegro_twin.types import Array, Vector
 
@@ -75,7 +75,7 @@ class GraspObject:
 
     def pieces(self) -> list[Mesh]:
         """Of a mesh: the convex pieces that touch. Raises ConfigError."""
-        return [piece.times(self.stretch) for piece in convex_pieces(self._mesh(), str(self.file))]
+        return [piece.times(self.stretch) for piece in convex_parts(self._mesh(), str(self.file))]
 
     def _mesh(self) -> Mesh:
         assert self.file is not None

@@ -31,7 +31,7 @@ _SAMPLES = 60_000
 _SEED = 0
 
 
-def convex_pieces(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
+def convex_parts(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
     """Convex pieces whose union is the solid, within TOLERANCE outside of it. Raises ConfigError where the extra is
     missing."""
     hull = convex_hull(mesh.vertices, what)

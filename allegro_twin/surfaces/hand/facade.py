@@ -26,7 +26,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
-from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, felt
+from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, grasp_outcome
 from allegro_twin.surfaces.hand.live_control import LiveControl
 from allegro_twin.surfaces.hand.motion import Kind, MotionControl
 from allegro_twin.types import HandState, Sample, Vector, frozen
@@ -196,8 +196,8 @@ class Hand:
     ) -> GraspOutcome:  # fmt: skip
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: that a
-        finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. What the hand
-        felt at its end, or, without waiting, feels now. Raises as `move_to`, but what stops it once it closes."""
+        finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. Returns what the
+        hand feels at its end, or, without waiting, now. Raises as `move_to`, but what stops it once it closes."""
         mover, stored = self._mover, chosen(name, object_width, self._mover.model, self.spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
@@ -205,7 +205,9 @@ class Hand:
         if wait:
             self.wait()
         now = self.state
-        return felt(stored, now, mover.model, self.spec, mover.model.gravity_torque(now.position, self.gravity))
+        return grasp_outcome(
+            stored, now, mover.model, self.spec, mover.model.gravity_torque(now.position, self.gravity)
+        )
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled

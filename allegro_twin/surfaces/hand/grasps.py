@@ -1,4 +1,4 @@
-"""A named grasp on a hand that is already open: its timing, its width, and what it has felt at its end."""
+"""A named grasp on a hand that is already open: its timing, its width, and its outcome."""
 
 from __future__ import annotations
 
@@ -109,7 +109,9 @@ def aperture(model: HandKinematics, position: Vector, spec: HandSpec, fingers: t
     return float(np.linalg.norm(tips[thumb].position - np.mean(others, axis=0)) - 2 * _TIP_RADIUS)
 
 
-def felt(grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector) -> GraspOutcome:
+def grasp_outcome(
+    grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector
+) -> GraspOutcome:
     """What is known at the end of a grasp. `weight`: torques that carry the hand itself, (n,), N·m."""
     short = np.abs(grasp.squeeze - state.position)
     touching = tuple(f.name for f in spec.fingers if short[list(f.joints)].max() > _TOUCH)

@@ -13,7 +13,7 @@ import numpy as np
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.twin.identify.fitting.parameterisation import NAMES
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
-from allegro_twin.twin.identify.fitting.shooting import cut_pieces
+from allegro_twin.twin.identify.fitting.shooting import cut_segments
 from allegro_twin.twin.identify.pipeline import Identification
 from allegro_twin.twin.identify.results.hand_file import SCALE
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
@@ -94,7 +94,7 @@ def motion_figures(found: Identification) -> str:
     """Measured and simulated motion of the worst, the median and the best joint, from one start, open loop."""
     motion = found.motions[0]
     player = found.fit.player(motion)
-    cuts = cut_pieces([motion], motion.spec, round(_SHOWN / motion.period))
+    cuts = cut_segments([motion], motion.spec, round(_SHOWN / motion.period))
     middle = slice(len(cuts.position) // 2, len(cuts.position) // 2 + 1)
     pieces = type(cuts.pieces)(*(each[middle] for each in cuts.pieces))
     simulated = player.play(found.fit.drive, cuts.position[middle], cuts.velocity[middle], pieces)[0]
@@ -119,7 +119,7 @@ def spectrum_figures(found: Identification) -> str:
     """Spectrum of the residuals in pieces of 0.3 s, against the noise of the encoders."""
     motion = found.motions[0]
     player = found.fit.player(motion)
-    cuts = cut_pieces(list(found.motions), motion.spec)
+    cuts = cut_segments(list(found.motions), motion.spec)
     left = player.play(found.fit.drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
     power = np.square(np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), axis=1))).mean(axis=0) / left.shape[1]
     hertz = np.asarray(np.fft.rfftfreq(left.shape[1], motion.period), np.float64)

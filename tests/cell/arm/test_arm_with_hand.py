@@ -23,7 +23,7 @@ from allegro_twin.hands.description.specs import is_hand_model, load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose, compose, relative_to
-from allegro_twin.loop import run, together
+from allegro_twin.loop import interleave, run
 from allegro_twin.sim.model.arm_with_hand import CAMERA
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
 from allegro_twin.spec import HandSpec
@@ -52,7 +52,7 @@ def driven(robot: ArmWithHand, seconds: float, hand: Controller[Any] | None = No
         (run(robot.arm, law), robot.arm.period),
         (run(robot.hand, hand or open_hand(robot.hand.spec)), robot.hand.period),
     )
-    for turn, sample in together(*runs):
+    for turn, sample in interleave(*runs):
         if sample.state.t > seconds + 1e-9:
             return kept
         kept[turn].append(sample)
@@ -136,7 +136,7 @@ def test_the_flange_feels_the_hands_weight_and_the_bridge_takes_it_away() -> Non
 def test_an_arm_that_knows_its_hand_stays_where_it_is_without_a_torque() -> None:
     robot = make_arm_with_hand("fer", load_spec("leap"))
     runs = (run(robot.arm, ConstantTorque(np.zeros(7))), 0.001), (run(robot.hand, open_hand(load_spec("leap"))), 0.003)
-    for turn, sample in together(*runs):
+    for turn, sample in interleave(*runs):
         if turn == 0 and sample.state.t >= 0.5:
             np.testing.assert_allclose(sample.state.position, robot.spec.ready, atol=0.02)
             return
@@ -262,7 +262,7 @@ def test_an_arm_picks_up_a_can_and_feels_what_it_weighs() -> None:
     target = CartesianTarget(robot.model.pose(robot.arm_sim.posture))
     closing = PositionControl(Moves([Waypoint(np.array([0.0, 2.6, 2.6, 2.6]), speed=3.0)]))
     law = Impedance(robot.model, target, Stiffness(800.0, 50.0))
-    for turn, sample in together((run(robot.arm, law), 0.001), (run(robot.hand, closing), 0.003)):
+    for turn, sample in interleave((run(robot.arm, law), 0.001), (run(robot.hand, closing), 0.003)):
         if turn == 0 and sample.state.tick == 1500:
             target.move(robot.flange_for(Pose(above.position + np.array([0.0, 0.0, 0.1]), above.rotation)))
         if turn == 0 and sample.state.tick == 3500:

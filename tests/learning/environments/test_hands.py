@@ -119,8 +119,7 @@ def test_a_policy_on_a_backend_sees_what_it_saw_in_training(hand: str) -> None:
     first, _ = env.reset(seed=2)
     assert isinstance(first, dict)
     snapshot = env.engine.worlds.snapshot(0)
-    start = load_posture("home", snapshot.spec) if hand == "leap" else snapshot.spec.rest
-    backend = SimBackend(snapshot.spec, snapshot.model, posture=start)
+    backend = SimBackend(snapshot.spec, snapshot.model, posture=load_posture("home", snapshot.spec))
     seen: list[Any] = []
 
     def swinging(observation: Observation) -> Any:

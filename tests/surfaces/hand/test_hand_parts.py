@@ -21,7 +21,7 @@ from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
-from allegro_twin.surfaces.hand.grasps import aperture, felt
+from allegro_twin.surfaces.hand.grasps import aperture, grasp_outcome
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
 from allegro_twin.surfaces.hand.motion import Goal, MotionMonitor
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
@@ -129,11 +129,11 @@ def test_what_a_finger_presses_is_what_its_torques_do_beyond_its_own_weight(spec
         position[list(spec.finger(finger).joints)] -= 0.2
     _, (index, thumb) = model.fingertip_jacobians(position, ["index", "thumb"])
     torque = weight + index.T @ [1.5, 0.0, 0.0] + thumb.T @ [0.0, 0.0, 2.5]
-    seen = felt(grasp, _pressing(position, torque), model, spec, weight)
+    seen = grasp_outcome(grasp, _pressing(position, torque), model, spec, weight)
     assert seen.touching == ("index", "thumb")
     assert seen.force == pytest.approx({"index": 1.5, "thumb": 2.5})
     assert seen.width == aperture(model, position, spec, ("index", "thumb"))
-    free = felt(grasp, _pressing(grasp.squeeze, weight), model, spec, weight)
+    free = grasp_outcome(grasp, _pressing(grasp.squeeze, weight), model, spec, weight)
     assert (free.touching, free.force, np.isnan(free.width)) == ((), {}, True)
 
 

@@ -17,7 +17,7 @@ from allegro_twin.drivers.can.codec.messages import Topic
 from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.link import BusPort
-from allegro_twin.drivers.can.driver.receiver import Listener
+from allegro_twin.drivers.can.driver.listener import Listener
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.drivers.can.driver.startup import begin
 from allegro_twin.drivers.can.driver.watch import Watch

@@ -16,12 +16,12 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame, bits
 from allegro_twin.drivers.can.codec.messages import Topic
-from allegro_twin.drivers.can.driver.assembler import Whole
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import OTHERS
 from allegro_twin.drivers.can.driver.link import BusPort
+from allegro_twin.drivers.can.driver.listener import Listener
 from allegro_twin.drivers.can.driver.load import share
-from allegro_twin.drivers.can.driver.receiver import Listener
+from allegro_twin.drivers.can.driver.lost_frames import Whole
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.drivers.can.driver.startup import ask, begin, identify
 from allegro_twin.drivers.can.tools import findings

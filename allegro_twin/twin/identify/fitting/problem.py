@@ -22,7 +22,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import (
     units,
 )
 from allegro_twin.twin.identify.fitting.regress import LOAD
-from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut_pieces
+from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut_segments
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
@@ -58,7 +58,7 @@ class Problem:
     ) -> None:
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
-        self.cuts = cut_pieces(motions, player.spec, length, every * length)
+        self.cuts = cut_segments(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
         self.unit, self.least = units(self.n), lower_bounds(self.n)
         moving = [name for name in ALL if self._moves(name)] + ["delay"]

@@ -75,7 +75,7 @@ rad, 1, rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotionPieces:
+class MotionSegments:
     """Motions cut into pieces, w in all."""
 
     position: Array
@@ -91,9 +91,9 @@ class MotionPieces:
     """Index of each piece's motion, (w,)."""
 
 
-def cut_pieces(
+def cut_segments(
     motions: list[RecordedMotion], spec: HandSpec, length: int = LONG, stride: int | None = None
-) -> MotionPieces:
+) -> MotionSegments:
     """Cut motions into all whole pieces, `stride` rows apart; by default one after the other."""
     parts: list[list[Array]] = [[] for _ in range(10)]
     for number, motion in enumerate(motions):
@@ -110,13 +110,13 @@ def cut_pieces(
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    return MotionPieces(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
+    return MotionSegments(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
     """Residuals of motion pieces, and their derivatives."""
 
-    def __init__(self, player: OpenLoopPlayer, cuts: MotionPieces, sigma: Vector) -> None:
+    def __init__(self, player: OpenLoopPlayer, cuts: MotionSegments, sigma: Vector) -> None:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)

@@ -12,7 +12,7 @@ from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.twin.identify.fitting.shooting import MotionPieces, cut_pieces
+from allegro_twin.twin.identify.fitting.shooting import MotionSegments, cut_segments
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
@@ -105,7 +105,7 @@ def gap_errors(
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
     for horizon in horizons:
         length = round(horizon / motion.period)
-        cuts = cut_pieces([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
+        cuts = cut_segments([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
         error = player.play(drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
         rows.append(_rms(error))
         if horizon == HORIZONS[1]:
@@ -113,7 +113,7 @@ def gap_errors(
     return GapErrors(np.array(rows), phase)
 
 
-def _phases(error: Array, cuts: MotionPieces, spec: HandSpec, period: float) -> Array:
+def _phases(error: Array, cuts: MotionSegments, spec: HandSpec, period: float) -> Array:
     speed = np.abs(np.diff(cuts.measured, axis=1)).mean(axis=1) / period  # (w, n)
     found = np.full((2, spec.n_joints), np.nan)
     for finger in spec.fingers:

@@ -1,4 +1,4 @@
-"""From four reports to one hand, by the order in which they stand on the bus."""
+"""Lost frames: four reports make one state of the hand, and their order on the bus shows where one is missing."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.drivers.can.codec.messages import FingerPosition
-from allegro_twin.drivers.can.driver.assembler import Assembler, Whole
+from allegro_twin.drivers.can.driver.lost_frames import Assembler, Whole
 
 PERIOD, GAP = 0.003, 0.00013
 """s; GAP is what a frame of eight bytes takes on a bus of 1 Mbit/s."""

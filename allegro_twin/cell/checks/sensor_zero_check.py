@@ -1,4 +1,4 @@
-"""Whether the force sensor is to be trusted: it must feel nothing where nothing touches, and weight downwards. Pure."""
+"""Checks the force sensor itself: zero where nothing touches, and weight downwards. Pure."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from allegro_twin.cell.checks.grasp_check import GraspCheck, added_force
-from allegro_twin.cell.settings import ValidateSettings
+from allegro_twin.cell.settings import GraspCheckSettings
 from allegro_twin.types import Array, Vector
 
 _SURE = 4.0  # Standard deviations: one in 16,000 is farther off by chance.
 
 
-def check_drift(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings, others: int = 0) -> str:
+def check_drift(idle: Sequence[Vector], before: Sequence[Vector], settings: GraspCheckSettings, others: int = 0) -> str:
     """What the sensor felt more before the approach than where it waited, (6,) each and touched by nothing; or "".
     `others`: so many other objects are on the table, one of which the hand may have touched."""
     if not idle or not before:
@@ -27,7 +27,7 @@ def check_drift(idle: Sequence[Vector], before: Sequence[Vector], settings: Vali
 
 
 def check_plausibility(
-    found: GraspCheck, before: Sequence[Vector], after: Sequence[Vector], axes: Array, settings: ValidateSettings
+    found: GraspCheck, before: Sequence[Vector], after: Sequence[Vector], axes: Array, settings: GraspCheckSettings
 ) -> str:
     """Why the weight cannot be right, or ""; `axes` are the flange's in the world, (3, 3)."""
     force, most = axes @ added_force(before, after), _allowed(len(before), len(after), settings)
@@ -48,7 +48,7 @@ def check_plausibility(
     return ""
 
 
-def with_doubt(found: GraspCheck, why: str, settings: ValidateSettings) -> GraspCheck:
+def with_uncertainty(found: GraspCheck, why: str, settings: GraspCheckSettings) -> GraspCheck:
     """The check with its doubt as a sentence that says what to do."""
     if not why:
         return found
@@ -56,6 +56,6 @@ def with_doubt(found: GraspCheck, why: str, settings: ValidateSettings) -> Grasp
     return replace(found, doubt=f"the force sensor is suspect: {why}; {way}, and tare it anew or see to it")
 
 
-def _allowed(first: int, second: int, settings: ValidateSettings) -> float:
+def _allowed(first: int, second: int, settings: GraspCheckSettings) -> float:
     """By how much two means may differ, N."""
     return settings.drift + _SURE * settings.noise * float(np.sqrt(1.0 / first + 1.0 / second))

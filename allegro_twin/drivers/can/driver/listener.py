@@ -1,4 +1,4 @@
-"""A session's ears: what a hand says is kept by an interpreter, and what is fatal is raised."""
+"""Reads the bus for a session: an interpreter keeps what the hand says, and fatal errors are raised."""
 
 from __future__ import annotations
 
