@@ -108,7 +108,8 @@ class GraspCheckSettings(Settings):
     long: Annotated[int, Field(ge=1)] = 1500
     """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
     least: Positive = 0.053
-    """Force threshold, kg: an object that weighs more is held. `samples` detect it (docs/explanation/cell.md)."""
+    """Force threshold, kg: the force sensor confirms an object that weighs more; with `by: force` it decides alone.
+    `samples` detect it (docs/explanation/cell.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.1

@@ -10,6 +10,7 @@ import numpy as np
 from mujoco import batch
 
 from allegro_twin.sim.drivetrain import backlash, lugre_friction
+from allegro_twin.sim.hand_import.adapt import compile_model
 from allegro_twin.sim.model.joints import as_slice
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
@@ -286,4 +287,4 @@ def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool) -> mujoco
     # Teeth are harder: there Newton's is the faster one.
     hand.option.solver = mujoco.mjtSolver.mjSOL_NEWTON if loose else mujoco.mjtSolver.mjSOL_PGS
     hand.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    return hand.compile()
+    return compile_model(hand)

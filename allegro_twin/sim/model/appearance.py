@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.hands.description.appearance import VisualBody, VisualShape, object_appearance
+from allegro_twin.sim.hand_import.adapt import compile_model
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
@@ -42,7 +43,7 @@ def scene_appearance(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, .
 
 def hand_bodies(spec: HandSpec) -> tuple[VisualBody, ...]:
     """The links of the hand's MJCF, whoever made it, from the palm on. Raises ConfigError."""
-    model = hand_spec(spec).compile()
+    model = compile_model(hand_spec(spec))
     root = model.body(spec.root).id
     mine = [k for k in range(model.nbody) if k == root or _stands_on(model, k, root)]
     bodies = []
