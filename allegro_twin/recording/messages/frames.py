@@ -27,11 +27,19 @@ class LinkFrame(NamedTuple):
     """Unit vector, (3,), in the child's frame; None: a fixed link."""
     joint: int
     """Index in `spec.moving`; -1: none."""
+    slides: bool = False
+    """Whether it moves along the axis, m, instead of about it, rad."""
 
 
 def urdf_text(spec: HandSpec) -> str:
-    """The hand's URDF, with mesh paths that a viewer on this machine finds."""
+    """The hand's URDF, with mesh paths that a viewer on this machine finds; of a hand without one, by its card, frames,
+    joints and inertias from the model file that simulates it."""
     folder = data_root() / "models"
+    if not (folder / "urdf" / f"{spec.name}.urdf").is_file():
+        from allegro_twin.kinematics.tree import link_tree
+        from allegro_twin.kinematics.urdf import urdf_from_tree
+
+        return urdf_from_tree(link_tree(spec), spec)
     text = (folder / "urdf" / f"{spec.name}.urdf").read_text()
     return text.replace('filename="../', f'filename="file://{folder}/')
 
@@ -50,16 +58,21 @@ class LinkFrames:
         self._index = np.array([frame.joint for frame in self.moving])
         self._axis = np.array([frame.axis for frame in self.moving])
         self._turn = np.array([frame.turn for frame in self.moving])
+        self._place = np.array([frame.xyz for frame in self.moving])
+        self._slides = np.array([frame.slides for frame in self.moving])
 
     def transforms_at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
         """TFMessage of all joints at a posture, (n,), rad."""
-        half = self._spec.all_positions(position)[self._index, None] / 2.0
+        moved = self._spec.all_positions(position)[self._index, None]
+        half = np.where(self._slides[:, None], 0.0, moved) / 2.0
         turns = _multiply(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
-        return _message(words, stamp, self.moving, turns)
+        along = np.where(self._slides[:, None], moved, 0.0) * self._axis
+        return _message(words, stamp, self.moving, self._place + _rotated(self._turn, along), turns)
 
     def static_transforms(self, words: RosTypes, stamp: int) -> Message:
         """TFMessage of the fixed frames: the fingertips on their links."""
-        return _message(words, stamp, self.fixed, np.array([frame.turn for frame in self.fixed]).reshape(-1, 4))
+        places, turns = (np.array([getattr(frame, key) for frame in self.fixed]) for key in ("xyz", "turn"))
+        return _message(words, stamp, self.fixed, places, turns)
 
 
 def _frame(joint: ElementTree.Element, spec: HandSpec) -> LinkFrame:
@@ -72,7 +85,8 @@ def _frame(joint: ElementTree.Element, spec: HandSpec) -> LinkFrame:
     xyz, rpy = (np.array((part("origin", key) or "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
     axis = None if fixed else np.array((part("axis", "xyz") or "1 0 0").split(), dtype=float)
     index = -1 if fixed else spec.all_joints.index(name)
-    return LinkFrame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
+    slides = joint.get("type") == "prismatic"
+    return LinkFrame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index, slides)
 
 
 def _quaternion(rpy: Vector) -> Vector:
@@ -90,8 +104,15 @@ def _multiply(a: Array, b: Array) -> Array:
     return np.hstack([vector, (a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1))[:, None]])
 
 
-def _message(words: RosTypes, stamp: int, frames: list[LinkFrame], turns: Array) -> Message:
-    """`turns`: quaternions x, y, z, w, (k, 4)."""
-    poses = [np.array([*frame.xyz, turn[3], *turn[:3]]) for frame, turn in zip(frames, turns, strict=True)]
+def _rotated(turns: Array, vectors: Array) -> Array:
+    """Vectors (k, 3) turned by quaternions x, y, z, w, (k, 4)."""
+    cross = 2.0 * np.cross(turns[:, :3], vectors)
+    turned: Array = vectors + turns[:, 3:] * cross + np.cross(turns[:, :3], cross)
+    return turned
+
+
+def _message(words: RosTypes, stamp: int, frames: list[LinkFrame], places: Array, turns: Array) -> Message:
+    """`places`: (k, 3), m; `turns`: quaternions x, y, z, w, (k, 4)."""
+    poses = [np.array([*place, turn[3], *turn[:3]]) for place, turn in zip(places, turns, strict=True)]
     each = zip(frames, poses, strict=True)
     return words.make(TF, transforms=[transform(words, stamp, frame.parent, frame.child, pose) for frame, pose in each])
