@@ -59,6 +59,12 @@ class RunConfig(Settings):
 
 
 def load_config(name: str | Path) -> RunConfig:
-    """A config by path, or by its name in conf/. Raises ConfigError with file, path, value and nearest key."""
+    """A config by path, or by its name in conf/; the card of a hand is looked for beside it, then where the process
+    runs. Raises ConfigError with file, path, value and nearest key."""
     path = find_file(name, "config", "conf")
-    return load_settings(RunConfig, path)
+    config = load_settings(RunConfig, path)
+    beside = path.parent / config.hand.model
+    if beside.suffix == ".yaml" and beside.is_file():
+        hand = config.hand.model_copy(update={"model": str(beside)})
+        return config.model_copy(update={"hand": hand})
+    return config

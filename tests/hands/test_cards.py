@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from allegro_twin import Hand
+from allegro_twin.app import load_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands.description.specs import load_spec
@@ -73,6 +74,17 @@ def test_a_new_card_has_the_postures_home_open_and_flat_and_every_way_in_takes_t
         assert hand.state.position == pytest.approx([home], abs=1e-3)
     assert home_posture(load_spec("allegro")) == pytest.approx(load_posture("home", load_spec("allegro")))
     assert home_posture(load_spec(str(made("soft", tmp_path / "bare")))) is None
+
+
+def test_a_config_finds_the_card_beside_it_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made("gripper", tmp_path / "mine")
+    config = tmp_path / "mine" / "sim.yaml"
+    write_settings(config, {"hand": {"model": "gripper.yaml"}, "backend": {"kind": "sim"},
+                            "controller": {"kind": "position"}}, "sim")  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert load_config("mine/sim.yaml").hand.model == "mine/gripper.yaml"
+    with Hand.open(config) as opened:
+        assert opened.spec.model == "gripper"
 
 
 def test_a_folder_to_write_into_is_not_the_name_of_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -169,8 +169,8 @@ def _write_hand(
         content["postures"] = {name: posture.tolist() for name, posture in postures.items()}
         write_settings(card, content, head)
     kind = "pd" if content["commands"] == ["torque"] else "position"
-    run = {"hand": {"model": str(card), "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
-    write_settings(config, run, f"{called} in simulation. Run it from the folder in which it was written.")
+    run = {"hand": {"model": card.name, "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
+    write_settings(config, run, f"{called} in simulation.")
     for note in found.notes:
         console.console.print(f"Note: {note}", soft_wrap=True, highlight=False, markup=False)
     filmed = _picture(load_spec(str(card), side), out / called, film=film)
