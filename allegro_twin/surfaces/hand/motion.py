@@ -38,6 +38,7 @@ from allegro_twin.types import HandState, Sample, TorqueCommand, Vector, frozen
 _SETTLED, _STILL, _PATIENCE = 0.02, 0.05, 0.5  # rad, rad/s, s.
 _SHORT = 0.03  # rad. A joint further from where it should be is not there.
 _MOVED, _STUCK = 0.01, 0.5  # rad, s. A joint that should move and has not moved so far in that time is stuck.
+_SAG = 1.5  # Of what a servo gives way under the hand's own weight: what is further away has met something.
 _FULL = 0.99  # Of its clip: a joint that is given so much should move.
 _LATEST = 3.0  # s after the end. What shakes in a contact instead of coming to rest is stuck as well.
 
@@ -61,11 +62,13 @@ class Goal(NamedTuple):
 class MotionMonitor:
     """Follows a motion sample by sample until it has arrived or is stuck."""
 
-    def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, period: float) -> None:
+    def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, period: float, sag: Vector | float = 0.0) -> None:
+        """`sag`: how far the hand's own weight may keep a soft servo from its set-point, (n,), rad."""
         self.goal, self.arrived = goal, False
         self._spec, self._over = spec, goal.began + goal.seconds + period
-        # What dry friction alone keeps from its place is not stuck.
-        self._short = np.maximum(_SHORT, 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9))
+        # What dry friction and weight alone keep from its place is not stuck.
+        friction = 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9)
+        self._short = np.maximum(_SHORT, friction + _SAG * sag)
         self._full = _FULL * spec.actuation.torque_limit
         self._place, self._since = np.full(spec.n_joints, np.inf), np.zeros(spec.n_joints)
         self._stuck: dict[str, float] = {}
@@ -265,7 +268,19 @@ class MotionControl:
         return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
 
     def _watched(self, goal: Goal | None) -> MotionMonitor | None:
-        return None if goal is None else MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period)
+        if goal is None:
+            return None
+        sag = self._sag(goal.at(goal.began + goal.seconds))
+        return MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period, sag)
+
+    def _sag(self, posture: Vector) -> Vector:
+        """How far the weight of its fingers bends each servo at a posture, however the palm is turned, (n,), rad; 0 for
+        a hand that takes torques, whose controllers carry the weight."""
+        spec = self._rig.spec
+        if "torque" in spec.commands or spec.actuation.stiffness is None:
+            return np.zeros(spec.n_joints)
+        each = self.model.gravity_torque(np.tile(posture, (3, 1)), 9.81 * np.eye(3))
+        return np.asarray(np.linalg.norm(each, axis=0) / spec.actuation.stiffness)
 
     def _look(self, sample: Sample) -> None:
         """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""
