@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case
 from allegro_twin.grasping.evaluation.outcomes import make_rate
 from allegro_twin.grasping.plan.candidate import Candidate, limit_squeeze
+from allegro_twin.grasping.plan.draft import first_guess
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
-from allegro_twin.grasping.plan.initial_guess import first_guess
 from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates

@@ -205,7 +205,7 @@ def new(
 
     The palm touches neither object nor table, and the fingers close. Nothing tests whether it holds; `plan` does."""
     from allegro_twin.files.output_folder import defer_signals
-    from allegro_twin.grasping.plan.initial_guess import first_guess
+    from allegro_twin.grasping.plan.draft import first_guess
     from allegro_twin.grasping.plan.save import save_grasp
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
