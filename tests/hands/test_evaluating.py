@@ -29,6 +29,8 @@ from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
+from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.drivetrain.transmission import sum_each
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import PositionCommand
 from tests.conftest import MakeSim
@@ -95,6 +97,32 @@ def test_efforts_and_durations_side_by_side_are_those_of_a_hand_alone(name: str)
     assert found[1].report is not None
     assert found[0].report is not None
     assert found[0].report.peak_torque != found[1].report.peak_torque
+
+
+@pytest.mark.parametrize("name", ["allegro", "leap", "model_o", "sih", "qb_softhand"])
+@pytest.mark.parametrize("n", [2, 9])
+def test_hands_side_by_side_say_where_they_are_as_a_hand_alone_does(name: str, n: int, make_sim: MakeSim) -> None:
+    """To the bit, from any posture: also where a motor's position is a sum over many joints that follow."""
+    spec, rng = load_spec(name), np.random.default_rng(n)
+    postures = rng.uniform(spec.lower, spec.upper, (n, spec.n_joints))
+    single = [make_sim(spec, posture=posture) for posture in postures]
+    states = [sim.reset() for sim in single]
+    sims = SimBatch(spec, [sim.model for sim in single])
+    sims.place(np.arange(n), np.array([sim.posture for sim in single]))
+    sims.begin(np.zeros((n, 6)))
+    for _ in range(5):
+        np.testing.assert_array_equal(sims.position, [state.position for state in states])
+        np.testing.assert_array_equal(sims.velocity, [state.velocity for state in states])
+        states = [sim.read() for sim in single]
+        sims.step(None, single[0].substeps)
+
+
+def test_equal_terms_have_equal_sums_however_they_lie_in_memory() -> None:
+    terms = np.random.default_rng(0).uniform(-1.0, 1.0, (7, 3, 33))
+    alone = [[sum_each(row) for row in part] for part in terms]
+    for lie in (np.ascontiguousarray, np.asfortranarray):
+        np.testing.assert_array_equal(sum_each(lie(terms)), alone)
+    np.testing.assert_array_equal(sum_each(terms[::-1][:, ::-1])[::-1, ::-1], alone)
 
 
 def test_a_controllers_effort_and_the_guards_ceiling_hold_side_by_side_too() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.servos import control_map
-from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths, sum_each
 from allegro_twin.sim.model.joints import PostureMap, as_slice, motor_joints
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -82,5 +82,4 @@ class BatchMotors:
         rates = np.concatenate([np.ones((len(position), len(self.dofs) - len(self.spec.followers))),
                                 self.spec.coupled_rates(position)], axis=-1)  # fmt: skip
         work = rates * forces[:, self.dofs]
-        found: Array = (work[:, None, :] * self._coefficients.T).sum(axis=-1)
-        return found
+        return sum_each(work[:, None, :] * self._coefficients.T)

@@ -49,8 +49,14 @@ class ActuatorLengths:
         return data.actuator_length[self._ids].copy(), data.actuator_velocity[self._ids].copy()
 
     def _summed(self, values: Array, columns: NDArray[np.int_]) -> Array:
-        found: Array = (values[..., None, columns] * self._coefficients).sum(axis=-1)
-        return found
+        return sum_each(values[..., None, columns] * self._coefficients)
+
+
+def sum_each(terms: Array) -> Array:
+    """Sums over the last axis, (..., k) → (...): equal terms give equal bits, however many sums there are and however
+    they lie in memory. NumPy adds eight or more terms in an order that depends on their layout."""
+    found: Array = (np.ascontiguousarray(terms) if isinstance(terms, np.ndarray) else terms).sum(axis=-1)
+    return found
 
 
 def _over(model: mujoco.MjModel, actuator: int) -> dict[int, float] | None:
