@@ -82,10 +82,10 @@ def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise(
 @pytest.mark.slow
 def test_a_grasp_that_would_have_the_arm_in_the_table_is_refused_in_one_line_and_nothing_moves() -> None:
     hand = {"model": "qb_softhand", "side": "right"}
-    cell = cell_of(hand=hand, objects=[{"name": "mug", "at": [0.0, 0.03]}])
+    cell = cell_of(hand=hand, objects=[{"name": "golf_ball", "at": [0.0, 0.03]}])
     report = perform(cell)
     assert str(report.end) == "refused: no_grasp"
-    assert "mm deep in the table on the way to its mug grasp" in report.end.sentence
+    assert "mm deep in the table on the way to its golf_ball grasp" in report.end.sentence
     assert "\n" not in report.end.sentence
     assert states(report) == ["ToSecurityPose", "Look", "Done"]
     assert still(cell)
