@@ -6,6 +6,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
+from allegro_twin.kinematics.orientation import euler_from_matrix, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.kinematics.tree import LinkPlacement, Tree, TreeJoint, TreeLink
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -53,11 +54,9 @@ def _add_link(robot: Xml.Element, link: TreeLink) -> None:
     Xml.SubElement(inertial, "inertia", entries)
 
 
-def _add_joint(
-    robot: Xml.Element, name: str, kind: str, parent: str, child: str, at: LinkPlacement
-) -> Xml.Element:  # fmt: skip
+def _add_joint(robot: Xml.Element, name: str, kind: str, parent: str, child: str, at: LinkPlacement) -> Xml.Element:
     element = Xml.SubElement(robot, "joint", name=name, type=kind)
-    Xml.SubElement(element, "origin", xyz=_numbers(at.position), rpy=_numbers(_roll_pitch_yaw(at.rotation)))
+    Xml.SubElement(element, "origin", xyz=_numbers(at.position), rpy=_numbers(euler_from_matrix(at.rotation)))
     Xml.SubElement(element, "parent", link=parent)
     Xml.SubElement(element, "child", link=child)
     return element
@@ -80,8 +79,7 @@ def _back(joint: TreeJoint) -> LinkPlacement:
     axis = joint.axis / np.linalg.norm(joint.axis)
     if joint.slides:
         return LinkPlacement(-joint.zero * axis - joint.anchor, np.eye(3))
-    cross = np.cross(np.eye(3), axis).T
-    turn = np.eye(3) - np.sin(joint.zero) * cross + (1.0 - np.cos(joint.zero)) * cross @ cross
+    turn = matrix_from_quaternion(quaternion_from_vector(-joint.zero * axis))
     return LinkPlacement(-turn @ joint.anchor, turn)
 
 
@@ -91,14 +89,6 @@ def _times(first: LinkPlacement, second: LinkPlacement) -> LinkPlacement:
 
 def _is_identity(place: LinkPlacement) -> bool:
     return bool(np.abs(place.position).max() < _SAME and np.abs(place.rotation - np.eye(3)).max() < _SAME)
-
-
-def _roll_pitch_yaw(rotation: Array) -> Array:
-    """Of R = Rz(yaw) Ry(pitch) Rx(roll), (3,), rad."""
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    if np.hypot(rotation[0, 0], rotation[1, 0]) < _SAME:
-        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
-    return np.array([np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
 
 
 def _numbers(values: Array) -> str:

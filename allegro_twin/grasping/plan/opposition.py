@@ -44,7 +44,10 @@ EXACT, BALANCE, PADS, MIDDLE = 0.005, 3.0, 0.5, 0.15
 APART, WIDE, ASIDE = 0.9, 0.025, 0.25
 """Of their distance in the flat hand, and at most m, that fingertips of one side keep; of its range by which a joint
 bends that has no part."""
+ONE_SIDED = 0.2
+"""Of its width: a range whose middle is further than half of that from zero bends one way."""
 THUMB = "thumb"
+"""Name of the finger that opposes the others, in a hand that has one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,10 +58,8 @@ class OpposingGrasp(Grasp):
     """Of the ball, in the palm frame, (3,), m."""
     diameter: float
     """m."""
-    closing: Vector
-    """Which way each motor closes: 1, -1 or 0, (n,)."""
-    opposer: tuple[int, ...]
-    """Motors of the finger that opposes the others."""
+    fingers: tuple[str, ...]
+    """Those on the ball; the first opposes the others."""
 
 
 def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
@@ -77,20 +78,19 @@ def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
 
 def card_postures(spec: HandSpec) -> dict[str, Vector]:
     """Postures for the card of a hand, (n,), rad. `flat`: every motor as near to zero as it can be. `home`: fingertips
-    on a ball of 65 mm. `open`: the flat hand with its thumb, or what opposes the others, turned to them as in `home`.
-    All three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
+    on a ball of 65 mm. `open`: the flat hand, its thumb, if it has one, turned to the fingers as in `home`. All
+    three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
     import_scipy("optimize")
     flat = round_posture(spec.rest, spec)
     try:
         grasps = opposing_grasps(spec)
     except ConfigError:
         return dict.fromkeys(("home", "open", "flat"), flat)
-    most = max(grasp.name.count("_") for grasp in grasps)
-    with_all = {grasp.diameter: grasp for grasp in grasps if grasp.name.count("_") == most}
-    home = min(with_all.values(), key=lambda grasp: abs(grasp.diameter - MIDDLING))
+    home = min(grasps, key=lambda grasp: (-len(grasp.fingers), abs(grasp.diameter - MIDDLING)))
     opened = flat.copy()
-    turned = [joint for joint in home.opposer if not home.closing[joint]]
-    opened[turned] = home.close[turned]
+    if home.fingers[0] == THUMB:
+        turned = [joint for joint in spec.finger(THUMB).joints if home.preshape[joint] == home.squeeze[joint]]
+        opened[turned] = home.close[turned]
     return {"home": round_posture(home.close, spec), "open": round_posture(opened, spec), "flat": flat}
 
 
@@ -102,11 +102,11 @@ class _Opposition:
         self.names = [finger.name for finger in spec.fingers]
         self.moving = np.unique([joint for finger in spec.fingers for joint in finger.joints])
         self.lower, self.upper = spec.lower[self.moving], spec.upper[self.moving]
-        both = np.zeros(spec.n_joints, dtype=bool)
-        both[self.moving] = self._sign() == 0.0
-        self.sideways = [both & ~np.isin(np.arange(spec.n_joints), finger.joints) for finger in spec.fingers]
-        """Of each finger as the opposer: motors of others with the same range on both sides, which spread them."""
+        total, span = spec.lower + spec.upper, spec.upper - spec.lower
+        self.sign = np.where(np.abs(total) > ONE_SIDED * span, np.sign(total), 0.0)
+        """Which way each motor bends its finger, (n,): away from zero; 0 where its range is alike on both sides."""
         self.bends = [self._bend(finger) for finger in range(len(spec.fingers))]
+        """Of each finger its last motor, and which way that bends it."""
         tips = self._tips(np.asarray(spec.rest))
         apart = tips[:, None] - tips
         far = np.maximum(np.linalg.norm(apart, axis=2), 1e-6)
@@ -117,7 +117,7 @@ class _Opposition:
 
     def preferred(self, group: Sequence[int]) -> Array:
         """Where moving motors are if nothing else says so."""
-        span, sign = self.upper - self.lower, self._sign()
+        span, sign = self.upper - self.lower, self.sign[self.moving]
         own = np.isin(self.moving, [joint for each in group for joint in self.spec.fingers[each].joints])
         part = np.where(own | (sign == 0.0), 0.5, ASIDE)
         preferred: Array = np.where(sign < 0.0, self.upper - part * span, self.lower + part * span)
@@ -165,7 +165,7 @@ class _Opposition:
 
     def _first(self, group: Sequence[int]) -> _Solved:
         """For the middling ball, from half bent, less and more."""
-        span, sign, solved = self.upper - self.lower, self._sign(), []
+        span, sign, solved = self.upper - self.lower, self.sign[self.moving], []
         for part in (0.35, 0.5, 0.65):
             bent = np.where(sign < 0.0, self.upper - part * span, self.lower + np.where(sign > 0.0, part, 0.5) * span)
             middle = self._tips(self.posture(bent))[list(group)].mean(axis=0)
@@ -192,12 +192,12 @@ class _Opposition:
         spec, close = self.spec, self.posture(solved.x)
         by = motor_scale(spec) * closing
         preshape, squeeze = (np.clip(close + far * by, spec.lower, spec.upper) for far in (-OPENED, SQUEEZED))
-        name = "_".join([*(self.names[each] for each in group), f"{round(diameter * 1000)}mm"])
+        fingers = tuple(self.names[each] for each in group)
+        name = "_".join([*fingers, f"{round(diameter * 1000)}mm"])
         speed = float((spec.upper - spec.lower).max())
         return OpposingGrasp(
             name, claim_type(None), speed, "minimum_jerk", preshape, close, squeeze,
-            centre=solved.x[-3:], diameter=diameter, closing=closing,
-            opposer=spec.fingers[group[0]].joints,
+            centre=solved.x[-3:], diameter=diameter, fingers=fingers,
         )  # fmt: skip
 
     def _closing(self, solved: _Solved, group: Sequence[int]) -> Array:
@@ -209,7 +209,9 @@ class _Opposition:
         gain = np.einsum("fim,fi->m", jacobians, towards)
         most = np.linalg.norm(jacobians, axis=1).sum(axis=0)
         closing: Array = np.where(np.abs(gain) > TOWARDS * np.maximum(most, 1e-6), np.sign(gain), 0.0)
-        closing[self.sideways[group[0]]] = 0.0
+        spread = self.sign == 0.0
+        spread[list(self.spec.fingers[group[0]].joints)] = False
+        closing[spread] = 0.0  # Fingers of one side bend; what spreads them stays.
         for finger in group:  # One that meets the ball across its way closes by its last joint.
             if not closing[list(self.spec.fingers[finger].joints)].any():
                 motor, sign = self.bends[finger]
@@ -223,24 +225,15 @@ class _Opposition:
         return self.model.fingertip_jacobians(posture, [self.names[k] for k in group])
 
     def _bend(self, finger: int) -> tuple[int, float]:
-        """The last motor of a finger, and which way it bends: away from zero, or, where its range is the same on both
-        sides, toward the other fingertips."""
+        """The last motor of a finger, and which way it bends: by its range, or toward the other fingertips."""
         spec = self.spec
         motor = spec.fingers[finger].joints[-1]
-        lower, upper = spec.lower[motor], spec.upper[motor]
-        if abs(lower + upper) > 0.2 * (upper - lower):
-            return motor, float(np.sign(lower + upper))
+        if self.sign[motor]:
+            return motor, float(self.sign[motor])
         middle = (spec.lower + spec.upper) / 2.0
         tips, jacobians = self.model.fingertip_jacobians(middle, self.names)
         others = np.delete(tips, finger, axis=0).mean(axis=0)
         return motor, float(np.sign(jacobians[finger, :, motor] @ (others - tips[finger])) or 1.0)
-
-    def _sign(self) -> Array:
-        """Which way each moving motor bends its finger, as `_bend` says it; 0 where its range is the same on both
-        sides."""
-        total, span = self.lower + self.upper, self.upper - self.lower
-        sign: Array = np.where(np.abs(total) > 0.2 * span, np.sign(total), 0.0)
-        return sign
 
     def _tips(self, posture: Vector) -> Array:
         return self.model.fingertip_jacobians(posture, self.names)[0]

@@ -74,8 +74,6 @@ def _between_fingers(offset: Array, grasp: Grasp) -> Array:
 
 def closing_directions(grasp: Grasp, spec: HandSpec) -> Array:
     """Which way each motor goes from pre-shape to squeeze; 0 where what it moves turns by less than 0.1 rad."""
-    if isinstance(grasp, OpposingGrasp):
-        return grasp.closing
     travel = grasp.squeeze - grasp.preshape
     closing: Array = np.where(np.abs(travel) > 0.1 * motor_scale(spec), np.sign(travel), 0.0)
     return closing

@@ -19,6 +19,7 @@ from allegro_twin.grasping.plan.close_in_geometry import (
     motor_scale,
     torsion_radius,
 )
+from allegro_twin.grasping.plan.opposition import THUMB
 from allegro_twin.grasping.plan.poses import (
     NOISE,
     PoseGuesses,
@@ -163,10 +164,10 @@ def score_contacts(
     bench: GraspScene, candidate: Candidate, touch: TouchPoints, centre: Array, friction: float, turns: Sequence[float]
 ) -> float | None:
     """How little force would do, as a score; None for contacts that cannot hold."""
-    palm = len(bench.spec.fingers)
-    fingers = set(touch.part.tolist())
-    if len(fingers) < 2 or bench.meets_table() or not fingers & {palm, palm - 1}:
-        return None  # A finger alone, or fingers without anything against them.
+    names, parts = [finger.name for finger in bench.spec.fingers], set(touch.part.tolist())
+    against = {names.index(THUMB), len(names)} if THUMB in names else parts  # Thumb and palm.
+    if len(parts) < 2 or bench.meets_table() or not parts & against:
+        return None  # A finger alone, or fingers with nothing against them.
     held = metric_contacts(touch, centre, friction, torsion_radius(bench))
     if imbalance(held) > UNBALANCED:
         return None

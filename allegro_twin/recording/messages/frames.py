@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from allegro_twin.files.assets import data_root
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.recording.messages.build import transform
 from allegro_twin.recording.messages.message_types import TF, Message, RosTypes
 from allegro_twin.spec import HandSpec
@@ -59,15 +60,16 @@ class LinkFrames:
         self._axis = np.array([frame.axis for frame in self.moving])
         self._turn = np.array([frame.turn for frame in self.moving])
         self._place = np.array([frame.xyz for frame in self.moving])
-        self._slides = np.array([frame.slides for frame in self.moving])
+        self._slides = np.array([frame.slides for frame in self.moving])[:, None]
+        self._along = np.einsum("kij,kj->ki", matrix_from_quaternion(np.roll(self._turn, 1, axis=1)), self._axis)
 
     def transforms_at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
         """TFMessage of all joints at a posture, (n,), rad."""
         moved = self._spec.all_positions(position)[self._index, None]
-        half = np.where(self._slides[:, None], 0.0, moved) / 2.0
+        half = np.where(self._slides, 0.0, moved) / 2.0
         turns = _multiply(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
-        along = np.where(self._slides[:, None], moved, 0.0) * self._axis
-        return _message(words, stamp, self.moving, self._place + _rotated(self._turn, along), turns)
+        places = self._place + np.where(self._slides, moved, 0.0) * self._along
+        return _message(words, stamp, self.moving, places, turns)
 
     def static_transforms(self, words: RosTypes, stamp: int) -> Message:
         """TFMessage of the fixed frames: the fingertips on their links."""
@@ -102,13 +104,6 @@ def _multiply(a: Array, b: Array) -> Array:
     """Products of quaternions x, y, z, w, (k, 4) each."""
     vector = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
     return np.hstack([vector, (a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1))[:, None]])
-
-
-def _rotated(turns: Array, vectors: Array) -> Array:
-    """Vectors (k, 3) turned by quaternions x, y, z, w, (k, 4)."""
-    cross = 2.0 * np.cross(turns[:, :3], vectors)
-    turned: Array = vectors + turns[:, 3:] * cross + np.cross(turns[:, :3], cross)
-    return turned
 
 
 def _message(words: RosTypes, stamp: int, frames: list[LinkFrame], places: Array, turns: Array) -> Message:

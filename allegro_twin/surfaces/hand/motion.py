@@ -28,7 +28,8 @@ from allegro_twin.control.controllers import (
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference
 from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
-from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
+from allegro_twin.kinematics.orientation import STANDARD_GRAVITY
 from allegro_twin.loop import paced, run
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
@@ -102,6 +103,16 @@ class MotionMonitor:
         return ", ".join(f"{name} {short:.2f} rad" for name, short in worst[:3]) + rest
 
 
+def servo_sag(spec: HandSpec, model: HandKinematics) -> Vector:
+    """How far the weight of its fingers may bend each servo, however the palm is turned, (n,), rad: the more of the
+    flat hand and of the middle of all ranges. 0 for a hand that takes torques, whose controllers carry the weight."""
+    if "torque" in spec.commands or spec.actuation.stiffness is None:
+        return np.zeros(spec.n_joints)
+    postures = (np.asarray(spec.rest), (spec.lower + spec.upper) / 2.0)
+    weights = [model.gravity_torque(np.tile(each, (3, 1)), STANDARD_GRAVITY * np.eye(3)) for each in postures]
+    return np.asarray(np.linalg.norm(weights, axis=1).max(axis=0) / spec.actuation.stiffness)
+
+
 def _settled(error: Vector, state: HandState) -> bool:
     return bool(np.abs(error).max() < _SETTLED and np.abs(state.velocity).max() < _STILL)
 
@@ -129,6 +140,7 @@ class MotionControl:
         """What stopped the last motion, if anything did."""
         self._told, self._changing, self._cut = True, threading.Lock(), False
         self._watch: MotionMonitor | None = None
+        self._sag = servo_sag(rig.spec, self.model)
         self._gravity = GravityFeedforward(self.model.gravity_torque)
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp, rig.spec.actuation.torque_limit)
@@ -270,17 +282,7 @@ class MotionControl:
     def _watched(self, goal: Goal | None) -> MotionMonitor | None:
         if goal is None:
             return None
-        sag = self._sag(goal.at(goal.began + goal.seconds))
-        return MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period, sag)
-
-    def _sag(self, posture: Vector) -> Vector:
-        """How far the weight of its fingers bends each servo at a posture, however the palm is turned, (n,), rad; 0 for
-        a hand that takes torques, whose controllers carry the weight."""
-        spec = self._rig.spec
-        if "torque" in spec.commands or spec.actuation.stiffness is None:
-            return np.zeros(spec.n_joints)
-        each = self.model.gravity_torque(np.tile(posture, (3, 1)), 9.81 * np.eye(3))
-        return np.asarray(np.linalg.norm(each, axis=0) / spec.actuation.stiffness)
+        return MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period, self._sag)
 
     def _look(self, sample: Sample) -> None:
         """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""
