@@ -22,10 +22,10 @@ import numpy as np
 
 from allegro_twin.drivers.can.codec.v4 import SERVO_OFF
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.buses import open_bus
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.link.adapter import AdapterLink
+from allegro_twin.drivers.can.link.buses import open_bus
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import TorqueCommand
 

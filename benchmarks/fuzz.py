@@ -29,9 +29,9 @@ from allegro_twin.drivers.can.codec.messages import (
     Status,
 )
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.link.adapter import AdapterLink
 from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
 from allegro_twin.errors import HandError, ProtocolError
 from allegro_twin.hands.description.calibration import Version

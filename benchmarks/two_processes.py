@@ -23,8 +23,8 @@ from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.buses import shared
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.link.buses import shared
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands

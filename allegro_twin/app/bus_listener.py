@@ -8,7 +8,7 @@ from typing import Any
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
-from allegro_twin.drivers.can.driver.buses import Bus, open_bus
+from allegro_twin.drivers.can.link.buses import Bus, open_bus
 from allegro_twin.drivers.can.opening import codec_of
 from allegro_twin.drivers.can.tools.sniff import Sniffer
 from allegro_twin.drivers.can.virtual.slcan import TAP

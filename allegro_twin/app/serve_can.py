@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import SimulatedScene, context_of
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
-from allegro_twin.drivers.can.driver.buses import LOCAL, Bus, open_bus
+from allegro_twin.drivers.can.link.buses import LOCAL, Bus, open_bus
 from allegro_twin.drivers.can.opening import checkup_of as can_checkup
 from allegro_twin.drivers.can.opening import firmware_of
 from allegro_twin.drivers.can.tools.checkup import Checkup

@@ -13,9 +13,9 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings, FaultSettings, FirmwareSettings
 from allegro_twin.drivers.can.driver import realtime
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.buses import shared
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import BusPort
+from allegro_twin.drivers.can.link.buses import shared
+from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.drivers.can.tools.checkup import Checkup
 from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
 from allegro_twin.drivers.can.virtual.lockstep import LockstepLink

@@ -16,10 +16,10 @@ from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings, FaultSettings
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import BusPort
+from allegro_twin.drivers.can.link.adapter import AdapterLink
+from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
 from allegro_twin.drivers.can.virtual.serve import serve

@@ -21,7 +21,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.codec.text import describe
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.link.buses import open_bus
 from allegro_twin.drivers.can.tools.sniff import Sniffer
 from allegro_twin.recording.reader import load
 from tests.patience import wait_for
@@ -164,7 +164,7 @@ def test_no_permission_says_which_group_has_it(how: str, monkeypatch: pytest.Mon
             raise can.CanInitializationError("no", error_code=errno.EPERM)
         raise can.CanInitializationError("could not create the serial device") from denied
 
-    monkeypatch.setattr("allegro_twin.drivers.can.driver.slcan.SlcanBus", refuse)
+    monkeypatch.setattr("allegro_twin.drivers.can.link.slcan.SlcanBus", refuse)
     with pytest.raises(
         ConnectionError, match="slcan x.tty: no permission .*; on a serial port, join the group dialout"
     ):

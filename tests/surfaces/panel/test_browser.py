@@ -243,7 +243,7 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     import numpy as np
 
     from allegro_twin.hands.description.specs import load_spec
-    from allegro_twin.surfaces.panel.page.tip_ik import TipIK
+    from allegro_twin.surfaces.panel.tip_ik import TipIK
     from allegro_twin.viewing.scenery import scenery
 
     spec = load_spec()

@@ -7,7 +7,7 @@ import pytest
 
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
-from allegro_twin.surfaces.panel.page.tip_ik import TipIK
+from allegro_twin.surfaces.panel.tip_ik import TipIK
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])

@@ -16,11 +16,11 @@ from allegro_twin.drivers.can.codec.codec import FINGERS, Codec, described
 from allegro_twin.drivers.can.codec.messages import Topic
 from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.driver.listener import Listener
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.drivers.can.driver.startup import begin
 from allegro_twin.drivers.can.driver.watch import Watch
+from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, frozen

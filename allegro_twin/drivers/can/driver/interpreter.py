@@ -19,9 +19,9 @@ from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.driver.clock import Continuity, HandClock
 from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import Stamped, StampedJoints
 from allegro_twin.drivers.can.driver.lost_frames import Assembler, Whole
 from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
+from allegro_twin.drivers.can.link.shared_bus import Stamped, StampedJoints
 from allegro_twin.errors import ProtocolError
 from allegro_twin.types import HandState, Vector, frozen
 

@@ -9,7 +9,7 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import StatusBits
-from allegro_twin.drivers.can.driver.link import BusPort
+from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.errors import LinkError, ProtocolError
 
 PATIENCE, TRIES = 0.3, 60

@@ -11,7 +11,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Topic
 from allegro_twin.drivers.can.codec.v5 import parse_serial
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import BusPort, Stamped
+from allegro_twin.drivers.can.link.shared_bus import BusPort, Stamped
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
 from allegro_twin.spec import HandSpec, Side
 

@@ -13,8 +13,8 @@ from allegro_twin.drivers.base.suspend import Inhibitor, SuspendWatch
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.driver.deadman import Deadman
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
+from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.errors import HandFault, LinkError
 
 log = logging.getLogger(__name__)

@@ -18,12 +18,12 @@ from allegro_twin.drivers.can.codec.frames import Frame, bits
 from allegro_twin.drivers.can.codec.messages import Topic
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import OTHERS
-from allegro_twin.drivers.can.driver.link import BusPort
 from allegro_twin.drivers.can.driver.listener import Listener
-from allegro_twin.drivers.can.driver.load import share
 from allegro_twin.drivers.can.driver.lost_frames import Whole
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
 from allegro_twin.drivers.can.driver.startup import ask, begin, identify
+from allegro_twin.drivers.can.link.load import share
+from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.drivers.can.tools import findings
 from allegro_twin.drivers.can.tools.findings import Finding
 from allegro_twin.errors import HandError, LinkError, ProtocolError

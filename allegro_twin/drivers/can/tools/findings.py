@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import FINGERS, Codec
-from allegro_twin.drivers.can.driver.load import CEILING
+from allegro_twin.drivers.can.link.load import CEILING
 from allegro_twin.drivers.can.tools.samples import regular
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.safety import Limits

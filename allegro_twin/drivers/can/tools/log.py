@@ -17,7 +17,7 @@ from can.io.blf import BLFParseError
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import Stamped
+from allegro_twin.drivers.can.link.shared_bus import Stamped
 from allegro_twin.drivers.can.tools.samples import Found, Samples
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.types import Sample

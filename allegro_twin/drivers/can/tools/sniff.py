@@ -13,7 +13,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.codec.text import Description, describe
 from allegro_twin.drivers.can.codec.versions import LAST_DEVICE, make_codec
-from allegro_twin.drivers.can.driver.adapter import received
+from allegro_twin.drivers.can.link.adapter import received
 from allegro_twin.errors import LinkError, ProtocolError
 from allegro_twin.hands.description.calibration import HandCalibration, Version
 

@@ -9,8 +9,8 @@ from typing import Any
 import can
 
 from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
-from allegro_twin.drivers.can.driver.adapter import BUS_OFF, bus_off
-from allegro_twin.drivers.can.driver.link import Link, Stamped, StampedJoints
+from allegro_twin.drivers.can.link.adapter import BUS_OFF, bus_off
+from allegro_twin.drivers.can.link.shared_bus import Link, Stamped, StampedJoints
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import LinkError
 

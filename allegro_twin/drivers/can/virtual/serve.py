@@ -11,7 +11,7 @@ import can
 
 from allegro_twin.drivers.base.pacing import Served
 from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
-from allegro_twin.drivers.can.driver.adapter import full, number, received
+from allegro_twin.drivers.can.link.adapter import full, number, received
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 
 _DOWN = {errno.ENETDOWN, errno.ENETUNREACH}

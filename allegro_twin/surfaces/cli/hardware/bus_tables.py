@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from allegro_twin.drivers.can.driver.link import Message
+from allegro_twin.drivers.can.link.shared_bus import Message
 from allegro_twin.drivers.can.tools.findings import Finding
 from allegro_twin.drivers.can.tools.sniff import Sniffer, TrafficRow, name_of
 from allegro_twin.surfaces.cli import console

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from allegro_twin.surfaces.panel.page.tip_ik import TipIK
 from allegro_twin.surfaces.panel.requests import IMMEDIATE, DriverLeft, MoveJoints, Request
 from allegro_twin.surfaces.panel.stream import LibraryContents, Notice, SessionInfo, StreamFrame
+from allegro_twin.surfaces.panel.tip_ik import TipIK
 from allegro_twin.types import Array, Vector
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ import pytest
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.link.adapter import AdapterLink
 from allegro_twin.errors import LinkTimeout
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard, Limits

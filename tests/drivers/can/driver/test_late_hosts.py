@@ -15,11 +15,11 @@ import pytest
 
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
-from allegro_twin.drivers.can.driver.buses import open_bus
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
-from allegro_twin.drivers.can.driver.link import Stamped
+from allegro_twin.drivers.can.link.adapter import AdapterLink
+from allegro_twin.drivers.can.link.buses import open_bus
+from allegro_twin.drivers.can.link.shared_bus import Stamped
 from allegro_twin.drivers.can.virtual.slcan import TAP, SlcanDevice
 from allegro_twin.errors import LinkError
 from allegro_twin.hands.description.specs import load_spec

@@ -14,8 +14,8 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.link.adapter import AdapterLink
 from allegro_twin.drivers.can.opening import codec_of, host_settings
 from allegro_twin.drivers.can.tools import findings
 from allegro_twin.drivers.can.tools.checkup import Checkup

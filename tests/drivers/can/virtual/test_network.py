@@ -15,7 +15,7 @@ import pytest
 from allegro_twin.app.rig import open_backend
 from allegro_twin.app.serve_can import far_end
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.link.buses import open_bus
 from allegro_twin.drivers.can.virtual.socketcand import GRACE, SocketcandServer
 from allegro_twin.errors import LinkError
 from allegro_twin.types import TorqueCommand

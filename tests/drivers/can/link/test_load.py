@@ -6,7 +6,7 @@ import pytest
 
 from allegro_twin.drivers.can.codec.frames import bits
 from allegro_twin.drivers.can.codec.versions import make_codec
-from allegro_twin.drivers.can.driver.load import check_load, share
+from allegro_twin.drivers.can.link.load import check_load, share
 from allegro_twin.errors import ConfigError
 
 V4, V5 = make_codec("v4"), make_codec("v5")

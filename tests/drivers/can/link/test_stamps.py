@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.drivers.can.driver.timestamps import Stamps
+from allegro_twin.drivers.can.link.timestamps import Stamps
 
 
 def test_a_frame_that_is_read_late_came_when_its_stamp_says() -> None:

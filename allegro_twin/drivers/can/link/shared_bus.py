@@ -12,7 +12,7 @@ import can
 
 from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames
-from allegro_twin.drivers.can.driver.load import Load, check_load
+from allegro_twin.drivers.can.link.load import Load, check_load
 
 Message: TypeAlias = can.Message
 """A frame as python-can hands it over, with its time and its direction."""

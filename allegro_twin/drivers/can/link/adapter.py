@@ -11,8 +11,8 @@ import can
 
 from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames, single
-from allegro_twin.drivers.can.driver.link import Link, Stamped
-from allegro_twin.drivers.can.driver.timestamps import Stamps
+from allegro_twin.drivers.can.link.shared_bus import Link, Stamped
+from allegro_twin.drivers.can.link.timestamps import Stamps
 from allegro_twin.errors import LinkError
 
 BUS_OFF, _CONTROLLER, _OVERFLOW = 0x40, 0x04, 0x01

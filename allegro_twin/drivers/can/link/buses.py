@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 import can
 
-from allegro_twin.drivers.can.driver.adapter import AdapterLink, number
-from allegro_twin.drivers.can.driver.link import Link
+from allegro_twin.drivers.can.link.adapter import AdapterLink, number
+from allegro_twin.drivers.can.link.shared_bus import Link
 from allegro_twin.errors import ConfigError, LinkError
 
 Bus: TypeAlias = can.BusABC
@@ -54,11 +54,11 @@ def open_bus(interface: str, channel: str, bitrate: int, options: Mapping[str, A
 def _bus(interface: str, channel: str, bitrate: int, options: dict[str, Any]) -> can.BusABC:
     match interface:
         case "slcan":
-            from allegro_twin.drivers.can.driver.slcan import SlcanBus
+            from allegro_twin.drivers.can.link.slcan import SlcanBus
 
             return SlcanBus(channel, bitrate=bitrate, **options)
         case "socketcand":
-            from allegro_twin.drivers.can.driver.socketcand import SocketcandBus
+            from allegro_twin.drivers.can.link.socketcand import SocketcandBus
 
             return SocketcandBus(channel, **options)
     return can.Bus(channel=channel or None, interface=interface, bitrate=bitrate, ignore_config=True, **options)

@@ -8,8 +8,8 @@ import time
 import can
 
 from allegro_twin.drivers.can.codec.frames import Frame
-from allegro_twin.drivers.can.driver.adapter import AdapterLink
-from allegro_twin.drivers.can.driver.link import Stamped
+from allegro_twin.drivers.can.link.adapter import AdapterLink
+from allegro_twin.drivers.can.link.shared_bus import Stamped
 
 
 def test_a_hand_does_not_wait_for_the_bus_while_another_hands_thread_does() -> None:
