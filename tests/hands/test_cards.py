@@ -13,12 +13,14 @@ from allegro_twin import Hand
 from allegro_twin.app import load_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
+from allegro_twin.gym import HandEnv
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library, home_posture, load_posture, posture_names
 from allegro_twin.sim.hand_import.adapt import read_mjcf
 from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.surfaces.cli.main import app
+from allegro_twin.twin import mirror_recording
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
 
 
@@ -85,6 +87,37 @@ def test_a_config_finds_the_card_beside_it_from_any_folder(tmp_path: Path, monke
     assert load_config("mine/sim.yaml").hand.model == "mine/gripper.yaml"
     with Hand.open(config) as opened:
         assert opened.spec.model == "gripper"
+
+
+def test_without_scipy_a_card_has_no_postures_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(_name: str) -> None:
+        raise ConfigError("metrics of contacts need SciPy")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("allegro_twin.grasping.plan.opposition.import_scipy", missing)
+    Path("gripper.xml").write_text(GRIPPER)
+    command("hand", "new", "gripper.xml", "--no-film")
+    assert load_spec("mine/gripper.yaml").postures == {}
+    assert "no postures in the card: metrics of contacts need SciPy" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_a_mirror_of_a_recording_of_a_cards_hand_asks_for_the_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gripper.xml").write_text(GRIPPER)
+    command("hand", "new", "gripper.xml", "--no-film")
+    command("run", "mine/sim_gripper.yaml", "--record", "it.arrow")
+    with pytest.raises(ConfigError, match=r"it.arrow is of the hand gripper, which a card describes: say --hand CARD"):
+        mirror_recording(Path("it.arrow"), "", None)
+    assert len(mirror_recording(Path("it.arrow"), "mine/gripper.yaml", None).t) > 100
+
+
+def test_objects_that_are_given_are_the_disturbed_ones_whatever_the_package_has(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="nothing_there.yaml"):
+        HandEnv("HoldDisturbed", hand=str(made("gripper", tmp_path)), objects=("nothing_there.yaml",))
 
 
 def test_a_folder_to_write_into_is_not_the_name_of_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

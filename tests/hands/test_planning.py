@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +14,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
 from allegro_twin.grasping.plan.close_in_geometry import FINE, close_fingers, motor_scale
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
-from allegro_twin.grasping.plan.opposition import opposing_grasps
+from allegro_twin.grasping.plan.opposition import _Opposition, _Residuals, card_postures, opposing_grasps
 from allegro_twin.grasping.plan.parallel import run_searches
-from allegro_twin.grasping.plan.poses import closing_directions
-from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.poses import PoseGuesses, closing_directions
+from allegro_twin.grasping.plan.propose import OVERLAP, Proposer, fit_palm, score_contacts
 from allegro_twin.grasping.plan.save import save_grasps
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
 from allegro_twin.grasping.plan.templates import grasp_templates
@@ -25,8 +27,9 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
@@ -145,6 +148,62 @@ def test_a_hand_opposes_its_thumb_with_all_fingers_with_two_and_with_one(name: s
         assert grasp.fingers[0] == "thumb"
 
 
+@pytest.mark.parametrize("name", ["allegro", "leap", "qb_softhand", "sih"])
+def test_fingertips_of_one_side_keep_their_order_and_their_distance(name: str) -> None:
+    spec = load_spec(name)
+    flat = {name: pose.position for name, pose in hand_kinematics(spec).fingertips(spec.rest).items()}
+    for grasp in opposing_grasps(spec):
+        tips = hand_kinematics(spec).fingertips(grasp.close)
+        for first, second in combinations(grasp.fingers[1:], 2):
+            way = flat[first] - flat[second]
+            far = float(np.linalg.norm(way))
+            apart = (tips[first].position - tips[second].position) @ way / far
+            assert apart > 0.6 * min(far, 0.025)
+
+
+def test_the_slopes_of_the_least_squares_are_those_of_its_values_but_for_the_pads() -> None:
+    """The pads are taken as if they kept their direction."""
+    hand = _Opposition(load_spec())
+    group = [3, 0, 1, 2]
+    state, random = _Residuals(hand, group, 0.03), np.random.default_rng(0)
+    x = np.append(random.uniform(hand.lower, hand.upper), random.normal(0.0, 0.05, 3))
+    x[:16] = np.where(np.arange(16) % 4 == 0, 0.0, x[:16])  # Side by side and near each other: spaces count.
+    slopes, step = state.slopes(x), 1e-6
+    for column in range(len(x)):
+        more, less = x.copy(), x.copy()
+        more[column], less[column] = x[column] + step, x[column] - step
+        found = (state.values(more) - state.values(less)) / (2.0 * step)
+        rows = np.r_[0:7, 11 : len(found)]
+        np.testing.assert_allclose(slopes[rows, column], found[rows], atol=1e-4)
+
+
+@pytest.mark.parametrize(("names", "holds"), [(("f0", "f1", "f2"), True), (("index", "middle", "thumb"), False)])
+def test_two_fingers_hold_between_them_unless_the_hand_has_a_thumb(names: tuple[str, ...], holds: bool) -> None:
+    """Of a hand with a thumb it or the palm is among what touches: two fingers of one side would be scissors."""
+    at, flat = np.array([[0.02, 0.0, 0.0], [-0.02, 0.0, 0.0]] * 3), np.array([[-1.0, 0, 0], [1.0, 0, 0]] * 3)
+    at[:, 1:] = np.repeat([[0.0, 0.01], [0.01, -0.01], [-0.01, -0.01]], 2, axis=0)
+    touch = TouchPoints(at, flat, np.array([0, 1] * 3), np.zeros(6))
+    bench = SimpleNamespace(
+        spec=SimpleNamespace(fingers=[SimpleNamespace(name=name) for name in names]),
+        meets_table=lambda: False,
+        mass=0.05,
+    )
+    candidate = SimpleNamespace(rotation=np.eye(3))
+    score = score_contacts(bench, candidate, touch, np.zeros(3), 0.8, (0.0,))  # type: ignore[arg-type]
+    assert (score is not None) == holds
+
+
+def test_a_hand_that_is_inside_itself_is_no_candidate(tmp_path: Path) -> None:
+    spec = hand("gripper", tmp_path)
+    bench, above = bench_of(spec, "lemon"), np.array([0.0, 0.0, 0.4])
+    down = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]).T
+    for posture, free in ((spec.upper, True), (spec.lower, False)):
+        row = PoseGuesses(above[None], down[None], posture[None], -np.ones((1, 1)), ["x"])
+        bench.place(above, down, posture)
+        assert (bench.overlap() < OVERLAP) == free
+        assert (fit_palm(bench, row, 0, np.random.default_rng(0)) is not None) == free
+
+
 def test_the_allegros_fingers_close_by_bending_and_not_by_spreading() -> None:
     spec = load_spec()
     all_fingers = [grasp for grasp in opposing_grasps(spec) if len(grasp.fingers) == 4]
@@ -208,3 +267,21 @@ def test_a_hand_of_unknown_effort_is_not_planned_for(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"gripper.yaml: the effort of all motors is unknown, so nobody could say"):
         check_efforts(load_spec(str(path)))
     check_efforts(load_spec("leap"))
+
+
+@pytest.mark.parametrize("name", ["allegro", "leap", "model_o", "qb_softhand", "sih"])
+def test_postures_of_the_library_that_are_made_by_the_rule_are_what_it_makes(name: str) -> None:
+    """What a person has chosen is not: where the Allegro Hand begins and opens, and where the LEAP Hand begins."""
+    spec = load_spec(name)
+    own = {"allegro": {"home", "open"}, "leap": {"home"}}.get(name, set())
+    for posture, wanted in card_postures(spec).items():
+        if posture not in own:
+            np.testing.assert_allclose(load_posture(posture, spec), wanted, atol=2e-3)
+
+
+def test_the_open_hand_has_its_thumb_turned_to_the_fingers_and_is_flat_but_for_it() -> None:
+    spec = load_spec("leap")
+    postures = card_postures(spec)
+    differs = postures["open"] != postures["flat"]
+    assert differs[list(spec.finger("thumb").joints)].any()
+    assert not differs[:12].any()
