@@ -1,6 +1,6 @@
 """What `plan` finds for hands that the library has no grasps of: the demo's objects, by the cards that are given.
 
-    python -m benchmarks.hand_picks mine/shadow.yaml mine/inspire.yaml [--seed 0] [--cpu 60] [--objects lemon,mug]
+    python -m benchmarks.hand_picks mine/shadow.yaml mine/inspire.yaml [--seed 0] [--quick] [--objects lemon,mug]
 
 A row an object and hand: whether a grasp holds in the whole trial, and in how many of 20 draws that it was not chosen
 on.
@@ -19,7 +19,7 @@ from allegro_twin.grasping.plan.validate import judge_planned
 from allegro_twin.hands import load_spec
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 
-EFFORT = RoundSize(guessed=72, closed=24, drawn=5)
+QUICK = RoundSize(guessed=72, closed=24, drawn=5)
 
 
 def main() -> None:
@@ -27,24 +27,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cards", nargs="+")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--cpu", type=float, default=60.0, help="s of the search of each object")
+    parser.add_argument("--quick", action="store_true", help="smaller rounds than `plan` has, and half its time")
     parser.add_argument("--objects", default=",".join(objects))
     given = parser.parse_args()
     for card in given.cards:
         held = 0
         for name in given.objects.split(","):
-            row, picked = tried(card, name, given.seed, given.cpu)
+            row, picked = tried(card, name, given.seed, quick=given.quick)
             held += picked
             print(f"{Path(card).stem:12} {name:18} {row}", flush=True)
         print(f"{Path(card).stem}: {held} of {len(given.objects.split(','))} held in the whole trial", flush=True)
 
 
-def tried(card: str, thing: str, seed: int, cpu: float) -> tuple[str, bool]:
+def tried(card: str, thing: str, seed: int, *, quick: bool) -> tuple[str, bool]:
     """A line, and whether a grasp was found that holds."""
     spec, began = load_spec(card), time.process_time()
     scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": card})
-    search = GraspSearch(scenario, spec, grasp_templates(spec), seed=seed, effort=EFFORT, threads=1)
-    found = search.run(1, SearchBudget(cpu=cpu))
+    search = GraspSearch(
+        scenario, spec, grasp_templates(spec), seed=seed, effort=QUICK if quick else RoundSize(), threads=1
+    )
+    found = search.run(1, SearchBudget(cpu=60.0 if quick else 120.0))
     judge_planned(found, spec, search.uncertainty, seed, search.folder)
     spent = time.process_time() - began
     if not found:

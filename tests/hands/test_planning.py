@@ -16,7 +16,7 @@ from allegro_twin.grasping.plan.close_in_geometry import FINE, close_fingers, mo
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.opposition import _Opposition, _Residuals, card_postures, opposing_grasps
 from allegro_twin.grasping.plan.parallel import run_searches
-from allegro_twin.grasping.plan.poses import PoseGuesses, closing_directions
+from allegro_twin.grasping.plan.poses import PoseGuesses, SurfaceSample, closing_directions, guess_poses
 from allegro_twin.grasping.plan.propose import OVERLAP, Proposer, fit_palm, score_contacts
 from allegro_twin.grasping.plan.save import save_grasps
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
@@ -191,6 +191,18 @@ def test_two_fingers_hold_between_them_unless_the_hand_has_a_thumb(names: tuple[
     candidate = SimpleNamespace(rotation=np.eye(3))
     score = score_contacts(bench, candidate, touch, np.zeros(3), 0.8, (0.0,))  # type: ignore[arg-type]
     assert (score is not None) == holds
+
+
+def test_palms_are_drawn_so_that_what_they_look_at_is_on_the_near_side_of_the_ball() -> None:
+    spec, random = load_spec("leap"), np.random.default_rng(0)
+    (grasp, *_) = opposing_grasps(spec)
+    grasp = replace(grasp, centre=np.array([0.5, 0.3, -0.2]))  # Far from where the library's grasps hold.
+    at = SurfaceSample(random.normal(size=(300, 3)), np.tile([0.0, 0.0, 1.0], (300, 1)))
+    guessed = guess_poses(at, np.eye(3), [grasp], spec, random)
+    seen = np.einsum("kji,kj->ki", guessed.rotation, at.points - guessed.position)  # In the frames of the palms.
+    middle = seen.mean(axis=0) - (grasp.centre - [grasp.diameter / 2.0, 0.0, 0.0])
+    assert np.abs(middle).max() < 0.004
+    assert (np.abs(seen - seen.mean(axis=0)).max(axis=0) < [0.022, 0.018, 0.026]).all()
 
 
 def test_a_hand_that_is_inside_itself_is_no_candidate(tmp_path: Path) -> None:

@@ -18,7 +18,8 @@ from allegro_twin.recording.messages.message_types import ros_types
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.viewing.skeleton import Skeleton, bodies_of
-from tests.hands.models import hand
+from tests.hands.models import HANDS as HAND_FILES
+from tests.hands.models import SOFT, hand
 
 HANDS = ("model_o", "qb_softhand")
 
@@ -66,6 +67,15 @@ def test_a_hand_by_its_card_has_a_urdf_and_frames_that_are_where_its_kinematics_
         moving = {each.child_frame_id: each for each in frames.transforms_at(words, 0, posture).transforms}
         for finger, pose in model.fingertips(posture).items():
             np.testing.assert_allclose(_place(fixed | moving, spec.finger(finger).tip), pose.position, atol=1e-9)
+
+
+def test_a_joint_whose_file_counts_from_elsewhere_stands_in_the_urdf_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turned = SOFT.replace('axis="0 1 0" range="0 86"', 'axis="0 1 0" range="10 86" ref="10" pos="0.001 0 0.002"')
+    assert turned != SOFT
+    monkeypatch.setitem(HAND_FILES, "soft", turned)
+    test_a_hand_by_its_card_has_a_urdf_and_frames_that_are_where_its_kinematics_have_them("soft", tmp_path)
 
 
 def _place(frames: dict[str, Any], name: str) -> Any:

@@ -60,6 +60,24 @@ def test_a_pixel_of_a_segmentation_is_of_the_body_that_stands_there(scene: tuple
     camera.close()
 
 
+def test_a_left_hands_still_is_the_mirror_image_of_the_rights_and_a_little_gain_does_not_turn_the_camera() -> None:
+    stills = {}
+    for side in ("right", "left"):
+        rig = assemble(scenario_config("gelatin_box", side))  # Of those that are turned to.
+        rig.backend.reset()
+        camera = camera_of(rig)
+        stills[side] = camera.take_still(["gelatin_box"]).astype(float)
+        step = camera._step
+        camera._turned, camera._step = None, 0
+        assert step != 0
+        camera._pixels = lambda at, objects: [100 + 5 * at, 100]  # type: ignore[method-assign, assignment]
+        camera.turn(["gelatin_box"])
+        assert camera._step == 0, "a gain of less than a fifth is not worth a turn"
+        camera.close()
+        rig.backend.close()
+    assert np.abs(stills["left"][:, ::-1] - stills["right"]).mean() < 3.0
+
+
 def test_a_still_of_what_has_not_moved_is_not_rendered_again() -> None:
     rig = assemble(scenario_config("lemon", "right"))
     assert rig.sim is not None
