@@ -44,6 +44,8 @@ class Candidate:
     """The library's grasp that it began as."""
     score: float = 0.0
     """Larger is better; of the last step that judged it."""
+    torque: Vector | None = None
+    """What the motors have to give before the load comes, (n,), N·m; None: nobody has reckoned it."""
 
     @property
     def direction(self) -> str:

@@ -15,6 +15,8 @@ from allegro_twin.types import Array, Vector, frozen
 
 COARSE, FINE = 0.17, 0.04
 """rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
+EXACT = 0.02
+"""rad: the step of the last stretch, where forces are reckoned from where the fingers are."""
 FURTHEST = 1.6
 """rad that a joint closes."""
 
@@ -45,6 +47,15 @@ def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE)
         if not moving.any():
             break
     return replace(candidate, close=_last(candidate, of, at)), bench.touch()
+
+
+def meet_exactly(bench: GraspScene, candidate: Candidate) -> tuple[Candidate, TouchPoints]:
+    """The same within `EXACT`: coarse steps to where something is met, and fine ones over the last of them again."""
+    coarse, _ = close_fingers(bench, candidate, COARSE)
+    travel = candidate.closing * (coarse.close - candidate.preshape)
+    short = candidate.preshape + candidate.closing * np.maximum(travel - 1.2 * COARSE, 0.0)
+    fine, touch = close_fingers(bench, replace(candidate, preshape=short), EXACT)
+    return replace(fine, preshape=candidate.preshape), touch
 
 
 def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:

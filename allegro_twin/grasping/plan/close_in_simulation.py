@@ -3,15 +3,16 @@ then they squeeze, lift and turn it, fast and coarsely, many candidates side by 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from allegro_twin.control.controllers import Gains, GravityTorque
 from allegro_twin.grasping.batch.trial_loop import TrialLoop
+from allegro_twin.grasping.metrics.preload import Preload
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.close_in_geometry import UNBALANCED, metric_contacts, motor_scale, torsion_radius
@@ -19,7 +20,7 @@ from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.verdict import pose_in_palm
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
-from allegro_twin.sim.contact.grasp_scene import GraspScene, wrist_coordinates
+from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
 from allegro_twin.sim.model.wrist import WRIST_JOINTS, WristSegment, wrist_load, wrist_set_points
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -32,6 +33,8 @@ SETTLING, LIFTING, TURNING = 0.25, 0.4, 1.1
 """s."""
 LIGHT, STRONG = 0.35, 1.0
 """Of it that they squeeze with, at least and at most; drawn."""
+FIRM = 0.4
+"""Of its torque limit that the most loaded motor squeezes with at least, where forces are reckoned."""
 HEIGHT = 0.06
 """m, of the lift."""
 DRIFT, ROTATION = 0.012, 18.0
@@ -50,10 +53,16 @@ class ClosingOutcome(NamedTuple):
 
 
 def close_candidates(
-    bench: GraspScene, candidates: Sequence[Candidate], performer: FingerGains, friction: float, random: Random
+    bench: GraspScene,
+    candidates: Sequence[Candidate],
+    performer: FingerGains,
+    friction: float,
+    random: Random,
+    preload: Callable[[Candidate, TouchPoints, Any], Preload] | None = None,
 ) -> list[ClosingOutcome]:
-    """All of them, side by side, in order."""
-    run = _ClosingTrials(bench, list(candidates), performer, friction, random)
+    """All of them, side by side, in order. `preload`: reckons with what torques contacts are to be squeezed, in a state
+    of the scene's model; None: fingers press with a share of their torque, and squeeze with a drawn one."""
+    run = _ClosingTrials(bench, list(candidates), performer, friction, random, preload)
     run.close()
     run.squeeze()
     run.move([WristSegment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
@@ -68,19 +77,28 @@ class _ClosingTrials(TrialLoop):
     """Candidates in step."""
 
     def __init__(
-        self, bench: GraspScene, candidates: list[Candidate], performer: FingerGains, friction: float, random: Random
+        self,
+        bench: GraspScene,
+        candidates: list[Candidate],
+        performer: FingerGains,
+        friction: float,
+        random: Random,
+        preload: Callable[[Candidate, TouchPoints, Any], Preload] | None,
     ) -> None:
         n, self.timestep = len(candidates), float(bench.model.opt.timestep)
         # A copy, for a hand that closes its own loop has what its motors may give in there.
         models, names = [copy(bench.model)] * n, [bench.name] * n
         super().__init__(bench.spec, models, names, STEPS * self.timestep)
         self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
+        self.preload = preload
         self.gains, self.reached = performer.gains, np.zeros(n)
         self.base = np.array([wrist_coordinates(c.position, c.rotation) for c in candidates])
         self.target = np.array([_opened(c, bench.spec) for c in candidates])
         self.closing = np.array([c.closing for c in candidates])
-        close = np.array([c.close for c in candidates])
-        self.fingers = make_finger_drive(self.sims, performer, self.target, self.closing, close)
+        close, pressing = np.array([c.close for c in candidates]), CAP
+        if preload is not None:
+            close, pressing = close + OVER * np.array([c.torque for c in candidates]) / self.gains.kp, 0.0
+        self.fingers = make_finger_drive(self.sims, performer, self.target, self.closing, close, pressing)
         self.sims.place(self.running, self.target)
         for axis, name in enumerate(WRIST_JOINTS):
             self.sims.joint(name)[:, 0] = self.base[:, axis]
@@ -89,7 +107,7 @@ class _ClosingTrials(TrialLoop):
         self.sims.begin(self.base + self._still[0])
 
     def close(self) -> None:
-        """The joints that close press, the others stay."""
+        """The joints that close press, or go to where they are to meet the object; the others stay."""
         for k in range(round(self.fingers.seconds / self.period)):
             self._step(self.fingers.press(self.running, (k + 1) * self.period))
         reasons = {}
@@ -98,7 +116,10 @@ class _ClosingTrials(TrialLoop):
             touch, centre = self.bench.touch(data), data.xipos[self.bench.body].copy()
             if not len(touch.points):
                 reasons[row] = "empty"
-            elif imbalance(metric_contacts(touch, centre, self.friction, torsion_radius(self.bench))) > UNBALANCED:
+            elif (
+                self.preload is None
+                and imbalance(metric_contacts(touch, centre, self.friction, torsion_radius(self.bench))) > UNBALANCED
+            ):
                 reasons[row] = "unbalanced"
         self.stop(reasons)
 
@@ -106,8 +127,12 @@ class _ClosingTrials(TrialLoop):
         """From where they rest, further by what makes the wanted torque."""
         spec = self.bench.spec
         rest = self.sims.position.copy()
-        push = squeeze_offsets(self.closing, spec, self.gains, self.random)
-        wanted = np.clip(np.where(self.closing != 0.0, rest + push, self.target), spec.lower, spec.upper)
+        if self.preload is None:
+            push = squeeze_offsets(self.closing, spec, self.gains, self.random)
+            wanted = np.where(self.closing != 0.0, rest + push, self.target)
+        else:
+            wanted = rest + OVER * self._torques() / self.gains.kp
+        wanted = np.clip(wanted, spec.lower, spec.upper)
         for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], close=rest[row], squeeze=wanted[row])
         periods = round(SETTLING / self.period)
@@ -118,6 +143,23 @@ class _ClosingTrials(TrialLoop):
         for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
         self.began = pose_in_palm(*self.poses(np.arange(self.n)))
+
+    def _torques(self) -> Array:
+        """Of the motors of all candidates, (n, joints), N·m: for the contacts that they have now; where these will not
+        do, for those that geometry had."""
+        assert self.preload is not None
+        found = np.zeros((self.n, self.bench.spec.n_joints))
+        for row in self.running.tolist():
+            data, candidate = self.sims.look(row), self.candidates[row]
+            held = self.preload(candidate, self.bench.touch(data), data)
+            torque = held.torque if np.isfinite(held.share) else candidate.torque
+            assert torque is not None
+            # Firmly enough for what is light, too: scaled, forces that move nothing still move nothing.
+            share = float((np.abs(torque) / self.bench.spec.actuation.torque_limit).max())
+            torque = torque * max(1.0, FIRM / max(share, 1e-9))
+            found[row] = torque
+            self.candidates[row] = replace(candidate, torque=torque)
+        return found
 
     def move(self, segments: list[WristSegment], name: str) -> None:
         """The wrist moves; whoever loses the object is out."""
@@ -212,13 +254,14 @@ class FingerDrive(Protocol):
 
 
 def make_finger_drive(
-    sims: SimBatch, performer: FingerGains, start: Array, closing: Array, close: Array
+    sims: SimBatch, performer: FingerGains, start: Array, closing: Array, close: Array, pressing: float = CAP
 ) -> FingerDrive:
     """`start`: where they begin, `closing`: which way they go, and `close`: where geometry has them meet something,
-    (candidates, n)."""
+    (candidates, n). `pressing`: the share of their torque limit with which they go on from there; 0: they stay
+    there."""
     if not sims.closes_loop:
-        return TorqueFingers(sims, performer, start.copy(), closing)
-    return ServoFingers(sims, performer, start.copy(), closing, close)
+        return TorqueFingers(sims, performer, start.copy(), closing, close, pressing)
+    return ServoFingers(sims, performer, start.copy(), closing, close, pressing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,14 +272,21 @@ class TorqueFingers:
     performer: FingerGains
     start: Array
     closing: Array
+    close: Array
+    pressing: float
 
     @property
     def seconds(self) -> float:
-        return SECONDS
+        return SECONDS if self.pressing else SECONDS + SETTLING
 
     def press(self, rows: Rows, at: float) -> Array:
         gains, sims = self.performer.gains, self.sims
-        push = min(1.0, at / RISE) * CAP * sims.spec.actuation.torque_limit * self.closing - gains.kd * sims.velocity
+        limit = sims.spec.actuation.torque_limit
+        if self.pressing:
+            push = min(1.0, at / RISE) * self.pressing * limit * self.closing
+        else:
+            push = gains.kp * (self.start + min(1.0, at / SECONDS) * (self.close - self.start) - sims.position)
+        push = push - gains.kd * sims.velocity
         stay = gains.kp * (self.start - sims.position) - gains.kd * sims.velocity
         return self._carried(rows, np.where(self.closing != 0.0, push, stay))
 
@@ -261,6 +311,7 @@ class ServoFingers:
     start: Array
     closing: Array
     close: Array
+    pressing: float
 
     @property
     def seconds(self) -> float:
@@ -279,6 +330,6 @@ class ServoFingers:
 
     def _goal(self) -> Array:
         spec = self.sims.spec
-        beyond = OVER * CAP * spec.actuation.torque_limit / self.performer.gains.kp
+        beyond = OVER * self.pressing * spec.actuation.torque_limit / self.performer.gains.kp
         goal: Array = np.clip(self.close + beyond * self.closing, spec.lower, spec.upper)
         return np.where(self.closing != 0.0, goal, self.start)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_normal_force
+from allegro_twin.grasping.metrics.preload import Preload, least_preload
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.close_in_geometry import (
     COARSE,
     UNBALANCED,
     close_fingers,
+    meet_exactly,
     metric_contacts,
     motor_scale,
     torsion_radius,
@@ -62,6 +66,9 @@ class Proposer:
     """Of the closing fingers, rad."""
     region: GraspRegion | None = None
     """By which it is to be held."""
+    gains: Gains | None = None
+    """With which joints hold: forces are reckoned with them. None: they are not, and candidates are ranked by the
+    normal forces that would do."""
     centre: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -80,6 +87,16 @@ class Proposer:
                     yield candidate
             yield None
 
+    @property
+    def preload(self) -> Callable[[Candidate, TouchPoints, Any], Preload] | None:
+        """Reckons with what torques contacts are to be squeezed, in a state of the scene's model."""
+        gains = self.gains
+        if gains is None:
+            return None
+        return lambda candidate, touch, data: squeeze_preload(
+            self.bench, candidate, touch, self.friction, self.turns, gains, data
+        )
+
     def _looked_at(self) -> SurfaceSample:
         """Points of the surface, in the region where there is one. Raises ConfigError where it is empty."""
         placed = self.bench.placed
@@ -91,11 +108,12 @@ class Proposer:
             raise ConfigError(f"object {placed.thing.name}: nothing of its surface is in the region {self.region}")
         return SurfaceSample(on.points[inside], on.normals[inside])
 
-    def near(self, elite: Sequence[Candidate], count: int) -> list[Candidate]:
-        """So many variations of candidates that came far, in turn; fewer where few of them fit."""
+    def near(self, elite: Sequence[Candidate], count: int, scale: float = 1.0) -> list[Candidate]:
+        """So many variations of candidates that came far, in turn; fewer where few of them fit. `scale`: of how much
+        they differ."""
         found: list[Candidate] = []
         for k in range(8 * count if elite else 0):
-            candidate = self._grown(_jittered(elite[k % len(elite)], self.bench.spec, self.random), 0)
+            candidate = self._grown(_jittered(elite[k % len(elite)], self.bench.spec, self.random, scale), 0)
             if candidate is not None:
                 found.append(candidate)
             if len(found) == count:
@@ -107,20 +125,28 @@ class Proposer:
         candidate = fit_palm(self.bench, guessed, row, self.random)
         if candidate is None:
             return None
-        candidate, touch = close_fingers(self.bench, candidate, self.step)
+        if self.gains is None:
+            candidate, touch = close_fingers(self.bench, candidate, self.step)
+        else:
+            candidate, touch = meet_exactly(self.bench, candidate)
         if self.region is not None and len(touch.points):
             inside = self.region.contains(to_object_frame(self.bench.placed, touch.points))
             if not inside.mean() > SHARE:
                 return None
-        score = score_contacts(self.bench, candidate, touch, self.centre, self.friction, self.turns)
-        return None if score is None else replace(candidate, score=score)
+        if not could_hold(self.bench, touch, self.centre, self.friction):
+            return None
+        if self.gains is None:
+            force = -normal_force(self.bench, candidate, touch, self.centre, self.friction, self.turns)
+            return replace(candidate, score=force) if np.isfinite(force) else None
+        held = squeeze_preload(self.bench, candidate, touch, self.friction, self.turns, self.gains)
+        return replace(candidate, score=-held.share, torque=held.torque) if np.isfinite(held.share) else None
 
 
-def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> PoseGuesses:
-    turn = matrix_from_quaternion(quaternion_from_vector(TURN * random.normal(size=3)))
-    noise = NOISE * random.normal(size=spec.n_joints) * motor_scale(spec)
+def _jittered(candidate: Candidate, spec: HandSpec, random: Random, scale: float = 1.0) -> PoseGuesses:
+    turn = matrix_from_quaternion(quaternion_from_vector(scale * TURN * random.normal(size=3)))
+    noise = scale * NOISE * random.normal(size=spec.n_joints) * motor_scale(spec)
     preshape = np.clip(candidate.preshape + noise, spec.lower, spec.upper)
-    position = candidate.position + METRES * random.normal(size=3)
+    position = candidate.position + scale * METRES * random.normal(size=3)
     return PoseGuesses(
         position[None], (turn @ candidate.rotation)[None], preshape[None], candidate.closing[None], [candidate.template]
     )
@@ -160,19 +186,55 @@ def _free(bench: GraspScene, position: Array, rotation: Array, posture: Array) -
     return not bench.meets_anything()
 
 
-def score_contacts(
-    bench: GraspScene, candidate: Candidate, touch: TouchPoints, centre: Array, friction: float, turns: Sequence[float]
-) -> float | None:
-    """How little force would do, as a score; None for contacts that cannot hold."""
+def could_hold(bench: GraspScene, touch: TouchPoints, centre: Array, friction: float) -> bool:
+    """Whether contacts could hold the object at all: thumb or palm against something else, away from the table, and
+    their forces can balance."""
     names, parts = [finger.name for finger in bench.spec.fingers], set(touch.part.tolist())
     against = {names.index(THUMB), len(names)} if THUMB in names else parts  # Thumb and palm.
     if len(parts) < 2 or bench.meets_table() or not parts & against:
-        return None  # A finger alone, or fingers with nothing against them.
+        return False  # A finger alone, or fingers with nothing against them.
+    return imbalance(metric_contacts(touch, centre, friction, torsion_radius(bench))) <= UNBALANCED
+
+
+def normal_force(
+    bench: GraspScene, candidate: Candidate, touch: TouchPoints, centre: Array, friction: float, turns: Sequence[float]
+) -> float:
+    """The least that carries the weight through the turns, N; inf where none does."""
     held = metric_contacts(touch, centre, friction, torsion_radius(bench))
-    if imbalance(held) > UNBALANCED:
-        return None
-    force = float(least_normal_force(held, weight_loads(candidate.rotation, bench.mass, turns)).max())
-    return -force if np.isfinite(force) else None
+    return float(least_normal_force(held, weight_loads(candidate.rotation, bench.mass, turns)).max())
+
+
+WORN, HEAVIER = 0.75, 1.2
+"""Of the friction that is told and of the mass: what a squeeze is reckoned for, for draws bring less and more."""
+SHAKEN = 1.3
+"""Times the weight, when the palm has turned: it is shaken there."""
+PATCH = 0.004
+"""m, radius of what a fingertip touches: where there are two contacts alone, each stands for three points around it,
+for about the line between two points nothing would resist."""
+
+
+def squeeze_preload(
+    bench: GraspScene, candidate: Candidate, touch: TouchPoints, friction: float, turns: Sequence[float], gains: Gains,
+    data: Any = None,
+) -> Preload:  # fmt: skip
+    """The squeeze that carries the weight through the turns with the smallest share of any motor, with less friction
+    and more weight than are told. `data`: another state of the scene's model in which the hand touches the object."""
+    centre = bench.centre if data is None else data.xipos[bench.body]
+    touch = _as_patches(touch) if len(touch.points) < 3 else touch
+    held = metric_contacts(touch, centre, WORN * friction)
+    loads = weight_loads(candidate.rotation, HEAVIER * bench.mass, turns)
+    loads[1:] *= np.linspace(1.0, SHAKEN, len(loads))[1:, None]
+    limit = bench.spec.actuation.torque_limit
+    return least_preload(held, bench.jacobians(touch, data), np.broadcast_to(gains.kp, limit.shape), limit, loads)
+
+
+def _as_patches(touch: TouchPoints) -> TouchPoints:
+    """Three points around each contact, in its plane."""
+    contacts = metric_contacts(touch, np.zeros(3), 0.0)
+    first, second = contacts.tangents, np.cross(contacts.normals, contacts.tangents)
+    around = [np.cos(a) * first + np.sin(a) * second for a in 2.0 * np.pi * np.arange(3) / 3.0]
+    points = np.concatenate([touch.points + PATCH * way for way in around])
+    return TouchPoints(points, *(np.concatenate([each] * 3) for each in touch[1:]))
 
 
 def weight_loads(rotation: Array, mass: float, turns: Sequence[float]) -> Array:

@@ -22,6 +22,7 @@ from allegro_twin.grasping.plan.close_in_simulation import (
 )
 from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.refine import Population
 from allegro_twin.grasping.plan.region import GraspRegion
 from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
@@ -47,7 +48,7 @@ class RoundSize:
     guessed: int = 192
     """Proposals."""
     closed: int = 48
-    """The best of them, which physics closes."""
+    """The best of them, which physics closes; half as many where forces are reckoned, for most of those hold."""
     drawn: int = 10
     """The best of those that hold, which are tried under draws."""
 
@@ -108,25 +109,43 @@ class GraspSearch:
         prover = self._prover(bench)
         friction = protocol.friction or self.scenario.friction
         step = FINE if protocol.floating else COARSE
-        proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region)
+        reckoned = not self.spec.followers and not protocol.floating
+        gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec) if reckoned else None
+        proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region, gains)
         proposed, elite = proposer.fresh(), list[Candidate]()
+        population = (
+            None if proposer.gains is None else Population(proposer, prover.turns, max(4, 2 * self.effort.closed // 3))
+        )
         while sum(each.good for each in prover.best(n)) < n:
             self.cpu = time.process_time() - began
             if self.closed and (self.cpu >= budget.cpu or self.closed >= budget.candidates):
                 break
-            guessed = sorted(_next(proposed, self.effort.guessed), key=lambda c: -c.score)
+            begun = population is not None and len(population.elite) >= population.kept // 2
+            count = self.effort.guessed // 4 if begun else self.effort.guessed
+            guessed = sorted(_next(proposed, count), key=lambda c: -c.score)
             if not guessed:
                 break
-            varied = proposer.near(elite, self.effort.closed // 2)
-            closed = [*varied, *guessed[: self.effort.closed - len(varied)]]
-            closed = closed[: int(min(len(closed), budget.candidates - self.closed))]
+            most = int(min(self.effort.closed, budget.candidates - self.closed))
+            if population is None:
+                varied = proposer.near(elite, self.effort.closed // 2)
+                closed = [*varied, *guessed[: self.effort.closed - len(varied)]][:most]
+            else:
+                population.evolve([*guessed, *proposer.near(elite, self.effort.closed // 2)])
+                closed = population.take(min(most, self.effort.closed // 2))
             self.closed += len(closed)
             if protocol.floating:
                 validate_in_air(prover, self._apart(self._squeezed(closed, protocol, random), prover))
             else:
-                outcomes = close_candidates(bench, closed, self._performer(protocol), friction, random)
+                outcomes = close_candidates(
+                    bench, closed, self._performer(protocol), friction, random, proposer.preload
+                )
                 self.ends.update(outcome.where for outcome in outcomes)
                 passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+                if population is not None:  # Of what failed only the weak may come to something.
+                    strong = [
+                        each for each, end in zip(closed, outcomes, strict=True) if end.passed or each.score > -1.0
+                    ]
+                    population.drop(strong)
                 prover.add(self._apart(passed, prover)[: self.effort.drawn], n)
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
             spent = max((time.process_time() - began) / budget.cpu, self.closed / budget.candidates)

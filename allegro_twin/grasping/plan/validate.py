@@ -30,10 +30,11 @@ from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-FIRST, MORE, MOST = 2, 6, 20
+FIRST, MORE, MOST = 2, 6, 26
 """Draws that everybody gets, that the best get after them at a time, and that anybody gets at most."""
-GOOD = 0.85
-"""An expected share of draws with which a grasp is good enough."""
+GOOD, SURE = 0.88, 14
+"""An expected share of draws with which a grasp is good enough, and the draws that it takes to say so: of many that
+hold in a few, some were lucky."""
 
 
 class Squeeze(NamedTuple):
@@ -95,7 +96,7 @@ class PlannedGrasp:
 
     @property
     def good(self) -> bool:
-        return self.expected >= GOOD
+        return self.sure or (self.expected >= GOOD and self.tried >= SURE)
 
 
 @dataclass(slots=True)
@@ -125,6 +126,7 @@ class GraspValidator:
         self._draw(new, FIRST)
         self.options += new
         self._draw([o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good], MORE)
+        self._draw([o for o in self.ranked(self.options, n) if o.expected >= GOOD and o.tried < SURE], MORE)
         self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
 
     def settle(self, n: int) -> None:

@@ -31,6 +31,8 @@ class TouchPoints(NamedTuple):
     """Which finger, or the palm, (k,)."""
     depth: Array
     """How deep, (k,), m."""
+    body: Indices
+    """Of the hand, (k,)."""
 
 
 class GraspScene:
@@ -51,6 +53,7 @@ class GraspScene:
         """Which part of the hand each geom belongs to; -1: none."""
         self._carry = _carrying(model, self._posed.joints)
         self._of_object = model.geom_bodyid == self.body
+        self._columns = [] if spec.followers else [int(model.joint(name).dofadr[0]) for name in spec.joints]
         self._hand = np.flatnonzero((self.part >= 0) & ((model.geom_contype | model.geom_conaffinity) != 0))
 
     @property
@@ -129,7 +132,18 @@ class GraspScene:
         mine = at_second | (self._of_object[first] & (self.part[second] >= 0))
         sign = np.where(at_second, 1.0, -1.0)[mine, None]
         hand = np.where(at_second, first, second)[mine]
-        return TouchPoints(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
+        normals = sign * contact.frame[mine, :3]
+        bodies = self.model.geom_bodyid[hand]
+        return TouchPoints(contact.pos[mine], normals, self.part[hand], -contact.dist[mine], bodies)
+
+    def jacobians(self, touch: TouchPoints, data: mujoco.MjData | None = None) -> Array:
+        """How each contact of the hand moves with its joints, (k, 3, n), m/rad, world; for a hand whose motors turn a
+        joint each."""
+        moved, found = np.zeros((3, self.model.nv)), np.empty((len(touch.points), 3, len(self._columns)))
+        for row, (point, body) in enumerate(zip(touch.points, touch.body.tolist(), strict=True)):
+            mujoco.mj_jac(self.model, self.data if data is None else data, moved, None, point, body)
+            found[row] = moved[:, self._columns]
+        return found
 
     def _pairs(self) -> tuple[Indices, Indices, NDArray[np.bool_]]:
         geoms = self.data.contact.geom

@@ -179,6 +179,7 @@ def pinched(friction: float, off: float = 0.0) -> float:
     touch = TouchPoints(
         np.array([[0.03, 0.0, 0.0], [-0.03, off, 0.0], [0.0, 0.0, 0.03]]),
         np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.array([0, 1, 2]), np.zeros(3),
+        np.zeros(3, int),
     )  # fmt: skip
     return imbalance(metric_contacts(touch, np.zeros(3), friction))
 
@@ -187,7 +188,11 @@ def test_fingers_that_face_each_other_balance_and_fingers_on_one_side_do_not() -
     assert pinched(0.8) < 1e-6
     assert pinched(0.1, off=0.03) > 0.1
     same = TouchPoints(
-        np.array([[0.03, 0.0, 0.0], [0.03, 0.01, 0.0]]), np.array([[-1.0, 0, 0]] * 2), np.zeros(2, int), np.zeros(2)
+        np.array([[0.03, 0.0, 0.0], [0.03, 0.01, 0.0]]),
+        np.array([[-1.0, 0, 0]] * 2),
+        np.zeros(2, int),
+        np.zeros(2),
+        np.zeros(2, int),
     )
     assert imbalance(metric_contacts(same, np.zeros(3), 0.8)) > 0.9
 

@@ -1,0 +1,100 @@
+"""The least squeeze: what it must be in cases that a pencil solves, and what no squeeze can do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
+from allegro_twin.grasping.metrics.preload import Preload, least_preload
+from allegro_twin.types import Array
+
+HALF = 0.03
+"""m, between an object's middle and each of two flat pads."""
+WEIGHT = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
+
+
+def pads(friction: float) -> Contacts:
+    """Two pads of three points each that face each other along x."""
+    around = 0.008 * np.array([[0.0, np.cos(a), np.sin(a)] for a in 2.0 * np.pi * np.arange(3) / 3.0])
+    points = np.vstack([around - np.array([HALF, 0, 0]), around + np.array([HALF, 0, 0])])
+    normals = np.repeat([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], 3, axis=0)
+    return make_contacts(points, normals, friction, length=0.04)
+
+
+def slides() -> Array:
+    """Each pad is moved by three slides of its own, of 1 m/m: a motor's torque is a force, N. (6, 3, 6)."""
+    found = np.zeros((6, 3, 6))
+    found[:3, :, :3] = found[3:, :, 3:] = np.eye(3)
+    return found
+
+
+def squeezed(friction: float, *loads: Array, limit: float = 10.0, stiffness: float = 1000.0) -> Preload:
+    return least_preload(
+        pads(friction), slides(), np.full(6, stiffness), np.full(6, limit), np.array(loads or [WEIGHT]), compliance=1e-9
+    )
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.6, 0.9])
+def test_two_pads_press_with_half_the_weight_over_friction(friction: float) -> None:
+    """Each carries 1 N by friction: N = 1 / µ, more by what a hexagon cuts off the cone; the load comes to the motors
+    that hold it, and pressing needs the larger share."""
+    found = squeezed(friction)
+    least, most = 1.0 / friction, 1.0 / (friction * np.cos(np.pi / 6))
+    assert least - 1e-6 <= abs(found.torque[0]) <= most + 1e-6
+    assert found.share == pytest.approx(abs(found.torque[0]) / 10.0)
+
+
+def test_the_forces_of_a_squeeze_move_nothing() -> None:
+    found, touch = squeezed(0.6), pads(0.6)
+    np.testing.assert_allclose(found.force.sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.cross(touch.points, found.force).sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.torque, np.einsum("kin,ki->n", slides(), found.force), atol=1e-9)
+
+
+def test_with_every_load_its_forces_stay_in_the_friction_cones() -> None:
+    loads = [np.append(2.0 * np.array(way), np.zeros(3)) for way in ((0, 0, -1), (0, 1, 0), (1, 0, 0), (-1, 0, 0))]
+    found, touch = squeezed(0.5, *loads), pads(0.5)
+    for load in loads:
+        shared = found.force - load[:3] / 6.0  # Six equal springs in each direction answer alike.
+        normal = np.einsum("ki,ki->k", shared, touch.normals)
+        across = np.linalg.norm(shared - normal[:, None] * touch.normals, axis=1)
+        assert (across <= 0.5 * normal + 1e-6).all()
+
+
+def test_a_stronger_hand_needs_a_smaller_share_and_the_same_torque() -> None:
+    weak, strong = squeezed(0.6, limit=5.0), squeezed(0.6, limit=10.0)
+    assert weak.share == pytest.approx(2.0 * strong.share)
+    np.testing.assert_allclose(np.abs(weak.torque[[0, 3]]), np.abs(strong.torque[[0, 3]]), rtol=1e-6)
+
+
+def test_without_a_load_nothing_is_asked() -> None:
+    assert squeezed(0.6, np.zeros(6)).share == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_share_above_one_says_how_much_too_weak_a_hand_is() -> None:
+    assert squeezed(0.3, limit=1.0).share > 3.0
+
+
+def test_two_points_hold_nothing_for_they_let_it_turn_about_the_line_between_them() -> None:
+    touch = make_contacts([[-HALF, 0, 0], [HALF, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], 0.8, length=0.04)
+    found = least_preload(touch, slides()[[0, 3]], np.full(6, 1e3), np.full(6, 1e1), WEIGHT[None])
+    assert np.isinf(found.share)
+    assert np.isnan(found.torque).all()
+
+
+def test_pads_on_one_side_hold_nothing() -> None:
+    one = pads(0.6)
+    both = make_contacts(
+        np.vstack([one.points[:3], one.points[:3] + np.array([0.0, 0.03, 0.0])]),
+        np.tile([1.0, 0, 0], (6, 1)),
+        0.6,
+        length=0.04,
+    )
+    assert np.isinf(least_preload(both, slides(), np.full(6, 1e3), np.full(6, 1e1), WEIGHT[None]).share)
+
+
+def test_shapes_that_do_not_fit_are_named() -> None:
+    with pytest.raises(ConfigError, match=r"jacobians have the shape \(6, 3, 6\), not \(5, 3, 6\)"):
+        least_preload(pads(0.5), slides()[:5], np.ones(6), np.ones(6), WEIGHT[None])

@@ -1,0 +1,101 @@
+"""Evolution of candidates in geometry: they need less of the motors, stay different, and physics agrees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
+from allegro_twin.grasping.plan.close_in_geometry import EXACT, meet_exactly
+from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
+from allegro_twin.grasping.plan.propose import Proposer, could_hold, squeeze_preload
+from allegro_twin.grasping.plan.refine import NICHE, Population
+from allegro_twin.grasping.plan.search import GraspSearch
+from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
+
+SPEC = load_spec()
+GAINS = load_gains("default", SPEC)
+TURNS = (0.0, np.pi / 2.0, np.pi)
+
+
+def proposer(thing: str, seed: int = 0) -> Proposer:
+    search = GraspSearch(scenario_of(thing, "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC))
+    bench = search._bench(load_protocol("table_pick"))
+    return Proposer(bench, search.templates, 0.8, TURNS, np.random.default_rng(seed), gains=GAINS)
+
+
+@pytest.fixture(scope="module")
+def begun() -> tuple[Proposer, list[Candidate]]:
+    """Proposals for the soup can."""
+    known = proposer("tomato_soup_can")
+    found = [each for each, _ in zip(filter(None, known.fresh()), range(24), strict=False)]
+    return known, found
+
+
+@pytest.fixture(scope="module")
+def evolved(begun: tuple[Proposer, list[Candidate]]) -> Population:
+    known, found = begun
+    population = Population(known, None)
+    population.evolve(found)
+    return population
+
+
+def share(candidate: Candidate) -> float:
+    return -candidate.score
+
+
+def test_what_evolves_needs_less_of_its_motors(begun: tuple[Proposer, list[Candidate]], evolved: Population) -> None:
+    before = np.median([share(each) for each in begun[1]])
+    assert np.median([share(each) for each in evolved.elite]) < 0.5 * before
+
+
+def test_no_more_than_a_few_of_what_evolves_are_alike(evolved: Population) -> None:
+    for first in evolved.elite:
+        near = [pose_distance(first, other) for other in evolved.elite]
+        alike = sum(far < 0.01 and turned < np.radians(10.0) for far, turned in near)  # Within half: of one leader.
+        assert alike <= 3 * NICHE
+
+
+def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> None:
+    """Shares of the motors before and after physics has closed the fingers, and most of those that are strong enough
+    hold the object through a lift and a turn."""
+    known = evolved.proposer
+    performer = FingerGains(GAINS, hand_kinematics(SPEC).gravity_torque)
+    some = evolved.take(12)
+    seen: list[float] = []
+
+    def noted(candidate: Candidate, touch: object, data: object) -> object:
+        held = squeeze_preload(known.bench, candidate, touch, 0.8, TURNS, GAINS, data)  # type: ignore[arg-type]
+        seen.append(held.share)
+        return held
+
+    ends = close_candidates(known.bench, some, performer, 0.8, known.random, noted)  # type: ignore[arg-type]
+    apart = np.abs(np.array(seen) - [share(each) for each in some][: len(seen)])
+    assert np.median(apart) < 0.1
+    assert sum(each.passed for each in ends) >= 8
+
+
+def test_physics_closes_no_candidate_for_a_second_time(evolved: Population) -> None:
+    first, second = evolved.take(5), evolved.take(5)
+    assert not {id(each) for each in first} & {id(each) for each in second}
+
+
+def test_fingers_meet_the_object_within_a_step_that_is_an_eighth_of_the_coarse_one(
+    begun: tuple[Proposer, list[Candidate]],
+) -> None:
+    known, (candidate, *_) = begun
+    met, touch = meet_exactly(known.bench, candidate)
+    assert could_hold(known.bench, touch, known.centre, 0.8)
+    back = met.close - 2.0 * EXACT * met.closing
+    moving = met.closing != 0.0
+    free = replace(met, close=np.where(moving, back, met.close))
+    known.bench.place(free.position, free.rotation, free.close)
+    assert len(known.bench.touch().points) < len(touch.points)
+    assert touch.depth.max() < 0.08 * EXACT + 0.002, "a fingertip 80 mm from its joint, and half a touch"
