@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from allegro_twin.cell.arm.contact_reflex import retreat_way
+from allegro_twin.cell.arm.contact_reflex import retreat_offset
 from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
@@ -138,7 +138,7 @@ class CellActions:
 
     def on_reflex(self, error: ArmReflex, state: HandState) -> None:
         """The arm has stopped by itself and is recovered: it stays where it is until a state leads it away."""
-        self._away = retreat_way(error, self.cell.robot.base.rotation)
+        self._away = retreat_offset(error, self.cell.robot.base.rotation)
         self._reflex = CellOutcome("fault", error.name, str(error))
         self.stand_still(state)
 

@@ -45,7 +45,8 @@ _YIELDS = 0.1  # s. OWN: as long as an impact and its rebound take.
 _BRAKE, _STIFFNESS, _DAMPING = 3.0, 7.0, 0.6
 """Of an arm that stops and then holds, in its torque limits: N·m·s/rad, N·m/rad and N·m·s/rad a N·m. OWN: how the real
 one's control brakes is not published."""
-_SINGULAR = 1e-6  # Added to J Jᵀ, m² and rad².
+_SINGULAR = 4e-4
+"""Added to J Jᵀ, m² and rad². OWN: near a singular posture the rest of friction must not look like a force."""
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 Torques = Annotated[tuple[Positive, ...], Field(min_length=1)]
@@ -230,7 +231,7 @@ class CollisionMonitor:
         )  # fmt: skip
 
 
-def retreat_way(reflex: ArmReflex, base: Array) -> Vector:
+def retreat_offset(reflex: ArmReflex, base: Array) -> Vector:
     """Where an arm that has stopped is to back off to, by `RETREAT`: the way by which it is pushed and never down, up
     for a faint push, (3,), m, in the axes in which the base's are `base`, (3, 3), z up."""
     force = base @ np.array(reflex.wrench[:3])

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from allegro_twin.cell.arm.contact_reflex import RETREAT, retreat_way
+from allegro_twin.cell.arm.contact_reflex import RETREAT, retreat_offset
 from allegro_twin.cell.arm.target import Smoothing, approach
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.journal.observers import Observers
@@ -85,7 +85,7 @@ class RemoteControl:
     def on_reflex(self, error: ArmReflex, arm: HandState) -> None:
         """The arm has stopped by itself and is recovered: its palm backs off and stays there."""
         self._at, self._t = self.cell.robot.palm(arm), arm.t
-        away = retreat_way(error, self.cell.robot.base.rotation)
+        away = retreat_offset(error, self.cell.robot.base.rotation)
         self._goal = Pose(self._at.position + away, self._at.rotation)
         self.guide.target.move(self.cell.robot.flange_for(self._at))
         self._said.append(f"{error}. It is recovered and backs off by {RETREAT:g} m: lead it another way")
