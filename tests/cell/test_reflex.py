@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from allegro_twin.cell.journal.rows import state_entry
 from allegro_twin.cell.remote.remote_control import PalmCommand
 from allegro_twin.cell.run import LabReport, perform
-from allegro_twin.cell.states import MachineState
+from allegro_twin.cell.states import CellOutcome, MachineState
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array
 from tests.cell.test_remote_control import remote
 from tests.cell.test_run import cell_of, states, still
+
+REFLEX = CellOutcome("fault", "cartesian_reflex", "the force on the flange of fer along z is 41 N")
+
+
+def test_recordings_ros_and_panel_hear_of_a_reflex_when_the_arm_backs_off() -> None:
+    work: Any = SimpleNamespace(way=None, checked=None)
+    row = state_entry(MachineState("Retreat", 1.5, cause=REFLEX), work)
+    assert (row["reason"], row["sentence"]) == ("cartesian_reflex", REFLEX.sentence)
+    assert "end" not in row
+
 
 HIGHER = np.array([0.0, 0.0, 0.06])
 """m: the table comes up so far, unseen."""
