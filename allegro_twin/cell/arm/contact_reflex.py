@@ -34,6 +34,7 @@ from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
 ACCELERATING = 0.5
 """rad/s² of a joint, smoothed. OWN."""
+_REFRESHED = 3  # Steps after which the flange's Jacobian is computed again: it hardly changes in 3 ms.
 RETREAT = 0.05
 """m. OWN."""
 _FAINT = 5.0  # N. A smaller force says no direction.
@@ -174,7 +175,7 @@ class CollisionMonitor:
         """Nothing touches the arm."""
         self._observer.reset()
         self._velocity: Vector | None = None
-        self._rate = np.zeros(self._n)
+        self._rate, self._steps, self._inverse = np.zeros(self._n), 0, np.zeros((6, self._n))
         self._felt = self._collided = np.zeros(self._n + 6)
         self._accelerating = False
         self.reflex: ArmReflex | None = None
@@ -188,8 +189,11 @@ class CollisionMonitor:
     def update(self, position: Vector, velocity: Vector, torque: Vector, dt: float) -> None:
         """After a step of `dt` seconds, over which the motors gave `torque`, (n,), N·m; sets `reflex`."""
         outside = self._observer.update(position, velocity, torque, dt)
-        jacobian = self._model.motion(position)[2]
-        wrench = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ outside)
+        if self._steps % _REFRESHED == 0:
+            jacobian = self._model.motion(position)[2]
+            self._inverse = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian)
+        self._steps += 1
+        wrench = self._inverse @ outside
         if self._velocity is not None:
             share = 1.0 - math.exp(-dt / _SMOOTHED)
             self._rate = self._rate + share * ((velocity - self._velocity) / dt - self._rate)
