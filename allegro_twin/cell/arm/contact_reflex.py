@@ -175,7 +175,8 @@ class CollisionMonitor:
         """Nothing touches the arm."""
         self._observer.reset()
         self._velocity: Vector | None = None
-        self._rate, self._steps, self._inverse = np.zeros(self._n), 0, np.zeros((6, self._n))
+        self._rate, self._steps = np.zeros(self._n), 0
+        self._inverse: Array = np.zeros((6, self._n))
         self._felt = self._collided = np.zeros(self._n + 6)
         self._accelerating = False
         self.reflex: ArmReflex | None = None
