@@ -192,7 +192,9 @@ class CollisionMonitor:
         outside = self._observer.update(position, velocity, torque, dt)
         if self._steps % _REFRESHED == 0:
             jacobian = self._model.motion(position)[2]
-            self._inverse = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian)
+            self._inverse = np.asarray(
+                np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian), dtype=np.float64
+            )
         self._steps += 1
         wrench = self._inverse @ outside
         if self._velocity is not None:
