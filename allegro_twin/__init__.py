@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from allegro_twin.app.config import load_config
     from allegro_twin.backend import HandBackend
     from allegro_twin.errors import (
+        ArmReflex,
         CommandError,
         ConfigError,
         EndOfRecording,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand
 
 __all__ = [
+    "ArmReflex",
     "Command",
     "CommandError",
     "ConfigError",
@@ -65,6 +67,7 @@ __getattr__, __dir__ = exports(
         "app.config": ("load_config",),
         "backend": ("HandBackend",),
         "errors": (
+            "ArmReflex",
             "CommandError",
             "ConfigError",
             "EndOfRecording",

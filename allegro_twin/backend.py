@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from allegro_twin.errors import CommandError
+from allegro_twin.errors import CommandError, HandFault
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
@@ -43,6 +43,22 @@ class HandBackend(Protocol):
     def close(self) -> None:
         """Leave the hand limp and let go of it. Idempotent; never raises."""
         ...
+
+
+@runtime_checkable
+class Recoverable(Protocol):
+    """A backend that a fault need not end."""
+
+    def recover(self) -> HandState:
+        """Take commands again after a fault, in the same session; the state then."""
+        ...
+
+
+def recover(backend: HandBackend) -> HandState:
+    """Lead a backend out of a fault without a new session. Raises HandFault where it has no other way than `reset`."""
+    if not isinstance(backend, Recoverable):
+        raise HandFault(f"{backend.spec.name} has no recovery from a fault: reset it")
+    return backend.recover()
 
 
 def torque_of(command: Command, spec: HandSpec) -> Vector:

@@ -47,6 +47,18 @@ class HandFault(HandError):
     """The hand or the guard stopped it: too fast, too hot, a status bit. Only `reset` leads out."""
 
 
+class ArmReflex(HandFault):
+    """An arm met something harder than its collision thresholds allow. It holds itself; `recover` or `reset` leads out.
+
+    `name`: `joint_reflex` or `cartesian_reflex`, as libfranka calls it; `wrench`: on the flange then, in the axes of
+    the base, six numbers, N and N·m.
+    """
+
+    def __init__(self, message: str, name: str, wrench: tuple[float, ...]) -> None:
+        super().__init__(message)
+        self.name, self.wrench = name, wrench
+
+
 class RecordingError(HandError, OSError):
     """Fix the file or the disk: not a recording, cut short, or no space left."""
 

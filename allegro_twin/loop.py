@@ -9,14 +9,18 @@ from typing import TypeVar
 from allegro_twin.backend import HandBackend
 from allegro_twin.controller import Controller
 from allegro_twin.errors import EndOfRecording
-from allegro_twin.types import Sample
+from allegro_twin.types import HandState, Sample
 
 M = TypeVar("M")
 
 
 def run(backend: HandBackend, controller: Controller[M]) -> Iterator[Sample]:
     """Reset the hand and drive it for as long as somebody consumes the samples."""
-    state = backend.reset()
+    yield from resume(backend, controller, backend.reset())
+
+
+def resume(backend: HandBackend, controller: Controller[M], state: HandState) -> Iterator[Sample]:
+    """Likewise without a reset, from a state on."""
     memory = controller.start(state)
     while True:
         command, memory = controller(state, memory)

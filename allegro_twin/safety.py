@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.backend import HandBackend, limp_of, position_of, torque_of
+from allegro_twin.backend import HandBackend, limp_of, position_of, recover, torque_of
 from allegro_twin.errors import HandError, HandFault
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
@@ -146,6 +146,15 @@ class Guard:
         if reason is not None:
             self._history.append(Sample(state, self._limp))
             raise self._stopped(HandFault(f"stopped: {reason}; reset to go on"))
+        return state
+
+    def recover(self) -> HandState:
+        """Go on after a fault in the same session, where the backend can; torques begin anew from nothing.
+
+        Raises HandFault where only a reset leads out."""
+        self._state = state = recover(self._inner)
+        self._fault = None
+        self._history.append(Sample(state, self._limp))
         return state
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from allegro_twin.cell.arm.contact_reflex import retreat_offset
 from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
@@ -38,7 +39,7 @@ from allegro_twin.cell.perception.target import grasp_target
 from allegro_twin.cell.reachability import far_path, plan_grasp
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ArmReflex, ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
@@ -46,6 +47,7 @@ from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
 _REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
+_RETREATS = 0.8  # s. Away from what the arm met.
 WATCHED = 0.5
 """s. How long arm and hand are watched after the end, and what is held is then looked at again."""
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
@@ -69,6 +71,8 @@ class CellActions:
         self._refused: CellOutcome | None = None
         self._track: TargetTrack | None = None
         self._blocked: CellOutcome | None = None
+        self._reflex: CellOutcome | None = None
+        self._away = np.zeros(3)  # From what the arm met, world, m.
         self._grasp: Grasp | None = None
         self._there = 0.0  # When the fingers will be.
         self._squeezed = False
@@ -124,10 +128,19 @@ class CellActions:
                 self._go(t, Pose(self.way.palm.position + up, self.way.palm.rotation), self.cell.settings.arm.lift)
             case "Validate":
                 self._look_again(state)
+            case "Retreat":
+                palm = self.cell.robot.palm(state)
+                self._go(t, Pose(palm.position + self._away, palm.rotation), _RETREATS)
             case "Done":
                 self.stand_still(state)
                 self._after.clear()
                 self._sight, self._asked = None, None
+
+    def on_reflex(self, error: ArmReflex, state: HandState) -> None:
+        """The arm has stopped by itself and is recovered: it stays where it is until a state leads it away."""
+        self._away = retreat_offset(error, self.cell.robot.base.rotation)
+        self._reflex = CellOutcome("fault", error.name, str(error))
+        self.stand_still(state)
 
     def stand_still(self, state: HandState) -> None:
         """The arm stays where it is."""
@@ -155,6 +168,9 @@ class CellActions:
 
     def observe(self, now: MachineState, state: HandState) -> Observation:
         """What the state machine has to know of this moment; pictures are taken here."""
+        reflex, self._reflex = self._reflex, None
+        if reflex is not None:
+            return Observation(state.t, reflex=reflex)
         full = at_limit(state, self.cell.robot.spec, self.cell.robot.limits)
         if full is not None:
             return Observation(state.t, fault=CellOutcome("fault", "arm at a limit", full))
@@ -182,7 +198,7 @@ class CellActions:
     def recheck(self, now: MachineState, state: HandState) -> Observation:
         """Whether what was said to be held after the lift still is, once there are as many samples and a picture again;
         that the run is not over until then."""
-        weak = self._powerless()
+        weak = self._reflex or self._powerless()
         if weak is not None:
             return Observation(state.t, fault=weak)
         if state.t < now.since + WATCHED:

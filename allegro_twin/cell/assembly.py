@@ -75,7 +75,7 @@ def make_cell(settings: LabSettings) -> Cell:
     def made(posture: Vector | None, placed: Sequence[PlacedObject]) -> ArmWithHand:
         periods = (arm.period, PERIOD)
         return make_arm_with_hand(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
-                         friction=settings.friction, periods=periods)  # fmt: skip
+                         friction=settings.friction, periods=periods, collision=arm.collision)  # fmt: skip
 
     security, posture = waiting_pose(made(None, ()), settings.security)
     robot = made(posture, things)

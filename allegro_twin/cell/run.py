@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
+from allegro_twin.backend import HandBackend, recover
 from allegro_twin.cell.actions import WATCHED, CellActions
 from allegro_twin.cell.arm.impedance import Stiffness, stuck
 from allegro_twin.cell.arm.target import Smoothing
@@ -28,10 +30,12 @@ from allegro_twin.cell.states import (
     next_state,
     watch_outcome,
 )
-from allegro_twin.errors import HandFault, LinkError
-from allegro_twin.loop import interleave, run
-from allegro_twin.types import Array, Sample
+from allegro_twin.controller import Controller
+from allegro_twin.errors import ArmReflex, HandFault, LinkError
+from allegro_twin.loop import interleave, resume, run
+from allegro_twin.types import Array, HandState, Sample
 
+M = TypeVar("M")
 SampleStage = Callable[[Iterable[Sample]], Iterator[Sample]]
 _STIRRED = 0.005  # m. Another object that has moved less stands where it stood.
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
@@ -84,7 +88,8 @@ def perform(
     on_prepare(work)
     law = arm_controller(cell, work.guide)
     grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)
-    arms, hands = arm(run(cell.arm, law)), hand(run(cell.hand, grip))
+    arms = arm(run_through_reflexes(cell.arm, law, work.on_reflex))
+    hands = hand(run(cell.hand, grip))
     rules, clock = state_rules(cell.settings), _Clock(cell.settings)
     last: Sample | None = None
     passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
@@ -141,7 +146,8 @@ def state_rules(settings: LabSettings) -> StateRules:
     most = settings.timeouts
     return StateRules(
         {"ToSecurityPose": most.security, "Look": most.look, "ToTargetPose": most.target, "Approach": most.approach,
-         "ClosingHand": most.close, "ToLiftedPose": most.lift, "Validate": most.check},
+         "ClosingHand": most.close, "ToLiftedPose": most.lift, "Validate": most.check,
+         "Retreat": most.retreat},
         settings.decide.retries,
     )  # fmt: skip
 
@@ -207,6 +213,19 @@ def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:
     stuck(cell.robot.model, cell.posture, stiffness, _SLACK, felt=True)
     smoothing = Smoothing(arm.speed, arm.turning)
     return GuidedImpedance(cell.robot.model, guide, stiffness.diagonal(), smoothing, cell.robot.compensation)
+
+
+def run_through_reflexes(
+    arm: HandBackend, law: Controller[M], on_reflex: Callable[[ArmReflex, HandState], None]
+) -> Iterator[Sample]:
+    """An arm's samples. Where it stops by itself it is recovered, and goes on after `on_reflex` has said where to."""
+    state = arm.reset()
+    while True:
+        try:
+            yield from resume(arm, law, state)
+        except ArmReflex as error:
+            state = recover(arm)
+            on_reflex(error, state)
 
 
 def _who(error: Exception, cell: Cell) -> str:

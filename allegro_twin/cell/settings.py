@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from allegro_twin.cell.arm.contact_reflex import CollisionSettings
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.settings import PerceptionSettings
@@ -34,6 +35,8 @@ class ArmSettings(Settings):
     """s that the lift takes: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
     joint_speed: Positive = 1.5
     """Of the fastest joint on far ways, at its peak, rad/s."""
+    collision: CollisionSettings | None = CollisionSettings()
+    """Thresholds beyond which the arm stops; None: it never does."""
     period: Positive = 0.003
     """s; the impedance is as stable as at 1 ms (docs/explanation/arm_control.md)."""
 
@@ -79,6 +82,7 @@ class TimeoutSettings(Settings):
     close: Positive = 6.0
     lift: Positive = 4.0
     check: Positive = 6.0
+    retreat: Positive = 3.0
 
 
 class DecideSettings(Settings):

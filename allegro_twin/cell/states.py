@@ -2,6 +2,7 @@
 
 ToSecurityPose → Look → ToTargetPose → Approach → ClosingHand → ToLiftedPose → Validate, and from there to an end. The
 report has four of them; looking, the last stretch and the check stand in states of their own, so that each has a time.
+An arm that stopped by itself is led away from what it met, Retreat, and then all begins anew, or ends.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 StateName = Literal[
-    "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done"
+    "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Retreat", "Done"
 ]  # fmt: skip
 OutcomeKind = Literal["held", "missed", "refused", "fault"]
 _NEXT: dict[StateName, StateName] = {
@@ -50,6 +51,8 @@ class MachineState:
     tries: int = 1
     """Counting this one."""
     end: CellOutcome | None = None
+    cause: CellOutcome | None = None
+    """Of a retreat: what the arm met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +70,8 @@ class Observation:
     refused: CellOutcome | None = None
     """Why there is nothing to grasp, by the newest picture."""
     fault: CellOutcome | None = None
+    reflex: CellOutcome | None = None
+    """Why the arm has stopped by itself; it takes commands again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +109,10 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
         return now
     if seen.fault is not None:
         return _over(now, seen.t, seen.fault)
+    if seen.reflex is not None:
+        if now.state == "Retreat":
+            return _over(now, seen.t, seen.reflex)  # Whichever way it goes.
+        return replace(now, state="Retreat", since=seen.t, cause=seen.reflex)
     late = seen.t - now.since >= rules.timeouts[now.state] - 1e-9
     match now.state:
         case "Look":
@@ -114,6 +123,8 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
                     now, seen.t, seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
                 )
             return now
+        case "Retreat" if now.cause is not None:
+            return _again(now, seen.t, rules, now.cause) if seen.done or late else now
         case "Validate":
             if seen.held is None and not late:
                 return now

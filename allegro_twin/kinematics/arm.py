@@ -85,6 +85,13 @@ class ArmModel:
         q, speed = self._joints("position", position), self._joints("velocity", velocity)
         return np.array(pin.nonLinearEffects(self._model, self._data, q, speed))
 
+    def momentum(self, position: ArrayLike, velocity: ArrayLike) -> tuple[Vector, Vector]:
+        """M q̇ with the rotors, N·m·s, and C(q, q̇)ᵀ q̇, N·m: the momentum, and what changes it without any torque."""
+        q, speed = self._joints("position", position), self._joints("velocity", velocity)
+        bias: Vector = pin.computeCoriolisMatrix(self._model, self._data, q, speed).T @ speed
+        momentum: Vector = pin.crba(self._model, self._data, q) @ speed
+        return momentum, bias
+
     def inertia(self, position: ArrayLike) -> Array:
         """M(q) with the rotors, (n, n), kg·m²."""
         return np.array(pin.crba(self._model, self._data, self._joints("position", position)))

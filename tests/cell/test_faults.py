@@ -248,4 +248,4 @@ def test_an_arm_at_the_end_of_a_joint_is_named_and_stands_still() -> None:
     report = perform(replace(cell, robot=replace(cell.robot, limits=limits)))
     assert str(report.end) == "fault: arm at a limit"
     assert states(report)[-2:] == ["ToTargetPose", "Done"]
-    assert float(np.abs(cell.robot.world.data.qvel[:7]).max()) < 0.1  # From 1.5 rad/s, half a second later.
+    assert float(np.abs(cell.robot.world.data.qvel[:7]).max()) < 0.3  # From 1.5 rad/s, half a second later.

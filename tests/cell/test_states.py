@@ -18,7 +18,7 @@ from allegro_twin.cell.states import (
 
 RULES = StateRules(
     {"ToSecurityPose": 6.0, "Look": 1.0, "ToTargetPose": 6.0, "Approach": 4.0, "ClosingHand": 6.0, "ToLiftedPose": 4.0,
-     "Validate": 3.0},
+     "Validate": 3.0, "Retreat": 2.0},
     retries=1,
 )  # fmt: skip
 ORDER: list[StateName] = [
@@ -82,3 +82,23 @@ def test_a_look_that_finds_nothing_goes_on_until_it_is_late_and_ends_as_a_refusa
 def test_the_end_is_the_end() -> None:
     now = MachineState("Done", 1.0, 1, CellOutcome("held"))
     assert next_state(now, Observation(99.0, done=True, fault=CellOutcome("fault", "x")), RULES) is now
+
+
+REFLEX = CellOutcome("fault", "cartesian_reflex", "the force on the flange of fer along z is 41 N")
+
+
+@pytest.mark.parametrize("state", ORDER)
+def test_an_arm_that_stopped_by_itself_is_led_away_from_every_state_and_begins_anew(state: StateName) -> None:
+    back = next_state(MachineState(state, 0.0), Observation(0.1, done=True, reflex=REFLEX), RULES)
+    assert back == MachineState("Retreat", 0.1, 1, cause=REFLEX)
+    assert next_state(back, Observation(0.2), RULES) is back
+    assert next_state(back, Observation(0.9, done=True), RULES) == MachineState("ToSecurityPose", 0.9, 2)
+    assert next_state(back, Observation(2.2), RULES) == MachineState("ToSecurityPose", 2.2, 2)
+
+
+def test_after_the_retries_a_reflex_is_the_end_and_so_is_one_on_the_way_back() -> None:
+    last = MachineState("Retreat", 0.0, 2, cause=REFLEX)
+    assert next_state(last, Observation(0.9, done=True), RULES).end == REFLEX
+    other = replace(REFLEX, reason="joint_reflex")
+    first = MachineState("Retreat", 0.0, 1, cause=REFLEX)
+    assert next_state(first, Observation(0.1, reflex=other), RULES) == MachineState("Done", 0.1, 1, other, REFLEX)

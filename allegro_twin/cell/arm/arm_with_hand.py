@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from allegro_twin.cell.arm.contact_reflex import CollisionSettings, ContactReflex
 from allegro_twin.cell.arm.limits import arm_limits
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.hands.description.arms import load_arm_spec
@@ -58,6 +59,8 @@ class ArmWithHand:
     """Of the arm, in the world."""
     limits: Limits
     """Of the arm's guard."""
+    reflex: ContactReflex | None = None
+    """Stops the arm where it meets something; None: nothing does."""
 
     @property
     def spec(self) -> ArmSpec:
@@ -116,8 +119,10 @@ def make_arm_with_hand(
     physics: Physics | None = None,
     periods: tuple[float, float] = (0.001, 0.003),
     margin: float = 0.0,
+    collision: CollisionSettings | None = None,
 ) -> ArmWithHand:
-    """The scene, compiled, and its two backends behind their guards. `periods` are the arm's and the hand's, s.
+    """The scene, compiled, and its two backends behind their guards. `periods` are the arm's and the hand's, s;
+    `collision` are the thresholds beyond which the arm stops by itself, None: it never does.
 
     Raises ConfigError for a mount of another hand, and for what MuJoCo refuses.
     """
@@ -131,9 +136,11 @@ def make_arm_with_hand(
     hand_sim = SimBackend(hand, world, period=periods[1], posture=hand_posture)
     motor, limits = hand.actuation, arm_limits(spec, margin)
     open_hand = Limits(motor.torque_limit, np.full(hand.n_joints, _FAST), hand.lower, hand.upper)
+    model = ArmModel(spec)
+    reflex = None if collision is None else ContactReflex(arm_sim, ArmModel(spec), collision)
     return ArmWithHand(
-        world, Guard(arm_sim, limits), Guard(hand_sim, open_hand), arm_sim, hand_sim, held, ArmModel(spec),
-        WrenchCompensation(held.load), Pose(np.array(base), np.eye(3)), limits,
+        world, Guard(reflex or arm_sim, limits), Guard(hand_sim, open_hand), arm_sim, hand_sim, held, model,
+        WrenchCompensation(held.load), Pose(np.array(base), np.eye(3)), limits, reflex,
     )  # fmt: skip
 
 

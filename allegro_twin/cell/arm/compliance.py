@@ -94,7 +94,7 @@ class Compliance:
     pull: Pull = _PULL
     cycle: float = 0.01
     """s."""
-    bandwidth: float = 22.0
+    bandwidth: float = 18.0
     """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may;
     docs/explanation/arm_control.md."""
     lag: float = 0.05

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from allegro_twin.backend import HandBackend
+from allegro_twin.backend import HandBackend, recover
 from allegro_twin.errors import LinkTimeout
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, Vector, frozen
@@ -39,6 +39,10 @@ class PassThroughBackend:
 
     def read(self) -> HandState:
         return self._inner.read()
+
+    def recover(self) -> HandState:
+        """As of the backend behind. Raises HandFault where only a reset leads out of a fault."""
+        return recover(self._inner)
 
     def close(self) -> None:
         self._inner.close()
@@ -85,6 +89,9 @@ class DisturbedBackend(PassThroughBackend):
 
     def read(self) -> HandState:
         return self._seen(super().read())
+
+    def recover(self) -> HandState:
+        return self._seen(super().recover())
 
     def _seen(self, state: HandState) -> HandState:
         bias = self._bias if state.t >= self._at else 0.0

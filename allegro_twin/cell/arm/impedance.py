@@ -1,8 +1,9 @@
 """Cartesian impedance: the tool hangs on a spring and a damper from its target.
 
 τ = Jᵀ(-K e - D J q̇) + N (kₙ (qₙ - q) - 2 √kₙ q̇) + C(q, q̇) q̇, with e = (p - p_d; φ), φ the rotation vector from the
-target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
-cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
+target's orientation to the tool's, D = 2 √(K m) and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
+cartesian_impedance_example_controller, whose φ is half of ours for small angles and whose m is 1: here it is a quarter
+of what the arm weighs along an axis, with its rotors, at least 1. The arm carries itself and its load.
 
 With a force sensor on the flange the joints' dry friction is overcome, too: at rest the spring and what is felt
 cancel, and where r = Jᵀ(-K e - D J q̇ + w̄) is not nothing, friction holds it: τ_f clip(r / ε, -1, 1) is added.
@@ -24,6 +25,7 @@ from allegro_twin.types import Array, HandState, TorqueCommand, Vector
 
 _SINGULAR = 1e-6  # Added to J Jᵀ: what a stretched arm would divide by, m² and rad².
 _AXES = ("x", "y", "z")
+_QUARTER = 0.25  # OWN: with more damping dry friction stops the tool short of where the spring has it.
 _FINE = 0.02  # ε, N·m. OWN: an eleventh of the friction of a Franka's joints is left, and nothing swings (tests).
 _SMOOTHED = 0.05  # s. Time constant of w̄.
 
@@ -110,13 +112,21 @@ def hung(
     q, v = state.position, state.velocity
     place, axes, jacobian = model.motion(q)
     error = np.concatenate([place - setpoint.position, rotation_between(setpoint.rotation, axes)])
-    force = -stiffness * error - 2.0 * np.sqrt(stiffness) * (jacobian @ v)
+    force = -stiffness * error - 2.0 * np.sqrt(stiffness * _shown_mass(model, q, jacobian)) * (jacobian @ v)
     free = null * (rest - q) - 2.0 * np.sqrt(null) * v
     taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)
     torque: Vector = jacobian.T @ (force - taken) + free + model.coriolis(q, v)
     if felt is None:
         return torque
     return torque + freed(model, jacobian.T @ (force + felt))
+
+
+def _shown_mass(model: ArmModel, position: Vector, jacobian: Array) -> Vector:
+    """m, (6,), kg and kg·m²: a quarter of 1 / (J M⁻¹ Jᵀ)ᵢᵢ, the arm's along and about each axis where nothing else
+    holds it, which is half of the critical damping; at least 1."""
+    given = np.einsum("ij,ji->i", jacobian, np.linalg.solve(model.inertia(position), jacobian.T))
+    mass: Vector = np.maximum(_QUARTER / np.maximum(given, _SINGULAR), 1.0)
+    return mass
 
 
 def freed(model: ArmModel, off: Vector) -> Vector:

@@ -47,6 +47,8 @@ def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
         row |= {"grasp": way.card.name, "palm": _seven(way.palm), "before": _seven(way.before)}
     if check is not None:
         row |= {"weight": check.weight, "torque": check.torque}
+    if now.state == "Retreat" and now.cause is not None:
+        row |= {"reason": now.cause.reason, "sentence": now.cause.sentence}
     if end is not None:
         row |= {"end": end.word, "reason": end.reason, "sentence": end.sentence}
     return row

@@ -9,16 +9,17 @@ from typing import TypeAlias
 
 import numpy as np
 
+from allegro_twin.cell.arm.contact_reflex import RETREAT, retreat_offset
 from allegro_twin.cell.arm.target import Smoothing, approach
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.journal.observers import Observers
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.remote.workspace_limits import WorkspaceLimits
-from allegro_twin.cell.run import arm_controller
+from allegro_twin.cell.run import arm_controller, run_through_reflexes
 from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.trajectory import Path, SetPoint, TimedPath
-from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.errors import ArmReflex, CommandError, ConfigError
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import interleave, paced, run
@@ -59,6 +60,7 @@ class RemoteControl:
         self._limits = WorkspaceLimits(cell)
         self._path: Path = SmoothSetpoint(cell.open)
         self._since, self._commands = 0.0, queue.SimpleQueue[RemoteCommand]()
+        self._said: list[str] = []
         self._goal, self._at, self._t = cell.security, cell.security, 0.0
         arm = cell.settings.arm
         self._smoothing = Smoothing(arm.speed, arm.turning)
@@ -80,10 +82,18 @@ class RemoteControl:
         """Where they are to be at a time, s."""
         return self._path(t - self._since)
 
+    def on_reflex(self, error: ArmReflex, arm: HandState) -> None:
+        """The arm has stopped by itself and is recovered: its palm backs off and stays there."""
+        self._at, self._t = self.cell.robot.palm(arm), arm.t
+        away = retreat_offset(error, self.cell.robot.base.rotation)
+        self._goal = Pose(self._at.position + away, self._at.rotation)
+        self.guide.target.move(self.cell.robot.flange_for(self._at))
+        self._said.append(f"{error}. It is recovered and backs off by {RETREAT:g} m: lead it another way")
+
     def update(self, arm: HandState) -> list[str]:
         """Look at what was wished, of several places of the palm in a row only at the last; what was refused, a
         sentence each."""
-        refused: list[str] = []
+        refused, self._said = self._said, []
         waiting: list[RemoteCommand] = []
         while not self._commands.empty():
             command = self._commands.get()
@@ -139,7 +149,7 @@ def run_remote_control(
     observers.on_remote_control(remote.guide, remote.fingers)
     law = arm_controller(cell, remote.guide)
     grip = PD(remote, load_gains(cell.settings.hand.gains, spec), GravityFeedforward(cell.model.gravity_torque))
-    arms: Iterator[Sample] = run(cell.arm, law)
+    arms: Iterator[Sample] = run_through_reflexes(cell.arm, law, remote.on_reflex)
     if speed is not None:
         arms = paced(arms, speed)
     hands = observers.hand(run(cell.hand, grip))

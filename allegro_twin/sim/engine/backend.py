@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import mujoco
@@ -87,6 +88,9 @@ class SimBackend:
         self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
         self._holding = ArmHold(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
         self._feels = flange_sensors(spec, model)
+        self.watch: Callable[[Vector, Vector, Vector], Vector | None] | None = None
+        """What a device does by itself, asked before every physics step with positions, speeds and the torques of the
+        last step, (n,) each: torques instead of the commanded ones, (n,), N·m; None: it obeys."""
         self.mouse = MouseForce(model, self.data)
         self._session, self._tick = 0, 0
         self.world.join(self)
@@ -116,7 +120,9 @@ class SimBackend:
     @property
     def every_step(self) -> bool:
         """Whether it has something to do at every physics step."""
-        return self.world.steps < len(self.drive) or self._train is not None or self.mouse.active
+        return (
+            self.world.steps < len(self.drive) or self._train is not None or self.mouse.active or self.watch is not None
+        )
 
     def reset(self) -> HandState:
         if self.world.steps or self._session == self.world.session:
@@ -185,6 +191,12 @@ class SimBackend:
             self._train.step(self.data)
         if self.mouse.active:
             self.mouse.step(step)
+        if self.watch is not None:
+            data = self.data
+            position, velocity = data.qpos[self._qpos].copy(), data.qvel[self._dof].copy()
+            own = self.watch(position, velocity, data.actuator_force[self._motors].copy())
+            if own is not None:
+                data.ctrl[self._motors] = own
 
     def drag(self, body: str, point: Vector, target: Vector) -> None:
         """Pull a body with the mouse until `let_go`, for five seconds at most: a point on it, (3,), m, in its frame,

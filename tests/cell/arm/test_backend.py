@@ -93,7 +93,7 @@ def test_an_arm_at_the_end_of_a_joint_stands_still_and_says_which() -> None:
     arm = rig()
     limits = arm_limits(arm.model.spec)
     arm.target.move(Pose(np.array([0.15, 0.0, 0.3]), arm.home.rotation))
-    state = arm.after(3.0, Impedance(arm.model, arm.target))
+    state = arm.after(4.0, Impedance(arm.model, arm.target))
     assert at_limit(arm.guard.reset(), arm.model.spec, limits) is None
     line = at_limit(state, arm.model.spec, limits)
     assert line is not None

@@ -107,8 +107,8 @@ def test_what_draws_the_elbow_back_does_not_move_the_tool() -> None:
 def test_compliance_covers_nine_tenths_of_its_way_in_the_tabled_time(iterations: int, seconds: float) -> None:
     arm = rig()
     law = Compliance(arm.model, arm.target, pull=Pull(iterations=iterations), smoothing=None)
-    # 2 cm: with ten iterations a longer way would be cut by the joints' speed limits.
-    heights = np.array(followed(arm, law, below(arm, 0.02), 100)) / -0.02
+    # 1 cm: with ten iterations a longer way would be cut by how fast the real joints can stop.
+    heights = np.array(followed(arm, law, below(arm, 0.01), 100)) / -0.01
     after = int(np.argmax(heights > 0.9))
     crossed = after - (heights[after] - 0.9) / (heights[after] - heights[after - 1])
     assert law.cycle * crossed == pytest.approx(seconds, abs=law.cycle)
@@ -180,7 +180,7 @@ def test_ten_iterations_lead_the_arm_down_a_step_and_little_beyond_it(name: str,
     assert heights[-1] == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize(("name", "seconds"), [("fer", 0.075), ("fr3", 0.081)])
+@pytest.mark.parametrize(("name", "seconds"), [("fer", 0.089), ("fr3", 0.093)])
 def test_no_torque_that_may_change_so_fast_takes_the_arm_down_two_centimetres_in_the_tabled_time(
     name: str, seconds: float
 ) -> None:

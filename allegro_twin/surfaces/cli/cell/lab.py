@@ -125,6 +125,8 @@ def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
     def entered(now: MachineState) -> None:
         attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
         console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
+        if now.state == "Retreat" and now.cause is not None:
+            console.print(f"           {now.cause.sentence}", highlight=False)
         observers.on_state(now)
 
     arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
