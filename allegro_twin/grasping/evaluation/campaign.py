@@ -20,6 +20,7 @@ from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import compile_scene
 from allegro_twin.sim.objects.catalogue import load_object
+from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
 from allegro_twin.spec import HandSpec, Side
 
 Inputs = dict[str, str]
@@ -76,7 +77,11 @@ def scenario_fingerprint(scenario: Scenario) -> str:
 def object_fingerprint(settings: ScenarioObject, folder: Path) -> str:
     """Of one object: its file, or what the catalogue says of that name. Raises ConfigError."""
     if settings.file is not None:
-        return fingerprint(folder / settings.file, settings.model_copy(update={"file": None}))
+        file, own = folder / settings.file, settings.model_copy(update={"file": None})
+        repaired = settings.shape == "mesh" and settings.collision == "pieces" and mesh_report(file, settings.scale)
+        if repaired:  # What was made of a scan counts too.
+            return fingerprint(file, own, *load_mesh(file, settings.scale))
+        return fingerprint(file, own)
     return fingerprint(settings, load_object(settings.name) if settings.shape is None else None)
 
 

@@ -1,8 +1,11 @@
-"""A user's mesh: read, checked, and measured."""
+"""A user's mesh: read, checked, measured, and repaired where it is no solid."""
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
+from importlib.util import find_spec
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,15 +13,21 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.sim.objects.clean_mesh import Report, Settings, clean_mesh, hull_points
+from allegro_twin.sim.objects.mesh_repair import OVERLAP, Soup, loose_parts, overlap
+from allegro_twin.sim.objects.scan_files import CLOUDS, INSTALL, LARGEST, MESHES, SMALLEST
 from allegro_twin.types import Array, Vector
 
-LARGEST, SMALLEST = 1.0, 0.002
-"""m; an object beyond these is no object for a hand, and its file probably has another unit."""
+log = logging.getLogger(__name__)
+
 TRIANGLES = 200_000
 """More than that is a scan: its detail is far below what a fingertip feels, and decomposing it takes hours."""
 _HEAD, _FACE = 84, 50
 """Bytes of a binary .stl: 80 of anything and the number of its triangles, and for each of them."""
-SUFFIXES = (".obj", ".stl")
+PLAIN = (".obj", ".stl")
+"""What is read without the extra."""
+SUFFIXES = (*MESHES, *CLOUDS)
+"""What is a mesh, or points of one, where an object is named."""
 
 
 class Mesh(NamedTuple):
@@ -52,39 +61,114 @@ class Mesh(NamedTuple):
         return len(edges) - len(ahead) + sum((b, a) not in ahead for a, b in ahead)
 
 
-@lru_cache(maxsize=32)
 def load_mesh(path: Path, scale: float = 1.0) -> Mesh:
-    """A mesh from an .obj or .stl file, times `scale`. Raises ConfigError for what is no solid of a hand's size."""
-    mesh = _read(path, scale)
-    size = float(mesh.extents.max())
-    if not SMALLEST <= size <= LARGEST:
-        factor = (
-            f"its numbers look like millimetres: say scale: {scale / 1000:g}" if size > LARGEST else "say its scale"
-        )
-        raise ConfigError(f"{path}: {size:.3g} m across with scale {scale:g}; {factor}")
-    if (count := mesh.open_edges()) > 0:
-        raise ConfigError(
-            f"{path}: not a closed surface: {count} edges do not join two faces; close its holes (MeshLab: Filters, "
-            "Remeshing, Close Holes), or take its convex hull: `collision: hull` in a scenario, --hull of `plan` and "
-            "`new`"
-        )
-    if mesh.volume < 0.0:
-        raise ConfigError(f"{path}: inside out: its faces look inwards; turn their normals round")
-    return mesh
+    """A mesh from a file, times `scale`: as it is, or, where it is no solid of a hand's size, repaired, which the log
+    says. Raises ConfigError for what cannot be."""
+    return _load(path, scale).mesh
 
 
 def mesh_middle(path: Path, scale: float = 1.0) -> Vector:
     """Where the origin of a loaded mesh, the middle of its bounding box, is in the axes of its file, (3,), m: poses
     that others give of an object are those of its file. Raises ConfigError for what is no mesh of a hand's size."""
-    load_mesh(path, scale)
-    vertices, _ = _as_in_file(_compiled(path, scale))
+    return _load(path, scale).middle
+
+
+def mesh_report(path: Path, scale: float = 1.0) -> Report | None:
+    """What was done to a mesh; None for one that is taken as it is. Raises ConfigError."""
+    return _load(path, scale).report
+
+
+class _Loaded(NamedTuple):
+    mesh: Mesh
+    middle: Vector
+    report: Report | None
+
+
+@lru_cache(maxsize=32)
+def _load(path: Path, scale: float) -> _Loaded:
+    plain, wrong = None, None
+    if path.suffix.lower() in PLAIN:
+        try:
+            model = _compiled(path, scale)
+            plain = _of_model(model)
+            vertices, _ = _as_in_file(model)
+            wrong = _fault(path, plain, scale)
+        except ConfigError as error:
+            wrong = error
+    ours = _extra()
+    if plain is not None and wrong is None and not (ours and _doubtful(plain)):
+        return _Loaded(plain, _middle(vertices), None)
+    if not ours:
+        raise _unrepaired(path, wrong)
+    made = clean_mesh(path, Settings(scale))
+    same = plain is not None and wrong is None and made.report.same
+    middle = _middle(made.vertices)
+    if parent_process() is None and (made.report.done or not same):
+        log.warning("%s", made.report.line())
+    if same and plain is not None:
+        return _Loaded(plain, _middle(vertices), made.report if made.report.done else None)
+    return _Loaded(Mesh(made.vertices - middle, made.faces), middle, made.report)
+
+
+def _fault(path: Path, mesh: Mesh, scale: float) -> ConfigError | None:
+    """Why a mesh is no solid of a hand's size."""
+    size = float(mesh.extents.max())
+    if not SMALLEST <= size <= LARGEST:
+        factor = (
+            f"its numbers look like millimetres: say scale: {scale / 1000:g}" if size > LARGEST else "say its scale"
+        )
+        return ConfigError(f"{path}: {size:.3g} m across with scale {scale:g}; {factor}")
+    if (count := mesh.open_edges()) > 0:
+        return ConfigError(
+            f"{path}: not a closed surface: {count} edges do not join two faces; {INSTALL} closes it, or take its "
+            "convex hull: `collision: hull` in a scenario, --hull of `plan` and `new`"
+        )
+    if mesh.volume < 0.0:
+        return ConfigError(f"{path}: inside out: its faces look inwards; {INSTALL} turns them round")
+    return None
+
+
+def _unrepaired(path: Path, wrong: ConfigError | None) -> ConfigError:
+    if wrong is None:
+        return ConfigError(f"{path}: a mesh is {' or '.join(PLAIN)}; to read {path.suffix or 'it'}: {INSTALL}")
+    return wrong if INSTALL in str(wrong) else ConfigError(f"{wrong}; {INSTALL} may repair it")
+
+
+def _extra() -> bool:
+    """Whether what repairs meshes is installed."""
+    return all(find_spec(name) for name in ("fast_simplification", "manifold3d", "platformdirs", "scipy", "skimage",
+                                            "trimesh"))  # fmt: skip
+
+
+def _doubtful(mesh: Mesh) -> bool:
+    """Whether a closed surface may enclose something twice: it is of several parts, or crosses itself."""
+    soup = Soup(mesh.vertices, mesh.faces)
+    return bool(loose_parts(soup).max() > 0 or overlap(soup) > OVERLAP)
+
+
+def _middle(vertices: Array) -> Vector:
     middle: Vector = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
     return middle
 
 
+@lru_cache(maxsize=32)
 def load_hull(path: Path, scale: float = 1.0) -> Mesh:
-    """The convex hull of a mesh, whose surface need not be closed. Raises ConfigError."""
-    return convex_hull(_read(path, scale).vertices, str(path))
+    """The convex hull of a mesh or of points, whose surface need not be closed. Raises ConfigError."""
+    if path.suffix.lower() in PLAIN:
+        try:
+            plain = _read(path, scale)
+            small = SMALLEST <= plain.extents.max() <= LARGEST
+            if small and not (_extra() and loose_parts(Soup(plain.vertices, plain.faces)).max() > 0):
+                return convex_hull(plain.vertices, str(path))
+        except ConfigError:
+            if not _extra():
+                raise
+    if not _extra():
+        raise _unrepaired(path, None)
+    points, said = hull_points(path, scale)
+    if parent_process() is None:
+        log.warning("%s", said)
+    return convex_hull(points, str(path))
 
 
 def convex_hull(points: Array, what: str) -> Mesh:
@@ -104,8 +188,6 @@ def _read(path: Path, scale: float) -> Mesh:
 
 
 def _compiled(path: Path, scale: float) -> mujoco.MjModel:
-    if path.suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"{path}: a mesh is {' or '.join(SUFFIXES)}")
     if not path.is_file():
         raise ConfigError(f"no mesh at {path}")
     _refuse_scan(path, _triangles(path))  # Before MuJoCo reads it, which takes its time.
@@ -164,7 +246,7 @@ def _corners(path: Path) -> Array:
 
 def _refuse_scan(path: Path, triangles: int) -> None:
     if triangles > TRIANGLES:
-        raise ConfigError(f"{path}: {triangles} triangles; at most {TRIANGLES}: decimate it")
+        raise ConfigError(f"{path}: {triangles} triangles; at most {TRIANGLES}: decimate it, or {INSTALL} does")
 
 
 def _of_model(model: mujoco.MjModel) -> Mesh:

@@ -16,6 +16,7 @@ from allegro_twin.surfaces.cli import exit_codes
 from allegro_twin.surfaces.cli.cell import lab
 from allegro_twin.surfaces.cli.data import export, schemas
 from allegro_twin.surfaces.cli.grasps import evaluate, improve, plan
+from allegro_twin.surfaces.cli.grasps import mesh as scans
 from allegro_twin.surfaces.cli.hardware import bus, check_backend, hand, ros, teleop
 from allegro_twin.surfaces.cli.learning import collect, train
 from allegro_twin.surfaces.cli.machine import doctor
@@ -26,7 +27,7 @@ from allegro_twin.version import __version__
 PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Start": (run.run, view.view, lists.list_, lists.examples, panel.panel, move.posture, move.grasp, move.play,
               move.keyboard),
-    "Grasps": (plan.plan, plan.new, improve.improve, evaluate.evaluate, evaluate.compare, lists.gallery),
+    "Grasps": (plan.plan, plan.new, scans.mesh, improve.improve, evaluate.evaluate, evaluate.compare, lists.gallery),
     "Hardware": (hand.hand, hand.calibrate, bus.check, bus.sniff, bus.firmware, check_backend.check_backend, move.teach,
                  teleop.teleop, ros.ros2, ros.ros1),
     "Learning": (lists.envs, train.train, collect.collect),

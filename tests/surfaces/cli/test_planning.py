@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
+from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
 from tests.surfaces.cli.conftest import Run
 
 
@@ -42,14 +45,29 @@ def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, 
 
 
 @pytest.mark.slow
-def test_a_mesh_with_a_hole_is_refused_with_a_way_out_that_each_command_has(command: Run, tmp_path: Path) -> None:
+def test_a_mesh_with_a_hole_is_closed_and_said_or_taken_as_its_hull(command: Run, tmp_path: Path) -> None:
     """A tetrahedron of 60 mm without one of its faces."""
     (tmp_path / "open.obj").write_text("v 0 0 0\nv .06 0 0\nv 0 .06 0\nv 0 0 .06\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")
-    for name in ("plan", "new"):
-        code, _, said = command(name, tmp_path / "open.obj", "--out", tmp_path / "out")
-        assert (code, said.count("\n")) == (2, 1)
-        assert "--hull of `plan` and `new`" in said
     code, _, said = command("new", tmp_path / "open.obj", "--hull", "--no-picture", "--out", tmp_path / "out")
     assert (code, said) == (0, "")
     assert "collision: hull" in (tmp_path / "out" / "open_new.yaml").read_text()
     assert command("new", "lemon", "--hull", "--out", tmp_path / "out")[2].endswith("lemon is of the catalogue\n")
+
+
+def test_the_command_mesh_writes_a_closed_obj_a_picture_and_a_report(command: Run, tmp_path: Path) -> None:
+    """A box of 60 × 40 × 20 mm, in mm, without its top, and inside out."""
+    solid = bottomless(moved(cracker(), (0.0, 0.0, 0.0), 0.25))
+    file = obj(tmp_path / "scan.obj", solid.vertices, solid.faces[:, ::-1].tolist(), 0.001)
+    code, shown, errors = command("mesh", file, "--out", tmp_path / "clean.obj")
+    assert (code, errors) == (0, "")
+    assert "1 hole closed" in shown
+    assert "volume 31.5 cm³" in shown
+    assert {path.name for path in tmp_path.iterdir()} >= {"clean.obj", "clean.png", "clean.json"}
+    assert load_mesh(tmp_path / "clean.obj").volume == pytest.approx(31.5e-6, rel=1e-4)
+    assert mesh_report(tmp_path / "clean.obj") is None
+    assert json.loads((tmp_path / "clean.json").read_text())["scale"] == 0.001
+    code, _, errors = command("mesh", file, "--tolerance", "2 miles")
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "'2 miles' is no length" in errors
+    code, _, errors = command("mesh", file, "--out", file)
+    assert (code, errors.count("\n")) == (2, 1)

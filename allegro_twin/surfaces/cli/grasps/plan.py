@@ -11,6 +11,7 @@ import typer
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import completion, options
+from allegro_twin.surfaces.cli.grasps.mesh import show_repair
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
@@ -22,11 +23,19 @@ if TYPE_CHECKING:
 Thing = Annotated[
     str,
     typer.Argument(
-        metavar="OBJECT", help="A name of the catalogue, or a mesh (.obj, .stl).", autocompletion=completion.objects
+        metavar="OBJECT", help="A name of the catalogue, or a mesh or scan.", autocompletion=completion.objects
     ),
 ]
 Hull = Annotated[
     bool, typer.Option("--hull", help="Use the convex hull of a mesh, closed or not.", rich_help_panel=options.MESH)
+]
+Scale = Annotated[
+    float,
+    typer.Option(
+        help="Unit of a mesh file, m; default: as its size says.",
+        callback=options.positive,
+        rich_help_panel=options.MESH,
+    ),
 ]
 Hand = Annotated[str, typer.Option(help="Model of hand, or the path of a card.", autocompletion=completion.models)]
 
@@ -35,7 +44,7 @@ def plan(
     thing: Annotated[
         str,
         typer.Argument(
-            metavar="OBJECT", help="A name of the catalogue, or a mesh (.obj, .stl).", autocompletion=completion.objects
+            metavar="OBJECT", help="A name of the catalogue, or a mesh or scan.", autocompletion=completion.objects
         ),
     ],
     n: Annotated[int, typer.Option("--n", min=1, max=100, help="Number of grasps that differ from each other.")] = 5,
@@ -49,7 +58,12 @@ def plan(
     keep: Annotated[Path | None, typer.Option(help="Also store the grasps in this folder of your library.")] = None,
     up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
     scale: Annotated[
-        float, typer.Option(help="Unit of a mesh file, m.", callback=options.positive, rich_help_panel=options.MESH)
+        float,
+        typer.Option(
+            help="Unit of a mesh file, m; default: as its size says.",
+            callback=options.positive,
+            rich_help_panel=options.MESH,
+        ),
     ] = 1.0,
     mass: Annotated[
         float | None,
@@ -152,7 +166,8 @@ def plan(
                 store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
                        proof=make_proof(planned, search.uncertainty))  # fmt: skip
         if pictures:
-            add_to_run(folder, _make_pictures(paths, folder))
+            made = show_repair(scenario.objects[0].file, scenario.objects[0].scale, folder, hull=hull)
+            add_to_run(folder, [*made, *_make_pictures(paths, folder)])
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
 
 
@@ -188,7 +203,12 @@ def new(
     out: Annotated[Path, typer.Option(help="Folder to write into.", callback=options.folder)] = Path("mine"),
     up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
     scale: Annotated[
-        float, typer.Option(help="Unit of a mesh file, m.", callback=options.positive, rich_help_panel=options.MESH)
+        float,
+        typer.Option(
+            help="Unit of a mesh file, m; default: as its size says.",
+            callback=options.positive,
+            rich_help_panel=options.MESH,
+        ),
     ] = 1.0,
     mass: Annotated[
         float | None,
@@ -217,6 +237,7 @@ def new(
         (out / f"{name}_new.png").unlink(missing_ok=True)  # The picture of an earlier draft.
         path = save_grasp(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:
+        show_repair(scenario.objects[0].file, scenario.objects[0].scale, out, hull=hull)
         _make_pictures([path], out)
     console.console.print(
         f"Wrote {path} and {out}/grasps/{name}_new.yaml; try it: allegro-twin run {path}", soft_wrap=True

@@ -1,0 +1,353 @@
+"""Triangles and points from the files of scanners: STL, OBJ, PLY, OFF, glTF, PCD, XYZ and NumPy arrays."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+
+Numbers: TypeAlias = NDArray[Any]
+"""Places (float64), indices (int64) or masks (bool)."""
+MESHES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf")
+CLOUDS = (".pcd", ".xyz", ".pts", ".npy", ".npz")
+"""Suffixes of files that hold points only. A .ply file without faces does too."""
+INSTALL = "pip install 'allegro-twin[objects]'"
+
+UNITS = {"m": 1.0, "mm": 0.001, "cm": 0.01, "inch": 0.0254}
+"""Names of units, in m."""
+_WORDS = {"mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "centimeter": "cm", "centimetre": "cm",
+          "inch": "inch", "inche": "inch", "m": "m", "meter": "m", "metre": "m", "in": "inch"}  # fmt: skip
+LARGEST, SMALLEST = 1.0, 0.002
+"""m; an object beyond these is no object for a hand, and its file has another unit."""
+_LIKELY = {"mm": (20.0, 1000.0), "cm": (2.0, 40.0), "inch": (0.8, 15.7)}
+"""Longest edges of things for a hand, in each unit; what is at most 1 is m."""
+_HEAD, _FACE = 84, 50
+"""Bytes of a binary .stl: 80 of anything and the number of its triangles, and for each of them."""
+_POLYGON = 5
+"""Corners from which on a polygon may be concave, and is triangulated as one."""
+_BROKEN = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError)
+# What the readers raise at a damaged file: each has its own, and none has one class for all.
+
+
+class Scan(NamedTuple):
+    """A file as it is."""
+
+    points: Numbers
+    """(k, 3), in the file's unit and axes; NaN where it has none."""
+    faces: Numbers
+    """(m, 3), indices; empty for a cloud."""
+    normals: Numbers | None
+    """(k, 3), of a cloud that has them."""
+    unit: str | None
+    """One of UNITS where the file or its name says it."""
+
+
+def read_scan(path: Path) -> Scan:
+    """The content of a file, nothing repaired. Raises ConfigError for what is not readable, in a line."""
+    kind = path.suffix.lower()
+    if kind not in (*MESHES, *CLOUDS):
+        raise ConfigError(f"{path}: a mesh is {', '.join(MESHES)}; a cloud of points {', '.join(CLOUDS)} or .ply")
+    if not path.is_file():
+        raise ConfigError(f"no mesh at {path}")
+    try:
+        points, faces, normals = _READERS.get(kind, _by_trimesh)(path)
+    except _BROKEN as error:
+        text = str(error).strip().splitlines()
+        raise ConfigError(f"{path}: not a readable mesh: {text[0] if text else type(error).__name__}") from error
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    faces = np.asarray(faces, dtype=np.int64).reshape(-1, 3)
+    if not np.isfinite(points).all(axis=1).any():
+        raise ConfigError(f"{path}: not a readable mesh: it holds no points")
+    return Scan(points, faces, normals, "m" if kind in (".glb", ".gltf") else stated_unit(path))
+
+
+def stated_unit(path: Path) -> str | None:
+    """The unit in a file's comments, such as `units: mm`, or in its name, such as `mug_mm.stl`."""
+    with path.open("rb") as file:
+        head = file.read(4096).decode("latin-1").lower()
+    found = re.search(r"\bunits?\b\W{0,4}(?:is|are|in)?\W{0,2}([a-z]+?)s?\b", head)
+    names = [found.group(1)] if found else []
+    names += [word.rstrip("s") for word in re.split(r"[^a-z]+", path.stem.lower()) if len(word) > 1 and word != "in"]
+    return next((_WORDS[name] for name in names if name in _WORDS), None)
+
+
+Content = tuple[Numbers, Numbers, Numbers | None]
+_NONE: Numbers = np.empty((0, 3), dtype=np.int64)
+
+
+def is_text_stl(content: bytes) -> bool:
+    """Whether an .stl file is of the format's ASCII kind. Both may begin with "solid"; only the size of a binary one
+    follows from its number of triangles."""
+    binary = len(content) == _HEAD + _FACE * int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+    return not binary and content.lstrip()[:5].lower() == b"solid" and b"facet" in content.lower()
+
+
+def _stl(path: Path) -> Content:
+    content = path.read_bytes()
+    corners = _text_corners(content) if is_text_stl(content) else _binary_corners(content)
+    return corners, np.arange(len(corners)).reshape(-1, 3), None
+
+
+def _binary_corners(content: bytes) -> Numbers:
+    count = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+    if count == 0 or len(content) < _HEAD + _FACE * count:
+        there = max(0, len(content) - _HEAD) // _FACE
+        raise ValueError(f"the file is cut short: it has {there} of {count} triangles")
+    rows = np.frombuffer(content, np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")]), count, _HEAD)
+    corners: Numbers = rows["v"].astype(np.float64).reshape(-1, 3)
+    return corners
+
+
+def _text_corners(content: bytes) -> Numbers:
+    """Three rows a triangle, (3 m, 3)."""
+    content = content.lower()
+    if b"endsolid" not in content:
+        raise ValueError("the file is cut short, for its `endsolid` is missing")
+    content = re.sub(rb"(?m)^[ \t]*(end)?solid[^\r\n]*", b"", content)
+    count = content.count(b"endfacet")
+    for word in (b"endfacet", b"endloop", b"facet", b"normal", b"outer", b"loop", b"vertex"):
+        content = content.replace(word, b"")
+    numbers = _numbers(content)
+    if len(numbers) != 12 * count or not count:
+        raise ValueError("its facets are not of three vertices each")
+    corners: Numbers = numbers.reshape(-1, 4, 3)[:, 1:].reshape(-1, 3)
+    return corners
+
+
+def _numbers(text: bytes) -> Numbers:
+    """All numbers of a text. Raises ValueError for anything else in it."""
+    words = text.split()
+    return np.array(words, dtype="S").astype(np.float64) if words else np.empty(0)
+
+
+def _obj(path: Path) -> Content:
+    content = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    places, polygons, before = [], [], []
+    for line in content.splitlines():
+        line = line.lstrip()
+        if line.startswith((b"v ", b"v\t")):
+            places.append(line[2:])
+        elif line.startswith((b"f ", b"f\t")):
+            polygons.append(line[2:])
+            before.append(len(places))
+    if not places:
+        raise ValueError("it holds no vertices")
+    numbers, width = _numbers(b" ".join(places)), len(places[0].split())
+    if len(numbers) == width * len(places):
+        points = numbers.reshape(-1, width)[:, :3]
+    else:
+        points = np.array([[float(word) for word in line.split()[:3]] for line in places])
+    text = b"\n".join(polygons)
+    if b"/" in text:
+        text = re.sub(rb"/[^\s]*", b"", text)
+    counts = np.array([len(line.split()) for line in text.split(b"\n")] if polygons else [], dtype=np.int64)
+    indices = _numbers(text).astype(np.int64)
+    indices = np.where(indices < 0, indices + np.repeat(np.array(before, dtype=np.int64), counts), indices - 1)
+    return points, triangulate(points, indices, counts), None
+
+
+def triangulate(points: Numbers, indices: Numbers, counts: Numbers) -> Numbers:
+    """Triangles (m, 3) of polygons that stand one after another in `indices`, with `counts` corners each."""
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64) if len(counts) else counts
+    found = []
+    for corners in np.unique(counts[counts >= 3]):
+        rows = indices[starts[counts == corners][:, None] + np.arange(corners)]
+        if corners < _POLYGON:
+            found += [rows[:, [0, k, k + 1]] for k in range(1, corners - 1)]
+        else:
+            found += [fill_polygon(points, row) for row in rows]
+    return np.concatenate(found) if found else _NONE
+
+
+def fill_polygon(points: Numbers, row: Numbers) -> Numbers:
+    """Triangles of one polygon, (n - 2, 3), seen from where its corners run counter-clockwise: by ears in the plane
+    that fits it best, else as a fan."""
+    fan = np.stack([np.full(len(row) - 2, row[0]), row[1:-1], row[2:]], axis=1)
+    if len(row) <= 3 or not np.isfinite(points[row]).all():
+        return fan
+    around = points[row] - points[row].mean(axis=0)
+    normal = np.cross(around, np.roll(around, -1, axis=0)).sum(axis=0)
+    if not np.linalg.norm(normal) > 1e-12 * np.ptp(around, axis=0).max() ** 2:
+        return fan
+    normal /= np.linalg.norm(normal)
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    try:
+        import manifold3d
+    except ImportError:
+        return fan
+    flat = np.stack([around @ first, around @ np.cross(normal, first)], axis=1)
+    ears = np.asarray(manifold3d.triangulate([flat / np.abs(flat).max()], -1.0, True), dtype=np.int64)
+    return row[ears] if len(ears) == len(row) - 2 else fan
+
+
+def _by_trimesh(path: Path) -> Content:
+    """PLY, OFF and glTF."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ConfigError(f"{path}: to read {path.suffix}: {INSTALL}") from error
+    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+    places, faces, normals, offset = [], [], [], 0
+    for node in scene.graph.nodes_geometry:
+        turn, name = scene.graph[node]
+        shape = scene.geometry[name]
+        there = np.asarray(shape.vertices, dtype=np.float64).reshape(-1, 3)
+        places.append(there @ turn[:3, :3].T + turn[:3, 3])
+        own = np.asarray(getattr(shape, "faces", _NONE), dtype=np.int64).reshape(-1, 3)
+        faces.append((own if np.linalg.det(turn[:3, :3]) > 0 else own[:, ::-1]) + offset)
+        normals.append(_ply_normals(shape.metadata))
+        offset += len(there)
+    if not places:
+        raise ValueError("it holds no mesh")
+    alone = len(normals) == 1 and normals[0] is not None and len(normals[0]) == offset
+    return np.concatenate(places), np.concatenate(faces), normals[0] if alone else None
+
+
+def _ply_normals(metadata: dict[str, Any]) -> Numbers | None:
+    try:
+        rows = metadata["_ply_raw"]["vertex"]["data"]
+        found: Numbers = np.stack(
+            [np.asarray(rows[name], dtype=np.float64).ravel() for name in ("nx", "ny", "nz")], axis=1
+        )
+    except (KeyError, ValueError, IndexError):
+        return None
+    return found
+
+
+def _columns(table: Numbers) -> Content:
+    """Points, and normals where three columns of length 1 follow."""
+    if table.ndim != 2 or table.shape[1] < 3:
+        raise ValueError(f"points are rows of three numbers or more, not an array of {table.shape}")
+    points = table[:, :3].astype(np.float64)
+    for at in (3, 6):
+        rest = table[:, at : at + 3].astype(np.float64)
+        if rest.shape[1] == 3 and np.abs(np.linalg.norm(rest[np.isfinite(rest).all(axis=1)], axis=1) - 1).mean() < 0.01:
+            return points, _NONE, rest
+    return points, _NONE, None
+
+
+def _numpy(path: Path) -> Content:
+    found = np.load(path, allow_pickle=False)
+    if not isinstance(found, np.ndarray):
+        arrays = {name.lower(): found[name] for name in found.files}
+        points = next((arrays[name] for name in ("points", "xyz", "pts", "vertices") if name in arrays), None)
+        points = next(iter(arrays.values())) if points is None else points
+        faces, normals = arrays.get("faces", _NONE), arrays.get("normals")
+        whole, _, own = _columns(points.reshape(-1, points.shape[-1]))
+        return whole, faces, own if normals is None else normals.reshape(-1, 3).astype(np.float64)
+    if found.dtype.names:
+        found = np.stack([found[name] for name in found.dtype.names], axis=-1)
+    return _columns(found.reshape(-1, found.shape[-1]) if found.ndim > 2 else found)
+
+
+def _text_points(path: Path) -> Content:
+    lines = [line for line in path.read_bytes().replace(b",", b" ").replace(b";", b" ").splitlines() if line.strip()]
+    rows = [line for line in lines if line.lstrip()[:1] in b"+-.0123456789n" and len(line.split()) >= 3]
+    if not rows:
+        raise ValueError("it has no lines of three numbers")
+    return _columns(_numbers(b" ".join(rows)).reshape(len(rows), -1))
+
+
+def _pcd(path: Path) -> Content:
+    content = path.read_bytes()
+    head, at = {}, 0
+    while "data" not in head:
+        end = content.index(b"\n", at)
+        key, *values = content[at:end].decode("latin-1").split() or ["#"]
+        head[key.lower()], at = values, end + 1
+    counts = [int(each) for each in head.get("count", ["1"] * len(head["fields"]))]
+    kinds = [f"<{kind.lower()}{size}" for kind, size in zip(head["type"], head["size"], strict=True)]
+    names = [f"{name}{k}" if name == "_" else name for k, name in enumerate(head["fields"])]
+    count, how = int(head["points"][0]), head["data"][0].lower()
+    wanted: list[str] = [name for name in ["x", "y", "z", "normal_x", "normal_y", "normal_z"] if name in names]
+    if how == "ascii":
+        table = _numbers(content[at:]).reshape(count, -1)
+        starts = np.cumsum([0, *counts])
+        columns = {name: table[:, starts[names.index(name)]] for name in wanted}
+    elif how == "binary":
+        rows = np.frombuffer(content, np.dtype([(n, k, (c,)) for n, k, c in zip(names, kinds, counts, strict=True)]),
+                             count, at)  # fmt: skip
+        columns = {name: rows[name][:, 0] for name in wanted}
+    elif how == "binary_compressed":
+        packed, size = (int.from_bytes(content[at + k : at + k + 4], "little") for k in (0, 4))
+        plain, columns, start = _unpack_lzf(content[at + 8 : at + 8 + packed], size), {}, 0
+        for name, kind, each in zip(names, kinds, counts, strict=True):
+            columns[name] = np.frombuffer(plain, kind, count * each, start).reshape(count, each)[:, 0]
+            start += count * each * np.dtype(kind).itemsize
+    else:
+        raise ValueError(f"DATA {how} is none of ascii, binary, binary_compressed")
+    return _columns(np.stack([np.asarray(columns[name], dtype=np.float64) for name in wanted], axis=1))
+
+
+def _unpack_lzf(data: bytes, size: int) -> bytes:
+    """LZF: literal runs of up to 32 bytes, and references to what came before."""
+    out, at = bytearray(), 0
+    while at < len(data):
+        control = data[at]
+        at += 1
+        if control < 32:
+            out += data[at : at + control + 1]
+            at += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += data[at]
+            at += 1
+        start = len(out) - ((control & 31) << 8) - data[at] - 1
+        at += 1
+        length += 2
+        while length > 0:  # A reference may overlap what it makes.
+            part = out[start : start + length]
+            out += part
+            start, length = start + len(part), length - len(part)
+    if len(out) != size:
+        raise ValueError("its compressed data are cut short")
+    return bytes(out)
+
+
+_READERS = {".stl": _stl, ".obj": _obj, ".pcd": _pcd, ".xyz": _text_points, ".pts": _text_points, ".npy": _numpy,
+            ".npz": _numpy}  # fmt: skip
+
+
+def find_unit(path: Path, scan: Scan, scale: float, points: Numbers) -> tuple[str, float]:
+    """How a file's numbers are understood, in words, and the unit, m. Raises ConfigError for what could be several."""
+    size = float(np.ptp(points, axis=0).max())
+    if scale != 1.0:
+        unit, name = scale, next((f"{name}, as said" for name, each in UNITS.items() if each == scale), "as scaled")
+    elif scan.unit is not None and (scan.unit != "m" or path.suffix.lower() in (".glb", ".gltf")):
+        unit, name = UNITS[scan.unit], f"{scan.unit}, by its {'format' if scan.unit == 'm' else 'file'}"
+    elif size <= LARGEST:
+        unit, name = 1.0, "m"
+    else:
+        name = _likely_unit(path, points, size)
+        unit, name = UNITS[name], f"{name}, by its size"
+    if not SMALLEST <= size * unit <= LARGEST:
+        raise ConfigError(
+            f"{path}: {size * unit:.3g} m across in {name}; a hand holds {SMALLEST:g} to {LARGEST:g} m: say its unit, "
+            f"--scale 0.001 for mm (`scale: 0.001` in a scenario), 0.01 for cm, 0.0254 for inches"
+        )
+    return name, unit
+
+
+def _likely_unit(path: Path, points: Numbers, size: float) -> str:
+    possible = [name for name, (low, high) in _LIKELY.items() if low <= size <= high]
+    if len(possible) > 1:
+        whole = [name for name in possible if _whole(points, UNITS[name])]
+        possible = whole if len(whole) == 1 else possible
+    if len(possible) == 1:
+        return possible[0]
+    choices = " or ".join(f"{1000 * size * UNITS[name]:.0f} mm if it is in {name} (--scale {UNITS[name]:g})"
+                          for name in possible or ["mm"])  # fmt: skip
+    raise ConfigError(f"{path}: {size:.3g} across, in a unit that it does not name: {choices}; `scale:` in a scenario")
+
+
+def _whole(points: Numbers, unit: float) -> bool:
+    """Whether all edges of the bounding box are whole millimetres, as drawings have them."""
+    edges = 1000 * unit * np.ptp(points, axis=0)
+    return bool((np.abs(edges - np.round(edges)) < 0.01).all())
