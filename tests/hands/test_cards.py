@@ -96,7 +96,7 @@ def test_without_scipy_a_card_has_no_postures_and_that_is_said(
         raise ConfigError("metrics of contacts need SciPy")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("allegro_twin.grasping.plan.opposition.import_scipy", missing)
+    monkeypatch.setattr("allegro_twin.grasping.plan.proposals.opposition.import_scipy", missing)
     Path("gripper.xml").write_text(GRIPPER)
     command("hand", "new", "gripper.xml", "--no-film")
     assert load_spec("mine/gripper.yaml").postures == {}

@@ -12,12 +12,12 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
-from allegro_twin.grasping.plan.close_in_geometry import FINE, close_fingers, motor_scale
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
-from allegro_twin.grasping.plan.opposition import _Opposition, _Residuals, card_postures, opposing_grasps
 from allegro_twin.grasping.plan.parallel import run_searches
-from allegro_twin.grasping.plan.poses import PoseGuesses, SurfaceSample, closing_directions, guess_poses
-from allegro_twin.grasping.plan.propose import OVERLAP, Proposer, could_hold, fit_palm
+from allegro_twin.grasping.plan.proposals.close_in_geometry import FINE, close_fingers, motor_scale
+from allegro_twin.grasping.plan.proposals.opposition import _Opposition, _Residuals, card_postures, opposing_grasps
+from allegro_twin.grasping.plan.proposals.poses import PoseGuesses, SurfaceSample, closing_directions, guess_poses
+from allegro_twin.grasping.plan.proposals.propose import OVERLAP, Proposer, could_hold, fit_palm
 from allegro_twin.grasping.plan.save import save_grasps
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
 from allegro_twin.grasping.plan.templates import grasp_templates

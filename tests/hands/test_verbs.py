@@ -27,7 +27,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.batch.trials import TrialRunner, load_case
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
-from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.save import save_grasps
 from allegro_twin.grasping.plan.search import check_efforts
 from allegro_twin.grasping.plan.templates import grasp_templates

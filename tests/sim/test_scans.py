@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.objects.clean_mesh import Settings, clean_mesh, make_clean
+from allegro_twin.sim.objects.clean_mesh import ScanSettings, clean_mesh, make_clean
 from allegro_twin.sim.objects.meshes import load_hull, load_mesh, mesh_middle, mesh_report
 from allegro_twin.sim.objects.scan_files import read_scan, stated_unit
 from tests.sim.dirty_meshes import (
@@ -103,7 +103,7 @@ def test_a_repaired_mesh_is_kept_by_its_content(tmp_path: Path, monkeypatch: pyt
     np.testing.assert_array_equal(again.faces, first.faces)
     assert again.report.line().replace("b.stl", "a.stl") == first.report.line()
     with pytest.raises(TypeError):
-        clean_mesh(tmp_path / "b.stl", Settings(0.0011))
+        clean_mesh(tmp_path / "b.stl", ScanSettings(0.0011))
 
 
 def test_a_unit_is_that_of_the_file_or_of_the_only_size_that_a_hand_holds(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_unit_is_that_of_the_file_or_of_the_only_size_that_a_hand_holds(tmp_pa
         ConfigError, match=r"odd\.obj: 5\.96 across, in a unit .*60 mm if it is in cm \(--scale 0\.01\) or 151"
     ):
         make_clean(file)
-    assert make_clean(file, Settings(0.0254)).report.extents[2] == pytest.approx(0.1514, rel=1e-3)
+    assert make_clean(file, ScanSettings(0.0254)).report.extents[2] == pytest.approx(0.1514, rel=1e-3)
     (tmp_path / "said.obj").write_bytes(b"# Units: centimeters\n" + file.read_bytes())
     assert stated_unit(tmp_path / "said.obj") == "cm"
 
@@ -130,9 +130,9 @@ def test_a_repair_that_moves_the_surface_is_refused_with_a_way_out_that_works(tm
     with pytest.raises(
         ConfigError, match=r"more than 0\.01 mm: .*--tolerance (\d.*)mm --out scan_clean\.obj.*--hull"
     ) as said:
-        make_clean(file, Settings(1.0, 1e-5, 0.002))
+        make_clean(file, ScanSettings(1.0, 1e-5, 0.002))
     allowed = float(str(said.value).split("--tolerance ")[1].split("mm")[0]) / 1000
-    assert make_clean(file, Settings(1.0, allowed, 0.002)).report.deviation > 1e-5
+    assert make_clean(file, ScanSettings(1.0, allowed, 0.002)).report.deviation > 1e-5
     assert load_hull(file).volume == pytest.approx(ball().volume, rel=0.1)
 
 

@@ -15,8 +15,13 @@ from allegro_twin.grasping.batch.trial_loop import TrialLoop
 from allegro_twin.grasping.metrics.preload import Preload
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.close_in_geometry import UNBALANCED, metric_contacts, motor_scale, torsion_radius
-from allegro_twin.grasping.plan.poses import Random
+from allegro_twin.grasping.plan.proposals.close_in_geometry import (
+    UNBALANCED,
+    metric_contacts,
+    motor_scale,
+    torsion_radius,
+)
+from allegro_twin.grasping.plan.proposals.poses import Random
 from allegro_twin.grasping.verdict import pose_in_palm
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.sim.batch.cpu import Rows, SimBatch

@@ -11,7 +11,7 @@ from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import candidate_grasp, candidate_scenario
 from allegro_twin.grasping.plan.close_in_simulation import OVER
-from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage

@@ -18,7 +18,7 @@ from allegro_twin.grasping.plan.candidate import (
     round_posture,
     round_vector,
 )
-from allegro_twin.grasping.plan.poses import closing_directions
+from allegro_twin.grasping.plan.proposals.poses import closing_directions
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.statistics import PairedCounts, count_pairs
 from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations

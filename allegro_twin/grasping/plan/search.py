@@ -13,16 +13,16 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry
-from allegro_twin.grasping.plan.close_in_geometry import COARSE, FINE
 from allegro_twin.grasping.plan.close_in_simulation import (
     ClosingOutcome,
     FingerGains,
     close_candidates,
     squeeze_offsets,
 )
-from allegro_twin.grasping.plan.poses import Random
-from allegro_twin.grasping.plan.propose import Proposer
-from allegro_twin.grasping.plan.refine import Population
+from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE, FINE
+from allegro_twin.grasping.plan.proposals.poses import Random
+from allegro_twin.grasping.plan.proposals.propose import Proposer
+from allegro_twin.grasping.plan.proposals.refine import Population
 from allegro_twin.grasping.plan.region import GraspRegion
 from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import check_stiffness
-from allegro_twin.grasping.plan.opposition import opposing_grasps
-from allegro_twin.grasping.plan.poses import closing_directions
+from allegro_twin.grasping.plan.proposals.opposition import opposing_grasps
+from allegro_twin.grasping.plan.proposals.poses import closing_directions
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.spec import HandSpec

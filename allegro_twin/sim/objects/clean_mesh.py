@@ -41,7 +41,7 @@ _WALL = 0.002
 
 
 @dataclass(frozen=True)
-class Settings:
+class ScanSettings:
     """What a user may say of a scan."""
 
     scale: float = 1.0
@@ -106,7 +106,7 @@ class CleanMesh:
 
 
 @lru_cache(maxsize=32)
-def clean_mesh(path: Path, settings: Settings = Settings()) -> CleanMesh:
+def clean_mesh(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh:
     """The solid that a scan shows, from the cache where it was made before. Raises ConfigError in a line that says what
     to do."""
     kept = cache_folder("scans", "a repaired mesh") / f"{_cache_key(path, settings)}.npz"
@@ -117,7 +117,7 @@ def clean_mesh(path: Path, settings: Settings = Settings()) -> CleanMesh:
     return made
 
 
-def make_clean(path: Path, settings: Settings = Settings()) -> CleanMesh:
+def make_clean(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh:
     """The same, made anew."""
     try:
         import fast_simplification  # noqa: F401  # All of the extra, before minutes are spent.
@@ -129,7 +129,7 @@ def make_clean(path: Path, settings: Settings = Settings()) -> CleanMesh:
     return _close(path, scan, settings) if len(scan.faces) else _close_points(path, scan, settings)
 
 
-def _close_points(path: Path, scan: Scan, settings: Settings) -> CleanMesh:
+def _close_points(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
     repair = Repair()
     found = close_cloud(path, scan, settings.scale, repair)
     solid = reduce_triangles(found.solid)
@@ -140,7 +140,7 @@ def _close_points(path: Path, scan: Scan, settings: Settings) -> CleanMesh:
     return checked(path, CleanMesh(solid.vertices, solid.faces, report), settings)
 
 
-def _close(path: Path, scan: Scan, settings: Settings) -> CleanMesh:
+def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
     repair = Repair()
     soup = fix.clean(scan.points, scan.faces, repair)
     if not len(soup.faces):
@@ -161,7 +161,7 @@ def _close(path: Path, scan: Scan, settings: Settings) -> CleanMesh:
     return checked(path, CleanMesh(solid.vertices, solid.faces, report), settings)
 
 
-def checked(path: Path, made: CleanMesh, settings: Settings) -> CleanMesh:
+def checked(path: Path, made: CleanMesh, settings: ScanSettings) -> CleanMesh:
     """The same. Raises ConfigError for one that deviates too much."""
     report = made.report
     if report.deviation > settings.tolerance:
@@ -180,7 +180,7 @@ def _extents(soup: Soup) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: Settings) -> Soup:
+def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanSettings) -> Soup:
     """A closed surface of what triangles show."""
     soup = fix.sew(soup)
     wall = settings.wall or (_WALL if repair.double and not _mostly_closed(soup) else None)
@@ -211,7 +211,7 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: Setti
     )
 
 
-def _completed(path: Path, before: Soup, settings: Settings, repair: Repair) -> Soup | None:
+def _completed(path: Path, before: Soup, settings: ScanSettings, repair: Repair) -> Soup | None:
     """The solid of which a surface shows one side, by symmetry; None where no symmetry fits what is there."""
     trial = Repair()
     try:
@@ -327,7 +327,8 @@ def deviation(
     before: Soup, after: Soup, filled: Numbers | None = None, *, inside: bool = False, back: bool = True
 ) -> float:
     """The largest distance between two surfaces, both ways or, without `back`, from the first, by samples, m. Places of
-    the result that are nearest to a closed hole do not count, nor, with `inside`, places of the first that the result encloses."""
+    the result that are nearest to a closed hole do not count, nor, with `inside`, places of the first that the result
+    encloses."""
     if len(before.faces) == len(after.faces) and np.array_equal(
         before.vertices[before.faces].sum(axis=1), after.vertices[after.faces].sum(axis=1)
     ):
@@ -358,7 +359,7 @@ def _holds(after: Soup, before: Soup) -> bool:
     return bool(np.isin(*keys).all())
 
 
-def _cache_key(path: Path, settings: Settings) -> str:
+def _cache_key(path: Path, settings: ScanSettings) -> str:
     if not path.is_file():
         raise ConfigError(f"no mesh at {path}")
     try:

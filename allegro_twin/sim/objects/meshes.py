@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.objects.clean_mesh import Report, Settings, clean_mesh, hull_points
+from allegro_twin.sim.objects.clean_mesh import Report, ScanSettings, clean_mesh, hull_points
 from allegro_twin.sim.objects.mesh_repair import OVERLAP, Soup, loose_parts, overlap
 from allegro_twin.sim.objects.scan_files import CLOUDS, INSTALL, LARGEST, MESHES, SMALLEST
 from allegro_twin.types import Array, Vector
@@ -100,7 +100,7 @@ def _load(path: Path, scale: float) -> _Loaded:
         return _Loaded(plain, _middle(vertices), None)
     if not ours:
         raise _unrepaired(path, wrong)
-    made = clean_mesh(path, Settings(scale))
+    made = clean_mesh(path, ScanSettings(scale))
     same = plain is not None and wrong is None and made.report.same
     middle = _middle(made.vertices)
     if parent_process() is None and (made.report.done or not same):

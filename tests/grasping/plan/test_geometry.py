@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry, pose_distance
-from allegro_twin.grasping.plan.close_in_geometry import close_fingers, metric_contacts
-from allegro_twin.grasping.plan.poses import guess_poses, sample_placed_surface, sample_surface
-from allegro_twin.grasping.plan.propose import weight_loads
+from allegro_twin.grasping.plan.proposals.close_in_geometry import close_fingers, metric_contacts
+from allegro_twin.grasping.plan.proposals.poses import guess_poses, sample_placed_surface, sample_surface
+from allegro_twin.grasping.plan.proposals.propose import weight_loads
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage

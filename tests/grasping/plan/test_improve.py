@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.grasping.plan import improve
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, VariantResult, perturb_grasp
-from allegro_twin.grasping.plan.poses import closing_directions
+from allegro_twin.grasping.plan.proposals.poses import closing_directions
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
-from allegro_twin.grasping.plan.close_in_geometry import EXACT, meet_exactly
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
-from allegro_twin.grasping.plan.propose import Proposer, could_hold, squeeze_preload
-from allegro_twin.grasping.plan.refine import NICHE, Population
+from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly
+from allegro_twin.grasping.plan.proposals.propose import Proposer, could_hold, squeeze_preload
+from allegro_twin.grasping.plan.proposals.refine import NICHE, Population
 from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import load_protocol

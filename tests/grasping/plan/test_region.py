@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner, load_case
-from allegro_twin.grasping.plan.propose import BATCH, Proposer
+from allegro_twin.grasping.plan.proposals.propose import BATCH, Proposer
 from allegro_twin.grasping.plan.region import parse_region, to_object_frame
 from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.plan.templates import grasp_templates

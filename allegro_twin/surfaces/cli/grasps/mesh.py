@@ -47,10 +47,10 @@ def mesh(
 
     `plan`, `new`, `run` and scenarios do the same with a scan that they are given."""
     from allegro_twin.files.atomic_write import atomic_file
-    from allegro_twin.sim.objects.clean_mesh import Settings, clean_mesh
+    from allegro_twin.sim.objects.clean_mesh import ScanSettings, clean_mesh
     from allegro_twin.surfaces.cli import console
 
-    settings = Settings(scale, parse_length(tolerance), None if wall is None else parse_length(wall))
+    settings = ScanSettings(scale, parse_length(tolerance), None if wall is None else parse_length(wall))
     made = clean_mesh(file, settings)
     target = out or Path(f"{file.stem}_clean.obj")
     if target.suffix.lower() != ".obj" or target.resolve() == file.resolve():
@@ -69,13 +69,13 @@ def mesh(
 
 def show_repair(file: Path | None, scale: float, folder: Path, *, hull: bool = False) -> list[Path]:
     """The picture and the report of the repair of a mesh, in a folder: none for a mesh that was taken as it is."""
-    from allegro_twin.sim.objects.clean_mesh import Settings, clean_mesh
+    from allegro_twin.sim.objects.clean_mesh import ScanSettings, clean_mesh
     from allegro_twin.sim.objects.meshes import mesh_report
 
     if file is None or hull or mesh_report(file, scale) is None:
         return []
     folder.mkdir(parents=True, exist_ok=True)
-    return write_report(clean_mesh(file, Settings(scale)), file, folder / f"{file.stem}_mesh.obj")
+    return write_report(clean_mesh(file, ScanSettings(scale)), file, folder / f"{file.stem}_mesh.obj")
 
 
 def write_report(made: CleanMesh, file: Path, target: Path) -> list[Path]:

@@ -147,7 +147,7 @@ def _write_hand(
     """Write card, config, page, picture and film; of a URDF also the MJCF."""
     from allegro_twin.files.atomic_write import atomic_file
     from allegro_twin.files.yaml_edit import write_settings
-    from allegro_twin.grasping.plan.opposition import card_postures
+    from allegro_twin.grasping.plan.proposals.opposition import card_postures
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.sim.hand_import.page import hand_page
     from allegro_twin.sim.hand_import.urdf import is_urdf, write_mjcf

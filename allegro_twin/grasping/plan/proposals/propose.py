@@ -14,7 +14,7 @@ from allegro_twin.grasping.metrics.carrying import least_normal_force
 from allegro_twin.grasping.metrics.preload import Preload, least_preload
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.close_in_geometry import (
+from allegro_twin.grasping.plan.proposals.close_in_geometry import (
     COARSE,
     UNBALANCED,
     close_fingers,
@@ -23,8 +23,8 @@ from allegro_twin.grasping.plan.close_in_geometry import (
     motor_scale,
     torsion_radius,
 )
-from allegro_twin.grasping.plan.opposition import THUMB
-from allegro_twin.grasping.plan.poses import (
+from allegro_twin.grasping.plan.proposals.opposition import THUMB
+from allegro_twin.grasping.plan.proposals.poses import (
     NOISE,
     PoseGuesses,
     Random,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
-from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.types import Array
 
 VARIED = 3

@@ -22,7 +22,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.quality import import_scipy
 from allegro_twin.grasping.plan.candidate import round_posture
-from allegro_twin.grasping.plan.close_in_geometry import motor_scale
+from allegro_twin.grasping.plan.proposals.close_in_geometry import motor_scale
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import claim_type
 from allegro_twin.kinematics.hand import hand_kinematics

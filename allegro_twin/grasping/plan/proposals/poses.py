@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.close_in_geometry import motor_scale
-from allegro_twin.grasping.plan.opposition import OpposingGrasp
+from allegro_twin.grasping.plan.proposals.close_in_geometry import motor_scale
+from allegro_twin.grasping.plan.proposals.opposition import OpposingGrasp
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject

@@ -1,0 +1,1 @@
+"""Geometry proposes: pre-shapes, palms, fingers that close, and the evolution of what they come to."""
