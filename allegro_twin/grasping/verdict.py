@@ -105,8 +105,16 @@ class TrialReport:
     """The deepest that object and hand are in each other from the reference on, m."""
     at_limit: Mapping[str, float]
     """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more."""
+    sustained: Mapping[str, float] = field(default_factory=dict)
+    """For every joint the share of its limit that it gives from the reference on, as the root of the mean square: what
+    warms a motor."""
     observed: ObservedType | None = field(default=None, compare=False)
     """The type of grasp that its contacts show while it holds; None: nobody looked at every contact."""
+
+    @property
+    def hottest(self) -> tuple[str, float]:
+        """The joint that sustains most, and the share of its limit."""
+        return max(self.sustained.items(), key=lambda each: each[1], default=("", 0.0))
 
     @property
     def margin(self) -> float:
@@ -142,10 +150,11 @@ def judge(
     if not reason and rise < rule.lift - rule.drift:
         reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
     used = np.abs(seen.torque) / torque_limit
-    share = (used[start + 1 :] >= FULL).mean(axis=0) if start + 1 < len(used) else np.zeros(len(joints))
+    after = used[start + 1 :] if start + 1 < len(used) else np.zeros((1, len(joints)))
+    share, warming = (after >= FULL).mean(axis=0), np.sqrt(np.square(after).mean(axis=0))
     return TrialReport(
         not reason, reason, tuple(phases), float(used.max()), rise, _deepest(seen.penetration[start:]),
-        dict(zip(joints, map(float, share), strict=True)),
+        dict(zip(joints, map(float, share), strict=True)), dict(zip(joints, map(float, warming), strict=True)),
     )  # fmt: skip
 
 

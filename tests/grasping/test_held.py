@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.can.virtual.motor_heat import MotorHeat, seconds_until
+from allegro_twin.grasping.evaluation.rejudge import motor_load
 from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge, relative_motion
 
 WINDOWS = (
@@ -71,6 +73,29 @@ def test_a_joint_at_its_limit_is_named_with_its_share_of_the_time() -> None:
     report = verdict(observations(torque=torque))
     assert report.at_limit["joint_3"] == pytest.approx(0.5, abs=0.001)
     assert report.at_limit["joint_4"] == 0.0  # Before the reference it does not count.
+
+
+def test_the_joint_that_warms_most_is_named_with_its_root_mean_square_and_how_long_it_bears_that() -> None:
+    torque = np.full((len(T), 16), 0.1)
+    torque[T > 2.0, 3], torque[:, 7] = -0.5, 0.3
+    report = verdict(observations(torque=torque))
+    joint, share = report.hottest
+    assert joint == "joint_3"  # Half of the time all, and a fifth in the other half: more than 60 % all the time.
+    assert share == pytest.approx(np.sqrt((1.0 + 0.04) / 2.0), abs=0.002)
+    assert motor_load(report) == "joint_3 sustains 72 % of its limit: 60 °C after 293 s (estimated)"
+    eased = verdict(observations(torque=np.full((len(T), 16), 0.3)))
+    assert motor_load(eased).endswith("sustains 60 % of its limit: never 60 °C (estimated)")
+
+
+@pytest.mark.parametrize("share", [0.75, 0.9, 1.0])
+def test_the_time_to_a_temperature_is_that_of_the_motor_that_is_simulated(share: float) -> None:
+    motor = MotorHeat(np.array([2.0]), 0.01)
+    seconds = 0.0
+    while motor.temperature[0] < 60.0:
+        motor.warm([np.array([2.0 * share])] * motor.steps)
+        seconds += 0.01 * motor.steps
+    assert seconds == pytest.approx(seconds_until(60.0, share), abs=0.3)
+    assert np.isinf(seconds_until(60.0, 0.7))
 
 
 def test_a_slip_that_comes_back_counts_where_limits_hold_throughout() -> None:

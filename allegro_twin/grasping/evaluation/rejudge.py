@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.drivers.can.virtual.motor_heat import seconds_until
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.sim.engine.backend import ENGINE
@@ -54,6 +55,7 @@ def report_markdown(report: TrialReport) -> str:
                 f"{phase.rotation:.1f}° in the hand, {100 * phase.margin:.0f} % of the limits left"
             )
     lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled_joints(report)}")
+    lines.append(f"- {motor_load(report)}")
     return "\n".join([*lines, f"- at most {report.penetration * 1000:.1f} mm in each other"])
 
 
@@ -61,6 +63,18 @@ def stalled_joints(report: TrialReport, share: float = 0.5) -> str:
     """The joints that push at their limit for more than a share of the time."""
     found = [f"{joint} {100 * part:.0f} %" for joint, part in report.at_limit.items() if part > share]
     return f"at its limit for most of the time: {', '.join(found)}" if found else "no joint stays at its limit"
+
+
+WARM = 60.0
+"""°C from which the guard gives less."""
+
+
+def motor_load(report: TrialReport) -> str:
+    """The joint that sustains most, and how long its motor bears that, by the assumed thermal model."""
+    joint, share = report.hottest
+    seconds = seconds_until(WARM, share)
+    bears = f"{WARM:.0f} °C after {seconds:.0f} s" if np.isfinite(seconds) else f"never {WARM:.0f} °C"
+    return f"{joint} sustains {100 * share:.0f} % of its limit: {bears} (estimated)" if joint else "no joint is loaded"
 
 
 def write_reports(path: Path, reports: dict[str, TrialReport]) -> None:

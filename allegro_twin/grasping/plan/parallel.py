@@ -104,5 +104,17 @@ def planned_from_json(data: Any, known: Sequence[Grasp]) -> PlannedGrasp:
     return planned
 
 
-_FIELDS = ("tried", "held", "judged", "judged_held", "seed", "candidates", "confirmed", "sure", "margin", "stall")
+_FIELDS = (
+    "tried",
+    "held",
+    "judged",
+    "judged_held",
+    "seed",
+    "candidates",
+    "confirmed",
+    "sure",
+    "margin",
+    "stall",
+    "sustained",
+)
 _POSTURES = ("preshape", "close", "squeeze")

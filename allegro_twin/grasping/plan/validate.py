@@ -81,8 +81,9 @@ class PlannedGrasp:
     """Whether it needs no draws."""
     margin: float = float("nan")
     stall: float = float("nan")
-    """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
-    its torque limit."""
+    sustained: float = float("nan")
+    """Of the whole trial: what was left of its limits, the share of its time that the most loaded joint spent at its
+    torque limit, and the share of its limit that the hottest joint sustains."""
 
     def show(self, observed: ObservedType | None) -> None:
         """Its grasp is of the type that its contacts show, and claims no other."""
@@ -185,6 +186,7 @@ class GraspValidator:
             if verdict.report is not None:
                 option.show(verdict.report.observed)
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+                option.sustained = verdict.report.hottest[1]
 
     def amiss(self, verdicts: Sequence[Verdict]) -> str:
         """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""
@@ -243,6 +245,7 @@ def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> 
                 option.show(held[0].observed)
             option.margin = min([option.margin, *(report.margin for report in held)])
             option.stall = max([option.stall, *(max(report.at_limit.values()) for report in held)])
+            option.sustained = max([0.0, *(report.hottest[1] for report in held)])
         prover.ends["pushed out"] += sum(not option.confirmed for option in options)
         options = [option for option in options if option.confirmed]
     prover.ends["held"] += len(options)

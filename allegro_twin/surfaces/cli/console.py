@@ -96,14 +96,14 @@ def plan_table(name: str, found: Sequence[PlannedGrasp]) -> Table:
 
     table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
     words = ("from", "like", "type")
-    for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "limits\nleft", "at\nlimit"):
+    for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "limits\nleft", "motor\nsustains"):
         table.add_column(title, justify="left" if title in words else "right")
     for number, each in enumerate(found, 1):
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, str(each.grasp.kind),
             f"{each.held} of {each.tried}" if each.tried else "",
             str(make_rate("", each.judged_held, each.judged)) if each.judged else "",
-            f"{each.margin:.0%}", f"{each.stall:.0%}",
+            f"{each.margin:.0%}", f"{each.sustained:.0%}",
         )  # fmt: skip
     return table
 
@@ -139,13 +139,13 @@ def phases(title: str, report: TrialReport) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import stalled_joints
+    from allegro_twin.grasping.evaluation.rejudge import motor_load, stalled_joints
 
     kind = report.observed
     acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
-        f"{100 * report.margin:.0f} % of the limits left; {stalled_joints(report)}{acts}"
+        f"{100 * report.margin:.0f} % of the limits left; {stalled_joints(report)}; {motor_load(report)}{acts}"
     )
     return table
 

@@ -29,7 +29,7 @@ def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
     numbers = np.random.default_rng(0).normal(size=(5, SPEC.n_joints))
     a, b, c, d, e = numbers
     candidate = Candidate(a[:3], np.eye(3), b[:3], a, b, c, d, e, grasp.name, 0.5)
-    made = PlannedGrasp(candidate, scenario, grasp, 8, 7, 20, 14, 3, 48, True, False, 0.25, 0.5)
+    made = PlannedGrasp(candidate, scenario, grasp, 8, 7, 20, 14, 3, 48, True, False, 0.25, 0.5, 0.4)
     again = planned_from_json(json.loads(json.dumps(planned_to_json(made))), [grasp])
     assert planned_to_json(again) == planned_to_json(made)
     for name in Candidate.__slots__:

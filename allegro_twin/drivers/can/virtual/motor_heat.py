@@ -21,6 +21,14 @@ EVERY = 0.1  # s between two updates.
 FAULT = 85.0  # °C at which it gives none. Assumed.
 
 
+def seconds_until(celsius: float, share: float) -> float:
+    """How long a motor at `AMBIENT` may give a share of its full torque until it has a temperature, s; inf where it
+    never has: t ln(1 / (1 − (T − T_a) / (ΔT share²)))."""
+    rise = RISE * share * share
+    part = (celsius - AMBIENT) / rise if rise > 0.0 else math.inf
+    return -TIME_CONSTANT * math.log1p(-part) if part < 1.0 else math.inf
+
+
 class MotorHeat:
     """First-order heating by the losses of a torque, ten times a second: T' = (T_a + ΔT mean(τ²)/τ_max² − T) / t."""
 
