@@ -159,7 +159,7 @@ def decimate(soup: Soup, count: int) -> Soup:
 
 def smooth(soup: Soup) -> Soup:
     """The surface without noise that is finer than a few edges, and not smaller (Taubin, SIGGRAPH 1995)."""
-    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse import coo_array, diags_array  # type: ignore[import-untyped]  # Its types are a package of their own.
 
     count, (a, b) = len(soup.vertices), (soup.faces.ravel(), soup.faces[:, [1, 2, 0]].ravel())
     joined = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
@@ -203,7 +203,7 @@ def patches(soup: Soup) -> Numbers:
 
 
 def group(count: int, pairs: Numbers) -> Numbers:
-    from scipy.sparse import coo_array  # type: ignore[import-untyped]  # Its types are a package of their own.
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]  # Its types are a package of their own.
 
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
