@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.objects.clean_mesh import ScanSettings, clean_mesh, make_clean
+from allegro_twin.sim.objects.clean_mesh import ScanSettings, checked, clean_mesh, make_clean
 from allegro_twin.sim.objects.meshes import load_hull, load_mesh, mesh_middle, mesh_report
 from allegro_twin.sim.objects.scan_files import read_scan, stated_unit
 from tests.sim.dirty_meshes import (
@@ -33,7 +34,7 @@ from tests.sim.dirty_meshes import (
     view,
 )
 
-QUICK = (0, 1, 3, 6, 7, 10, 11, 13, 14, 15)
+QUICK = (0, 1, 2, 3, 6, 7, 10, 11, 13, 14, 15)
 """Those of the twenty that take less than a second."""
 
 
@@ -122,6 +123,16 @@ def test_a_unit_is_that_of_the_file_or_of_the_only_size_that_a_hand_holds(tmp_pa
     assert stated_unit(tmp_path / "said.obj") == "cm"
 
 
+def test_a_repair_that_moves_the_surface_by_more_than_a_millimetre_is_refused(tmp_path: Path) -> None:
+    made = make_clean(stl(tmp_path / "scan.stl", soup(bottomless(bottle())), 0.001))
+    for moved_by, wanted in ((0.0015, r"by 1\.5 mm, more than 1 mm: allow it, .* --tolerance 1\.5mm .*--hull"),
+                             (0.05, r"by 50 mm, more than 1 mm: take its convex hull, --hull")):  # fmt: skip
+        worse = replace(made, report=replace(made.report, deviation=moved_by))
+        with pytest.raises(ConfigError, match=wanted):
+            checked(tmp_path / "scan.stl", worse, ScanSettings())
+        assert checked(tmp_path / "scan.stl", worse, ScanSettings(tolerance=0.06)) is worse
+
+
 @pytest.mark.slow
 def test_a_repair_that_moves_the_surface_is_refused_with_a_way_out_that_works(tmp_path: Path) -> None:
     """A bowl of one sheet, taken as a wall, is rounded at its rim."""
@@ -167,6 +178,7 @@ def test_the_middle_of_a_repaired_mesh_is_where_its_own_file_has_it(tmp_path: Pa
     solid = moved(bottomless(bottle()), (0.1, -0.2, 0.3))
     file = stl(tmp_path / "scan.stl", soup(solid), 0.001)
     np.testing.assert_allclose(mesh_middle(file), [0.1, -0.2, 0.395], atol=1e-6)
+    np.testing.assert_allclose(load_mesh(file).vertices.min(axis=0), [-0.032, -0.032, -0.095], atol=1e-6)
 
 
 @pytest.mark.parametrize("data", ["ascii", "binary"])

@@ -17,7 +17,7 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.sim.objects import mesh_repair as fix
 from allegro_twin.sim.objects.mesh_repair import Repair, Soup
-from allegro_twin.sim.objects.point_clouds import close_cloud, complete_surface, whole_points
+from allegro_twin.sim.objects.point_clouds import close_cloud, complete_surface, is_walled, whole_points
 from allegro_twin.sim.objects.remesh import Surface, remesh, sample, thicken
 from allegro_twin.sim.objects.scan_files import INSTALL, Numbers, Scan, find_unit, read_scan, stated_unit
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 TOLERANCE = 0.001
 """m that the result may deviate from what was read, both ways; a hole that is closed does not count."""
-COUNTS = (12_000, 40_000)
+COUNTS = (3_000, 8_000, 20_000, 40_000)
 """Triangles of the result: the first that changes the surface by at most LOSS."""
 LOSS = 0.0004
 """m."""
@@ -152,8 +152,12 @@ def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
     if len(soup.faces) > fix.MANY:
         soup = fix.decimate(soup, fix.FEW)
     solid = _solid(path, soup, before, repair, settings)
-    solid = reduce_triangles(solid)
-    far = deviation(before, solid, repair.filled, inside=repair.inside, back=not repair.side)
+    whole = solid
+    for smoothed in (True, False):
+        solid = reduce_triangles(whole, smoothed)
+        far = deviation(before, solid, repair.filled, inside=repair.inside, back=not repair.side)
+        if far <= settings.tolerance:
+            break
     far = max(0.0, far - repair.wall / 2)  # Half the wall is on each side.
     was = abs(fix.volume(before)) if not len(repair.filled) and fix.is_closed(before) else float("nan")
     report = Report(str(path), unit, scale, _extents(solid), tuple(repair.done), (len(scan.faces), len(solid.faces)), 0,
@@ -193,7 +197,8 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanS
     if oriented is not None:
         mended = fix.fill(oriented, repair)
         if repair.hole_area > fix.SIDE * fix.areas(mended).sum():
-            if (whole := _completed(path, before, settings, repair)) is not None:
+            whole = None if _stands(mended, repair) else _completed(path, before, settings, repair)
+            if whole is not None:
                 return whole
             repair.done.append("if it is a thin wall, allegro-twin mesh --wall 2mm")
         if fix.is_closed(mended) and (joined := _joined(mended, repair)) is not None:
@@ -209,6 +214,14 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanS
     raise ConfigError(
         f"{path}: its faces enclose nothing: --wall 2mm of allegro-twin mesh makes a wall of them; --hull"
     )
+
+
+def _stands(soup: Soup, repair: Repair) -> bool:
+    """Whether walls go up from the closed holes: it was seen from all around, but for what it stands on."""
+    a, b, c = (repair.filled[:, k] for k in range(3))
+    axis = np.linalg.svd(np.cross(b - a, c - a), full_matrices=False)[2][0]
+    area = fix.areas(soup)
+    return is_walled(fix.face_normals(soup) / np.maximum(2 * area, 1e-300)[:, None], area, axis)
 
 
 def _completed(path: Path, before: Soup, settings: ScanSettings, repair: Repair) -> Soup | None:
@@ -307,10 +320,12 @@ def _largest(soup: Soup) -> Soup:
     return _stacked([shell for shell, each in zip(shells, volumes, strict=True) if each > 0.01 * max(volumes)])
 
 
-def reduce_triangles(soup: Soup) -> Soup:
-    """The same surface with the least triangles of COUNTS that change it little."""
-    if len(soup.faces) <= COUNTS[0]:
+def reduce_triangles(soup: Soup, smoothed: bool = True) -> Soup:
+    """The same surface, smoothed, with the least triangles of COUNTS that change it little."""
+    if len(soup.faces) <= COUNTS[2]:
         return soup
+    smooth = fix.smooth(soup) if smoothed else soup
+    soup = smooth if fix.is_closed(smooth) and fix.manifold_of(smooth) is not None else soup
     for count in COUNTS:
         if len(soup.faces) <= count:
             return soup
@@ -326,9 +341,10 @@ def reduce_triangles(soup: Soup) -> Soup:
 def deviation(
     before: Soup, after: Soup, filled: Numbers | None = None, *, inside: bool = False, back: bool = True
 ) -> float:
-    """The largest distance between two surfaces, both ways or, without `back`, from the first, by samples, m. Places of
-    the result that are nearest to a closed hole do not count, nor, with `inside`, places of the first that the result
-    encloses."""
+    """The largest distance between two surfaces by samples, both ways or, without `back`, from the first one, m.
+
+    Places of the result that are nearest to a closed hole do not count, nor, with `inside`, places of the first
+    that the result encloses."""
     if len(before.faces) == len(after.faces) and np.array_equal(
         before.vertices[before.faces].sum(axis=1), after.vertices[after.faces].sum(axis=1)
     ):

@@ -32,6 +32,12 @@ DOUBLE = 0.5
 """Share of faces that are there twice, seen from both sides, from which on a surface is a wall without thickness."""
 
 
+_CARE = 3
+"""Of the decimation, from 1 to 10, careful to hasty: at its usual 7 single vertices are off by a millimetre."""
+_PASSES = 8
+"""Of the smoothing."""
+
+
 class Soup(NamedTuple):
     """Triangles of any quality, in m."""
 
@@ -146,9 +152,23 @@ def decimate(soup: Soup, count: int) -> Soup:
     middle = soup.vertices.mean(axis=0)  # Single precision, about the middle and in units of the size.
     size = float(np.ptp(soup.vertices, axis=0).max()) or 1.0
     places, faces = fast_simplification.simplify(
-        ((soup.vertices - middle) / size).astype(np.float32), soup.faces.astype(np.int32), target_count=count
+        ((soup.vertices - middle) / size).astype(np.float32), soup.faces.astype(np.int32), target_count=count, agg=_CARE
     )
     return compact(_without_empty(Soup(places.astype(np.float64) * size + middle, faces.astype(np.int64))))
+
+
+def smooth(soup: Soup) -> Soup:
+    """The surface without noise that is finer than a few edges, and not smaller (Taubin, SIGGRAPH 1995)."""
+    from scipy.sparse import coo_array, diags_array  # type: ignore[import-untyped]  # Its types are a package of their own.
+
+    count, (a, b) = len(soup.vertices), (soup.faces.ravel(), soup.faces[:, [1, 2, 0]].ravel())
+    joined = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
+    mean = diags_array(1.0 / np.maximum(joined.sum(axis=1), 1.0)) @ joined
+    places = soup.vertices
+    for _ in range(_PASSES):
+        for step in (0.5, -0.53):
+            places = places + step * (mean @ places - places)
+    return Soup(places, soup.faces)
 
 
 class _Edges(NamedTuple):
@@ -183,7 +203,7 @@ def patches(soup: Soup) -> Numbers:
 
 
 def group(count: int, pairs: Numbers) -> Numbers:
-    from scipy.sparse import coo_array  # type: ignore[import-untyped]  # Its types are a package of their own.
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]  # Its types are a package of their own.
 
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))

@@ -27,6 +27,8 @@ FLAT = 0.04
 """Of the size: a view with less depth shows no solid."""
 GRAZING = 0.45
 """Cosine between view and normal, below which a point of the outline is of the silhouette."""
+WALLS = 0.3
+"""Share of a surface."""
 STEEP = 0.85
 """Cosine between view and axis, above which a view along the axis shows no side."""
 _NEIGHBOURS = 14
@@ -156,11 +158,23 @@ def _closed(path: Path, cloud: Oriented, given: bool, repair: Repair) -> Soup:
         if not (above & below).mean() > HALF:
             repair.done.append("normals turned outwards")
     if (above & below).mean() > HALF and not _thin_walled(cloud, given):
+        trial = Repair()
+        standing = _capped(cloud, trial, walled=True)
+        if trial.done:  # Scanned all around, but for what it stands on.
+            there, around = _outside(standing)
+            both = _is_outside(standing, there, around, 1) & _is_outside(standing, there, around, -1)
+            if both.mean() <= HALF:
+                repair.done += trial.done
+                return _made(path, standing if given else _turned(standing, there, around), there, around)
         cloud = _completed(path, cloud, repair)
         grid, outside = _outside(cloud)
         given = True
     elif not given:
         cloud = _turned(cloud, grid, outside)
+    return _made(path, cloud, grid, outside)
+
+
+def _made(path: Path, cloud: Oriented, grid: Grid, outside: Numbers) -> Soup:
     made = _surface(cloud, grid, outside)
     if made is None:
         raise ConfigError(
@@ -335,8 +349,14 @@ def _plane(points: Numbers, view: Numbers | None = None) -> tuple[Numbers, Numbe
     return at, normal
 
 
-def _capped(cloud: Oriented, repair: Repair) -> Oriented:
-    """With flat openings closed: ends that no view from the side shows."""
+def is_walled(normals: Numbers, weights: Numbers, axis: Numbers) -> bool:
+    """Whether so much of a surface is along an axis that no view along it shows it: it was seen from all around."""
+    along = np.abs(normals @ axis) < 0.2
+    return bool(weights[along].sum() > WALLS * weights.sum())
+
+
+def _capped(cloud: Oriented, repair: Repair, *, walled: bool = False) -> Oriented:
+    """With flat openings closed: ends that no view from the side shows; `walled`: only where walls go up from them."""
     from scipy.spatial import Delaunay, cKDTree
 
     rim = cloud.points[_is_outline(cloud)]
@@ -355,6 +375,8 @@ def _capped(cloud: Oriented, repair: Repair) -> Oriented:
         flat = (ring - at) @ frame.T
         beyond = np.sort((cloud.points - at) @ normal)
         if len(ring) < 0.5 * (group == number).sum() or np.ptp(flat, axis=0).min() < 4 * cloud.spacing:
+            continue
+        if walled and not is_walled(cloud.normals, np.ones(len(cloud.normals)), normal):
             continue
         if min(beyond[-1], -beyond[0]) > 3 * cloud.spacing:  # No end of the thing.
             continue
