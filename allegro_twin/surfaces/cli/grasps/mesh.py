@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from allegro_twin.errors import ConfigError
@@ -43,7 +42,7 @@ def mesh(
         str | None, typer.Option(help="Take an open surface as a wall of this thickness, 2mm for example.")
     ] = None,
 ) -> None:
-    """Repair a scan: a closed OBJ in m, a picture before and after, and a report.
+    """Repair a scan: a closed OBJ in m, pictures, and a report.
 
     `plan`, `new`, `run` and scenarios do the same with a scan that they are given."""
     from allegro_twin.files.atomic_write import atomic_file
@@ -81,6 +80,8 @@ def show_repair(file: Path | None, scale: float, folder: Path, *, hull: bool = F
 def write_report(made: CleanMesh, file: Path, target: Path) -> list[Path]:
     """A picture and a JSON file beside a target, of its name."""
     from dataclasses import asdict
+
+    import numpy as np
 
     from allegro_twin.files.atomic_write import atomic_file
     from allegro_twin.sim.objects.mesh_repair import Soup, compact
