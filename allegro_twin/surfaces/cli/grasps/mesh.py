@@ -91,7 +91,7 @@ def write_report(made: CleanMesh, file: Path, target: Path) -> list[Path]:
 
     report, scan = made.report, read_scan(file)
     picture, text = target.with_suffix(".png"), target.with_suffix(".json")
-    fine = float(np.linalg.norm(report.extents)) / 600
+    fine = float(np.linalg.norm(report.extents)) / 400
     after = Soup(made.vertices, made.faces)
     title = f"after: {len(after.faces):,} triangles, {1e6 * report.volume[1]:.4g} cm3"
     if len(scan.faces):
