@@ -130,7 +130,7 @@ def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) 
         for _ in range(2)
     )
     found = timed.run(2, SearchBudget(cpu=1e-9))
-    assert timed.closed == TINY.closed
+    assert timed.closed == TINY.closed // 2, "half, where forces are reckoned"
     assert timed.cpu > 0.0
     again = counted.run(2, SearchBudget(timed.closed))
     assert counted.closed == timed.closed
