@@ -121,17 +121,19 @@ class GraspSearch:
             if self.closed and (self.cpu >= budget.cpu or self.closed >= budget.candidates):
                 break
             begun = population is not None and len(population.elite) >= population.kept // 2
-            count = self.effort.guessed // 4 if begun else self.effort.guessed
-            guessed = sorted(_next(proposed, count), key=lambda c: -c.score)
+            guessed = _next(proposed, self.effort.guessed // 4 if begun else self.effort.guessed)
             if not guessed:
                 break
+            varied = proposer.near(elite, self.effort.closed // 2)
             most = int(min(self.effort.closed, budget.candidates - self.closed))
             if population is None:
-                varied = proposer.near(elite, self.effort.closed // 2)
-                closed = [*varied, *guessed[: self.effort.closed - len(varied)]][:most]
+                best = sorted(guessed, key=lambda c: -c.score)
+                closed = [*varied, *best[: self.effort.closed - len(varied)]][:most]
             else:
-                population.evolve([*guessed, *proposer.near(elite, self.effort.closed // 2)])
-                closed = population.take(min(most, self.effort.closed // 2))
+                population.evolve([*guessed, *varied])
+                closed = population.take(min(most, max(1, self.effort.closed // 2)))
+            if not closed:
+                continue  # All that evolved has been closed before: begin anew.
             self.closed += len(closed)
             if protocol.floating:
                 validate_in_air(prover, self._apart(self._squeezed(closed, protocol, random), prover))

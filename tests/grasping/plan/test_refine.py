@@ -82,9 +82,21 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
     assert sum(each.passed for each in ends) >= 8
 
 
-def test_physics_closes_no_candidate_for_a_second_time(evolved: Population) -> None:
-    first, second = evolved.take(5), evolved.take(5)
-    assert not {id(each) for each in first} & {id(each) for each in second}
+def test_physics_closes_no_candidate_for_a_second_time_and_the_population_begins_anew_when_none_is_left(
+    begun: tuple[Proposer, list[Candidate]],
+) -> None:
+    population = Population(begun[0], None, elite=list(begun[1][:9]))
+    rounds = [population.take(4) for _ in range(4)]
+    assert [len(each) for each in rounds] == [4, 4, 1, 0]
+    assert len({each for taken in rounds for each in taken}) == 9
+    assert population.elite == []
+
+
+def test_what_is_dropped_leaves_its_place_to_others(begun: tuple[Proposer, list[Candidate]]) -> None:
+    first, second, third = begun[1][:3]
+    population = Population(begun[0], None, elite=[first, second, third])
+    population.drop([second])
+    assert population.elite == [first, third]
 
 
 def test_fingers_meet_the_object_within_a_step_that_is_an_eighth_of_the_coarse_one(

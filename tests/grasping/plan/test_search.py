@@ -139,6 +139,15 @@ def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) 
 
 
 @pytest.mark.slow
+def test_a_round_that_closes_one_candidate_ends_with_its_budget() -> None:
+    search = GraspSearch(
+        scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=RoundSize(4, 1, 1)
+    )
+    search.run(5, SearchBudget(7))
+    assert search.closed == 7
+
+
+@pytest.mark.slow
 def test_a_budget_of_candidates_is_kept_to_the_last_one() -> None:
     search = GraspSearch(
         scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY

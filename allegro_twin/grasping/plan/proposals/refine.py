@@ -36,8 +36,8 @@ class Population:
     kept: int = 32
     """Candidates that live on in a generation."""
     elite: list[Candidate] = field(default_factory=list)
-    _closed: set[int] = field(default_factory=set)
-    """Of those of the elite that physics has closed, `id`."""
+    _closed: set[Candidate] = field(default_factory=set)
+    """Those that physics has closed."""
 
     def evolve(self, fresh: Sequence[Candidate]) -> None:
         """Let a round of generations pass, with some more candidates."""
@@ -52,15 +52,18 @@ class Population:
                 break
 
     def take(self, count: int) -> list[Candidate]:
-        """So many of the best for physics to close, none of them for a second time."""
-        chosen = [each for each in self.elite if id(each) not in self._closed][:count]
-        self._closed |= {id(each) for each in chosen}
+        """So many of the best for physics to close, none of them for a second time. Where none is left, the population
+        begins anew with what comes next."""
+        chosen = [each for each in self.elite if each not in self._closed][:count]
+        self._closed.update(chosen)
+        if not chosen:
+            self.elite = []
         return chosen
 
     def drop(self, candidates: Sequence[Candidate]) -> None:
         """Forget some, so that others take their places."""
-        gone = {id(each) for each in candidates}
-        self.elite = [each for each in self.elite if id(each) not in gone]
+        gone = set(candidates)
+        self.elite = [each for each in self.elite if each not in gone]
 
     def _select(self, candidates: Sequence[Candidate]) -> None:
         """The best, of which no more than `NICHE` are alike."""
