@@ -127,8 +127,8 @@ class GraspSearch:
             varied = proposer.near(elite, self.effort.closed // 2)
             most = int(min(self.effort.closed, budget.candidates - self.closed))
             if population is None:
-                best = sorted(guessed, key=lambda c: -c.score)
-                closed = [*varied, *best[: self.effort.closed - len(varied)]][:most]
+                ranked = sorted(guessed, key=lambda c: -c.score)
+                closed = [*varied, *ranked[: self.effort.closed - len(varied)]][:most]
             else:
                 population.evolve([*guessed, *varied])
                 closed = population.take(min(most, max(1, self.effort.closed // 2)))

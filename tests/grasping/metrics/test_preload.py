@@ -15,12 +15,12 @@ HALF = 0.03
 WEIGHT = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
 
 
-def pads(friction: float) -> Contacts:
+def pads(friction: float, length: float = 0.04) -> Contacts:
     """Two pads of three points each that face each other along x."""
     around = 0.008 * np.array([[0.0, np.cos(a), np.sin(a)] for a in 2.0 * np.pi * np.arange(3) / 3.0])
     points = np.vstack([around - np.array([HALF, 0, 0]), around + np.array([HALF, 0, 0])])
     normals = np.repeat([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], 3, axis=0)
-    return make_contacts(points, normals, friction, length=0.04)
+    return make_contacts(points, normals, friction, length=length)
 
 
 def slides() -> Array:
@@ -67,6 +67,30 @@ def test_a_stronger_hand_needs_a_smaller_share_and_the_same_torque() -> None:
     weak, strong = squeezed(0.6, limit=5.0), squeezed(0.6, limit=10.0)
     assert weak.share == pytest.approx(2.0 * strong.share)
     np.testing.assert_allclose(np.abs(weak.torque[[0, 3]]), np.abs(strong.torque[[0, 3]]), rtol=1e-6)
+
+
+def test_it_does_not_matter_which_way_motors_turn_nor_by_what_length_torques_are_divided() -> None:
+    twisted = np.array([[0.5, 0.2, -2.0, 0.01, 0.004, 0.006]])
+    shares = [
+        least_preload(pads(0.6, length), sign * slides(), np.full(6, 1e3), np.full(6, 1e1), twisted).share
+        for length in (0.02, 0.04, 0.08)
+        for sign in (1.0, -1.0)
+    ]
+    np.testing.assert_allclose(shares, shares[0], rtol=1e-6)
+
+
+def test_what_a_finger_loses_to_a_palm_that_the_load_presses_on_is_by_their_springs() -> None:
+    """Three contacts of 1 mm/N on a palm that no motor moves, 3000 N/m, and three on a finger's slide of 1000 N/m,
+    3 / (3/1000 + 1/1000) = 750 N/m: of 2 N against the palm the finger loses a fifth, and so much it has to press."""
+    around = 0.02 * np.array([[np.cos(a), np.sin(a), 0.0] for a in 2.0 * np.pi * np.arange(3) / 3.0])
+    touch = make_contacts(
+        np.vstack([around - np.array([0, 0, HALF]), around + np.array([0, 0, HALF])]),
+        np.repeat([[0, 0, 1.0], [0, 0, -1.0]], 3, axis=0), 0.6, length=0.04,
+    )  # fmt: skip
+    moved = np.zeros((6, 3, 1))
+    moved[3:, 2] = 1.0
+    found = least_preload(touch, moved, np.array([1000.0]), np.array([10.0]), WEIGHT[None], compliance=1e-3)
+    assert -found.torque[0] == pytest.approx(0.4)
 
 
 def test_without_a_load_nothing_is_asked() -> None:
