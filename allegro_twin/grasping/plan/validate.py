@@ -131,7 +131,10 @@ class GraspValidator:
         self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
 
     def settle(self, n: int) -> None:
-        """Try the best in the whole trial, and others for those that do not hold there."""
+        """Draw for the best until each has had more than its first draws, which some hold by luck; and try them in the
+        whole trial, and others for those that do not hold there."""
+        for _ in range(WHOLE_TRIALS):
+            self._draw([o for o in self.ranked(self.options, n) if o.tried < FIRST + MORE and not o.sure], MORE)
         left = WHOLE_TRIALS * n
         while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
             self._confirm(unknown)

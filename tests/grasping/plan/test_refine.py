@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from allegro_twin.grasping.metrics.preload import least_preload
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
-from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly
-from allegro_twin.grasping.plan.proposals.propose import Proposer, could_hold, squeeze_preload
+from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly, metric_contacts
+from allegro_twin.grasping.plan.proposals.propose import Proposer, could_hold, squeeze_preload, weight_loads
 from allegro_twin.grasping.plan.proposals.refine import NICHE, Population
 from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.plan.templates import grasp_templates
@@ -97,6 +98,18 @@ def test_what_is_dropped_leaves_its_place_to_others(begun: tuple[Proposer, list[
     population = Population(begun[0], None, elite=[first, second, third])
     population.drop([second])
     assert population.elite == [first, third]
+
+
+def test_a_squeeze_is_reckoned_for_three_quarters_of_the_friction_and_a_fifth_more_weight_and_for_the_shake(
+    begun: tuple[Proposer, list[Candidate]],
+) -> None:
+    known, (candidate, *_) = begun
+    met, touch = meet_exactly(known.bench, candidate)
+    found = squeeze_preload(known.bench, met, touch, 0.8, TURNS, GAINS)
+    loads = weight_loads(met.rotation, 1.2 * 0.349, TURNS) * [[1.0], [1.15], [1.3]]
+    contacts, limit = metric_contacts(touch, known.centre, 0.6), SPEC.actuation.torque_limit
+    expected = least_preload(contacts, known.bench.jacobians(touch), GAINS.kp, limit, loads)
+    assert found.share == pytest.approx(expected.share, rel=1e-6)
 
 
 def test_fingers_meet_the_object_within_a_step_that_is_an_eighth_of_the_coarse_one(

@@ -135,6 +135,7 @@ def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) 
     again = counted.run(2, SearchBudget(timed.closed))
     assert counted.closed == timed.closed
     assert counted.ends == timed.ends
+    assert all(each.tried >= FIRST + MORE for each in found), "nobody is chosen for two draws that it was lucky in"
     assert files(found, tmp_path / "timed") == files(again, tmp_path / "counted")
 
 
