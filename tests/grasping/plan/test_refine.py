@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.metrics.preload import least_preload
+from allegro_twin.grasping.metrics.preload import Preload, least_preload
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly, metric_contacts
@@ -19,6 +20,7 @@ from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.sim.contact.grasp_scene import TouchPoints
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 
 SPEC = load_spec()
@@ -70,17 +72,24 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
     known = evolved.proposer
     performer = FingerGains(GAINS, hand_kinematics(SPEC).gravity_torque)
     some = evolved.take(12)
-    seen: list[float] = []
+    seen: list[Preload] = []
 
-    def noted(candidate: Candidate, touch: object, data: object) -> object:
-        held = squeeze_preload(known.bench, candidate, touch, 0.8, TURNS, GAINS, data)  # type: ignore[arg-type]
-        seen.append(held.share)
+    def noted(candidate: Candidate, touch: TouchPoints, data: Any) -> Preload:
+        held = squeeze_preload(known.bench, candidate, touch, 0.8, TURNS, GAINS, data)
+        seen.append(held)
         return held
 
-    ends = close_candidates(known.bench, some, performer, 0.8, known.random, noted)  # type: ignore[arg-type]
-    apart = np.abs(np.array(seen) - [share(each) for each in some][: len(seen)])
+    ends = close_candidates(known.bench, some, performer, 0.8, known.random, noted)
+    closed = [(before, end) for before, end in zip(some, ends, strict=True) if end.where != "empty"]
+    apart = [abs(held.share - share(before)) for held, (before, _) in zip(seen, closed, strict=True)]
     assert np.median(apart) < 0.1
     assert sum(each.passed for each in ends) >= 8
+    limit = SPEC.actuation.torque_limit
+    for held, (_, end) in zip(seen, closed, strict=True):
+        if np.isfinite(held.share):  # What is squeezed with is for the contacts that there are, and firm.
+            wanted = held.torque * max(1.0, 0.4 / (np.abs(held.torque) / limit).max())
+            assert end.candidate.torque is not None
+            np.testing.assert_allclose(end.candidate.torque, wanted)
 
 
 def test_physics_closes_no_candidate_for_a_second_time_and_the_population_begins_anew_when_none_is_left(
