@@ -34,4 +34,4 @@ def test_a_missing_bottom_is_seen_from_below_and_a_missing_lid_from_above(open_b
     left, right = np.split(picture(tmp_path / "cup.png")[:420], 2, axis=1)
     red = [(pane[..., 0] > 1.8 * pane[..., 2]).sum() for pane in (left, right)]
     assert red[0] > 2000
-    assert red[1] < 10
+    assert red[1] < 200  # Of the rim.

@@ -253,6 +253,7 @@ def test_of_two_options_for_one_place_the_one_that_is_expected_to_hold_more_is_k
     assert best_grasps([lucky, other, sure], 5, None) == [sure, other]
     assert sure.good
     assert not lucky.good
+    assert not replace(sure, tried=8, held=8).good, "eight of eight are too few to say so"
 
 
 @pytest.mark.long
