@@ -181,7 +181,7 @@ def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.Monk
 def test_without_the_extra_a_mesh_that_is_no_solid_says_why_and_what_repairs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("allegro_twin.sim.objects.meshes._extra", lambda: False)
+    monkeypatch.setattr("allegro_twin.sim.objects.meshes.missing_module", lambda: "trimesh")
     vertices, faces = ring()
     turned = [(a, c, b) for a, b, c in faces]
     for name, content, unit, message in (
@@ -242,7 +242,7 @@ def test_the_middle_of_a_mesh_is_where_its_own_file_has_it(tmp_path: Path) -> No
 def test_without_the_extra_a_scan_is_refused_by_its_count_before_it_is_read(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("allegro_twin.sim.objects.meshes._extra", lambda: False)
+    monkeypatch.setattr("allegro_twin.sim.objects.meshes.missing_module", lambda: "trimesh")
     path, count = tmp_path / f"scan{suffix}", TRIANGLES + 1
     if suffix == ".obj":
         path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0" + "\nf 1 2 3" * count)

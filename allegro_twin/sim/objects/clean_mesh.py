@@ -19,7 +19,15 @@ from allegro_twin.sim.objects import mesh_repair as fix
 from allegro_twin.sim.objects.mesh_repair import Repair, Soup
 from allegro_twin.sim.objects.point_clouds import close_cloud, complete_surface, is_walled, whole_points
 from allegro_twin.sim.objects.remesh import Surface, remesh, sample, thicken
-from allegro_twin.sim.objects.scan_files import INSTALL, Numbers, Scan, find_unit, read_scan, stated_unit
+from allegro_twin.sim.objects.scan_files import (
+    INSTALL,
+    Numbers,
+    Scan,
+    find_unit,
+    missing_module,
+    read_scan,
+    stated_unit,
+)
 
 if TYPE_CHECKING:
     import manifold3d
@@ -109,6 +117,8 @@ class CleanMesh:
 def clean_mesh(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh:
     """The solid that a scan shows, from the cache where it was made before. Raises ConfigError in a line that says what
     to do."""
+    if (missing := missing_module()) is not None:
+        raise ConfigError(f"{path}: needs repair ({missing} is missing): {INSTALL}")
     kept = cache_folder("scans", "a repaired mesh") / f"{_cache_key(path, settings)}.npz"
     if kept.is_file():
         return _load(kept, path)
@@ -119,12 +129,6 @@ def clean_mesh(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh
 
 def make_clean(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh:
     """The same, made anew."""
-    try:
-        import fast_simplification  # noqa: F401  # All of the extra, before minutes are spent.
-        import manifold3d  # noqa: F401
-        import skimage  # noqa: F401
-    except ImportError as error:
-        raise ConfigError(f"{path}: needs repair ({error.name} is missing): {INSTALL}") from error
     scan = read_scan(path)
     return _close(path, scan, settings) if len(scan.faces) else _close_points(path, scan, settings)
 
@@ -378,10 +382,7 @@ def _holds(after: Soup, before: Soup) -> bool:
 def _cache_key(path: Path, settings: ScanSettings) -> str:
     if not path.is_file():
         raise ConfigError(f"no mesh at {path}")
-    try:
-        versions = [version(name) for name in ("fast-simplification", "manifold3d", "scikit-image", "trimesh")]
-    except ImportError as error:
-        raise ConfigError(f"{path}: needs repair ({error.name} is missing): {INSTALL}") from error
+    versions = [version(name) for name in ("fast-simplification", "manifold3d", "scikit-image", "trimesh")]
     beside = sorted(path.parent.glob("*.bin")) if path.suffix.lower() == ".gltf" else []
     code = sorted(Path(__file__).parent.glob("*.py"))
     name = stated_unit(path) or ""

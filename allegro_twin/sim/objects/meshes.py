@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from functools import lru_cache
-from importlib.util import find_spec
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.objects.clean_mesh import Report, ScanSettings, clean_mesh, hull_points
 from allegro_twin.sim.objects.mesh_repair import OVERLAP, Soup, loose_parts, overlap
-from allegro_twin.sim.objects.scan_files import CLOUDS, INSTALL, LARGEST, MESHES, SMALLEST
+from allegro_twin.sim.objects.scan_files import CLOUDS, INSTALL, LARGEST, MESHES, SMALLEST, missing_module
 from allegro_twin.types import Array, Vector
 
 log = logging.getLogger(__name__)
@@ -95,7 +94,7 @@ def _load(path: Path, scale: float) -> _Loaded:
             wrong = _fault(path, plain, scale)
         except ConfigError as error:
             wrong = error
-    ours = _extra()
+    ours = missing_module() is None
     if plain is not None and wrong is None and not (ours and _doubtful(plain)):
         return _Loaded(plain, _middle(vertices), None)
     if not ours:
@@ -134,12 +133,6 @@ def _unrepaired(path: Path, wrong: ConfigError | None) -> ConfigError:
     return wrong if INSTALL in str(wrong) else ConfigError(f"{wrong}; {INSTALL} may repair it")
 
 
-def _extra() -> bool:
-    """Whether what repairs meshes is installed."""
-    return all(find_spec(name) for name in ("fast_simplification", "manifold3d", "platformdirs", "scipy", "skimage",
-                                            "trimesh"))  # fmt: skip
-
-
 def _doubtful(mesh: Mesh) -> bool:
     """Whether a closed surface may enclose something twice: it is of several parts, or crosses itself."""
     soup = Soup(mesh.vertices, mesh.faces)
@@ -158,12 +151,12 @@ def load_hull(path: Path, scale: float = 1.0) -> Mesh:
         try:
             plain = _read(path, scale)
             small = SMALLEST <= plain.extents.max() <= LARGEST
-            if small and not (_extra() and loose_parts(Soup(plain.vertices, plain.faces)).max() > 0):
+            if small and not (missing_module() is None and loose_parts(Soup(plain.vertices, plain.faces)).max() > 0):
                 return convex_hull(plain.vertices, str(path))
         except ConfigError:
-            if not _extra():
+            if missing_module() is not None:
                 raise
-    if not _extra():
+    if missing_module() is not None:
         raise _unrepaired(path, None)
     points, said = hull_points(path, scale)
     if parent_process() is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -17,6 +18,8 @@ MESHES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf")
 CLOUDS = (".pcd", ".xyz", ".pts", ".npy", ".npz")
 """Suffixes of files that hold points only. A .ply file without faces does too."""
 INSTALL = "pip install 'allegro-twin[objects]'"
+EXTRA = ("fast_simplification", "manifold3d", "platformdirs", "scipy", "skimage", "trimesh")
+"""What repairs meshes."""
 
 UNITS = {"m": 1.0, "mm": 0.001, "cm": 0.01, "inch": 0.0254}
 """Names of units, in m."""
@@ -45,6 +48,11 @@ class Scan(NamedTuple):
     """(k, 3), of a cloud that has them."""
     unit: str | None
     """One of UNITS where the file or its name says it."""
+
+
+def missing_module() -> str | None:
+    """Of what repairs meshes the first that is not installed."""
+    return next((name for name in EXTRA if find_spec(name) is None), None)
 
 
 def read_scan(path: Path) -> Scan:

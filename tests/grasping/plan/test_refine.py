@@ -92,6 +92,15 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
             np.testing.assert_allclose(end.candidate.torque, wanted)
 
 
+def test_what_is_light_is_squeezed_with_two_fifths_of_the_motor_that_bears_most(evolved: Population) -> None:
+    known, limit = evolved.proposer, SPEC.actuation.torque_limit
+    faint = Preload(0.05, 0.05 * limit * np.sign(np.arange(16) - 7.5), np.zeros((3, 3)))
+    performer = FingerGains(GAINS, hand_kinematics(SPEC).gravity_torque)
+    ends = close_candidates(known.bench, evolved.elite[:2], performer, 0.8, known.random, lambda *_: faint)
+    for end in ends:
+        np.testing.assert_allclose(end.candidate.torque, 8.0 * faint.torque)  # type: ignore[arg-type]
+
+
 def test_physics_closes_no_candidate_for_a_second_time_and_the_population_begins_anew_when_none_is_left(
     begun: tuple[Proposer, list[Candidate]],
 ) -> None:
