@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.cell.assembly import make_cell, with_objects
-from allegro_twin.cell.motion.grasp_selection import stored_grasps
+from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.files.assets import data_root

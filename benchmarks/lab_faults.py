@@ -32,7 +32,7 @@ import numpy as np
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.faults import DisturbedBackend, PassThroughBackend
 from allegro_twin.cell.assembly import Cell, make_cell, with_objects
-from allegro_twin.cell.motion.grasp_selection import stored_grasps
+from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.cell.states import MachineState, StateName

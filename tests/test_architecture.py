@@ -81,7 +81,7 @@ HOMES = {
 """Folders of the package, or its modules, that may import a library."""
 FLOORS: dict[str, list[str | set[str]]] = {
     "cell": [
-        "perception", "arm", "camera", "settings", "states", "motion", "checks", "assembly", "reachability", "actions",
+        "perception", "arm", "camera", "settings", "states", "motion", "checks", "assembly", "planning", "actions",
         "run", "journal", "remote", "pick",
     ],
     "drivers": ["base", "polled", "can", "dynamixel", "qb", "schunk"],

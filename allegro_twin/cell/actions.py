@@ -27,16 +27,17 @@ from allegro_twin.cell.checks.grasp_check import (
 from allegro_twin.cell.checks.motor_check import MotorCheck
 from allegro_twin.cell.checks.sensor_zero_check import check_drift, check_plausibility, with_uncertainty
 from allegro_twin.cell.motion.arm_motion import ArmGuide
-from allegro_twin.cell.motion.clutter import other_objects
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, misread_positions, squeeze_speed, touching_joints
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.grasp_selection import GraspCandidate
+from allegro_twin.cell.motion.other_objects import other_objects
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
-from allegro_twin.cell.reachability import far_path, plan_grasp
+from allegro_twin.cell.planning.adaptation import GraspAdapter
+from allegro_twin.cell.planning.reachability import far_path, plan_grasp
+from allegro_twin.cell.planning.stored_grasps import GraspCandidate
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ArmReflex, ConfigError
@@ -66,6 +67,12 @@ class CellActions:
         self.checked: GraspCheck | None = None
         self.on_detection: Callable[[CameraFrame, Detection | PerceptionRefusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
+        settings = cell.settings
+        self._adapter = (
+            None
+            if settings.planning is None
+            else GraspAdapter(cell.hand.spec, settings.planning, settings.hand.gains, settings.seed)
+        )
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
@@ -103,7 +110,7 @@ class CellActions:
                 self._idle.clear()
             case "ToTargetPose":
                 assert self.way is not None
-                self._grasp = self.cell.library.grasp(self.way.card.grasp, self.cell.hand.spec)
+                self._grasp = self.way.card.grasp
                 self._before.clear()
                 if self.solid is not None:
                     self._tare = tare_samples(np.asarray(self.solid.size), self.cell.settings.validation)
@@ -317,7 +324,7 @@ class CellActions:
             return
         try:
             self.others = other_objects(frame, alone, seen, cell.settings.perception)
-            best = plan_grasp(seen.solid, cell, self.others)
+            best = plan_grasp(seen.solid, cell, self.others, self._adapter)
             self.way, self._through = best.way, best.through
         except ConfigError as error:
             self._refused = CellOutcome("refused", "no_grasp", str(error))
@@ -346,7 +353,7 @@ class CellActions:
         axes = cell.robot.base.rotation @ cell.robot.model.pose(state.position).rotation
         gravity = cell.model.gravity_torque(hand.position, hand.gravity)
         torque = self._motors.given(hand, self.fingers(hand.t), gravity)
-        nothing = empty_grasp(cell.settings.hand, self._grasp.name, self.way.palm.rotation)
+        nothing = empty_grasp(cell.settings.hand, self._grasp, self.way.palm.rotation)
         press = pressing_torque(hand.position, torque - gravity, nothing, cell.stiffness, friction)
         squeeze = torque_between_fingers(press, nothing, touching_joints(cell.settings.hand, hand.position))
         stop, weight = stopping_torque(torque, gravity, friction), weigh(self._before, self._after, axes)

@@ -15,6 +15,7 @@ from allegro_twin.cell.camera.self_filter import SelfFilter
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import PerceptionPipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, TableObjectSettings
+from allegro_twin.grasping.timeline import place_object
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
@@ -23,12 +24,11 @@ from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
-from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Array, Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
 """rad. Elbow up and the hand down, from where it turns to either side alike (docs/explanation/cell.md)."""
-_AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ def make_cell(settings: LabSettings) -> Cell:
     """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
-    things, arm = [_placed(thing) for thing in settings.objects], settings.arm
+    things, arm = [place_object(thing) for thing in settings.objects], settings.arm
 
     def made(posture: Vector | None, placed: Sequence[PlacedObject]) -> ArmWithHand:
         periods = (arm.period, PERIOD)
@@ -101,10 +101,3 @@ def waiting_pose(robot: ArmWithHand, wait: SecuritySettings) -> tuple[Pose, Vect
 def with_objects(settings: LabSettings, things: Sequence[TableObjectSettings], seed: int) -> LabSettings:
     """The same cell with other things on the table."""
     return settings.model_copy(update={"objects": tuple(things), "seed": seed})
-
-
-def _placed(settings: TableObjectSettings) -> PlacedObject:
-    thing = load_object(settings.name)
-    position = (*settings.at, float(thing.half_extents()[2]) + _AIR)
-    w, x, y, z = standing_orientation("z", float(np.radians(settings.yaw))).tolist()
-    return PlacedObject(thing, position, (w, x, y, z))

@@ -11,6 +11,8 @@ from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.schema import Positive, Settings, Vector3
+from allegro_twin.grasping.scenario import ScenarioObject
+from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.sim.model.arm_with_hand import CAMERA
 from allegro_twin.spec import Side
 
@@ -62,14 +64,8 @@ class SecuritySettings(Settings):
     """Where stretched fingers point."""
 
 
-class TableObjectSettings(Settings):
-    """A thing of the catalogue that stands on the table."""
-
-    name: str
-    at: tuple[float, float] = (0.0, 0.0)
-    """World, m."""
-    yaw: float = 0.0
-    """Degrees."""
+class TableObjectSettings(ScenarioObject):
+    """What stands on the table: of the catalogue by name, or given here as in a scenario, a mesh for instance."""
 
 
 class TimeoutSettings(Settings):
@@ -144,6 +140,23 @@ class CellCameraSettings(DepthCameraSettings):
     """Where it stands; `wrist` is where the hand's mount has a place for one."""
 
 
+class GraspPlanningSettings(Settings):
+    """How a grasp is found for a thing that no stored grasp is for."""
+
+    same: NotNegative = 0.08
+    """Logarithm of a ratio of extents, up to which a stored grasp is taken as it is."""
+    density: Positive = 700.0
+    """kg/m³, by which what was seen is taken to weigh so much: a camera does not weigh. Most packed food has less."""
+    rounds: Annotated[int, Field(ge=1)] = 3
+    """Of variations of the stored grasps, at most, and in each"""
+    closed: Annotated[int, Field(ge=1)] = 8
+    """so many that physics closes; what holds is tried under draws of"""
+    uncertainty: Uncertainty = Uncertainty(
+        position=0.004, yaw=5.0, size=0.04, mass=0.4, friction=(0.5, 1.0), torque=0.0
+    )
+    """what the camera and the cell do not know."""
+
+
 class RemoteControlSettings(Settings):
     """What a cell that is led from outside may be asked for."""
 
@@ -170,9 +183,18 @@ class LabSettings(Settings):
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()
     validation: GraspCheckSettings = GraspCheckSettings()
+    planning: GraspPlanningSettings | None = GraspPlanningSettings()
+    """None: only stored grasps are taken, for things within 28 % of their own."""
     follow: RemoteControlSettings = RemoteControlSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
+
+    @model_validator(mode="after")
+    def _names(self) -> LabSettings:
+        names = [thing.name for thing in self.objects]
+        if len(set(names)) < len(names):
+            raise ValueError(f"objects have different names: {', '.join(names)}; give a second one of a kind its shape")
+        return self
 
     @property
     def at_the_wrist(self) -> bool:

@@ -70,7 +70,7 @@ def make_timeline(
 
 def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
-    things = [_placed(settings, folder) for settings in scenario.objects]
+    things = [place_object(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
     if scenario.wrist.over is not None:
         half = _half_height(scenario.objects[0], things[0].thing)
@@ -116,7 +116,9 @@ def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> Wr
     return WristSegment(seconds, move, shake, phase.shake.frequency)
 
 
-def _placed(settings: ScenarioObject, folder: Path) -> PlacedObject:
+def place_object(settings: ScenarioObject, folder: Path = Path()) -> PlacedObject:
+    """An object where its settings put it, on the table unless they say a height. `folder`: where its own file is
+    looked for. Raises ConfigError for what its shape needs and does not have."""
     if settings.shape is None:
         thing = load_object(settings.name)
     else:

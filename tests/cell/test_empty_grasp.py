@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, touching_joints
-from allegro_twin.cell.motion.grasp_selection import stored_grasps
+from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.cell.settings import CellHandSettings
-from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.grasps import Grasp
 
 HAND = CellHandSettings()
 
 
-def card_of(name: str) -> tuple[str, np.ndarray]:
+def card_of(name: str) -> tuple[Grasp, np.ndarray]:
     card = next(card for card in stored_grasps("allegro") if card.name == name)
     return card.grasp, card.palm.rotation
 
@@ -21,7 +20,7 @@ def card_of(name: str) -> tuple[str, np.ndarray]:
 def test_where_no_finger_meets_another_they_end_where_the_squeeze_wants_them() -> None:
     grasp, palm = card_of("orange")
     nothing = empty_grasp(HAND, grasp, palm)
-    squeeze = Library().grasp(grasp, load_spec()).squeeze
+    squeeze = grasp.squeeze
     assert nothing.telling.all()
     np.testing.assert_allclose(nothing.position, squeeze, atol=2.0 * 0.02 / 12.0)  # Dry friction over stiffness.
 
@@ -29,7 +28,7 @@ def test_where_no_finger_meets_another_they_end_where_the_squeeze_wants_them() -
 def test_motors_that_creep_are_waited_for() -> None:
     card = next(card for card in stored_grasps("model_o") if card.name == "lemon")
     nothing = empty_grasp(CellHandSettings(model="model_o"), card.grasp, card.palm.rotation)
-    squeeze = Library().grasp(card.grasp, load_spec("model_o")).squeeze
+    squeeze = card.grasp.squeeze
     np.testing.assert_allclose(
         nothing.position, squeeze, atol=0.025
     )  # Rad; its springs are stronger the more it closes.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import make_cell, with_objects
-from allegro_twin.cell.motion.grasp_selection import TableObject, stored_grasps
-from allegro_twin.cell.reachability import nearest_grasp, reachable_grasps
+from allegro_twin.cell.planning.reachability import nearest_grasp, reachable_grasps
+from allegro_twin.cell.planning.stored_grasps import TableObject, stored_grasps
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.errors import ConfigError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.reachability import far_path
+from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.states import MachineState
 from allegro_twin.sim.contact.obstacle_clearance import NEAR, ObstacleClearance

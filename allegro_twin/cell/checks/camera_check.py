@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
-from allegro_twin.cell.motion.clutter import near_points
+from allegro_twin.cell.motion.other_objects import near_points
 from allegro_twin.cell.perception.cloud import finite, pass_through
 from allegro_twin.cell.perception.clusters import find_clusters
 from allegro_twin.cell.perception.errors import position_text

@@ -1,1 +1,1 @@
-"""Motion of arm and fingers: which grasp, which path, within which limits."""
+"""Motion of arm and fingers: which paths, past what, and where a close on nothing ends."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_gravity
 from allegro_twin.loop import run
@@ -76,19 +75,18 @@ def _apart(model: str, side: Side) -> tuple[HandSpec, SelfClearance]:
     return spec, SelfClearance(spec)
 
 
-def empty_grasp(hand: CellHandSettings, grasp: str, palm: Array) -> EmptyGrasp:
+def empty_grasp(hand: CellHandSettings, grasp: Grasp, palm: Array) -> EmptyGrasp:
     """After a grasp, of a hand whose palm is turned so in the world, (3, 3).
 
-    The first time costs some 0.1 s. Raises ConfigError for an unknown grasp.
+    The first time costs some 0.1 s.
     """
     gravity = tuple(float(part) for part in -np.round(9.81 * palm[2] / _FINE) * _FINE)
     return _closed(hand.model, hand.side, hand.gains, grasp, gravity)
 
 
-@cache
-def _closed(model: str, side: Side, gains: str, name: str, gravity: tuple[float, ...]) -> EmptyGrasp:
+@lru_cache(maxsize=256)
+def _closed(model: str, side: Side, gains: str, grasp: Grasp, gravity: tuple[float, ...]) -> EmptyGrasp:
     spec = load_spec(model, side)
-    grasp = Library().grasp(name, spec)
     stage = Stage(np.array([0.0, 0.0, 1.0]), quaternion_from_gravity(gravity))
     backend = SimBackend(spec, compile_scene(spec, stage), period=PERIOD, posture=grasp.preshape)
     path = SmoothSetpoint(grasp.preshape)

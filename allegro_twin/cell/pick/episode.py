@@ -9,24 +9,23 @@ import numpy as np
 
 from allegro_twin.cell.assembly import waiting_pose
 from allegro_twin.cell.camera.camera import DepthCamera
-from allegro_twin.cell.motion.grasp_selection import (
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
+from allegro_twin.cell.pick.scene import PickScene
+from allegro_twin.cell.pick.settings import PickOptions, PickSettings
+from allegro_twin.cell.planning.reachability import nearest_grasp
+from allegro_twin.cell.planning.stored_grasps import (
     GraspCandidate,
     TableObject,
     standing_object,
     table_object,
     yaw_rotation,
 )
-from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
-from allegro_twin.cell.pick.scene import PickScene
-from allegro_twin.cell.pick.settings import PickOptions, PickSettings
-from allegro_twin.cell.reachability import nearest_grasp
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
@@ -93,7 +92,7 @@ class Episodes:
             if name not in object_catalogue():
                 raise ConfigError(unknown("object", name, object_catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
-        self._model, self._library = hand_kinematics(self.spec), Library()
+        self._model = hand_kinematics(self.spec)
         self._lab = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
         self._scenes: dict[str, PickScene] = {}
         self._cameras: dict[str, DepthCamera] = {}
@@ -172,7 +171,7 @@ class Episodes:
             raise ConfigError("perception refuses the picture")
         reached = nearest_grasp(body, scene.robot, wait, _LIFT)
         self.way: GraspCandidate = reached.way
-        self.grasp: Grasp = self._library.grasp(self.way.card.grasp, self.spec)
+        self.grasp: Grasp = self.way.card.grasp
         palm = Pose(self.way.before.position + off, self.way.before.rotation)
         posture = scene.robot.model.reach(scene.robot.flange_for(palm), reached.through[-1], _NEAR)
         scene.rest(at, yaw, posture, self.grasp.preshape)

@@ -108,6 +108,12 @@ class Proposer:
             raise ConfigError(f"object {placed.thing.name}: nothing of its surface is in the region {self.region}")
         return SurfaceSample(on.points[inside], on.normals[inside])
 
+    def grow(self, seeds: Sequence[Candidate]) -> list[Candidate]:
+        """Candidates of which palm, pre-shape and the way of closing are known, with their fingers closed and their
+        score; without those that cannot be, or cannot hold."""
+        grown = (self._grown(_jittered(seed, self.bench.spec, self.random, 0.0), 0) for seed in seeds)
+        return [candidate for candidate in grown if candidate is not None]
+
     def near(self, elite: Sequence[Candidate], count: int, scale: float = 1.0) -> list[Candidate]:
         """So many variations of candidates that came far, in turn; fewer where few of them fit. `scale`: of how much
         they differ."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from allegro_twin.cell.journal.observers import Observer, ObserverCamera, Observers
     from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.run import LabReport, SampleStage
+    from allegro_twin.cell.settings import LabSettings, TableObjectSettings
     from allegro_twin.cell.states import MachineState
     from allegro_twin.recording.events import SessionEvent
     from allegro_twin.surfaces.ros.bridge import RosBridge
@@ -27,7 +28,7 @@ _CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
 def lab(
     config: Annotated[Path, typer.Argument(help="Config of a cell, such as conf/lab_allegro.yaml.")],
     thing: Annotated[
-        str | None, typer.Option("--object", help="Use this object of the catalogue, not the config's first.")
+        str | None, typer.Option("--object", help="Object of the catalogue or mesh file, for the first.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise of camera and force sensor.")] = None,
     out: Annotated[
@@ -54,10 +55,14 @@ def lab(
     from allegro_twin.files.schema import load_settings
     from allegro_twin.surfaces.cli.console import console, hint
 
-    settings = load_settings(LabSettings, find_file(config, "config", "conf"))
-    first = settings.objects[0]
-    placed = (first.model_copy(update={"name": thing or first.name}), *settings.objects[1:])
-    settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})
+    file = find_file(config, "config", "conf")
+    settings = load_settings(LabSettings, file)
+    settings = settings.model_copy(
+        update={
+            "objects": _objects(settings, thing, file.parent),
+            "seed": settings.seed if seed is None else seed,
+        }
+    )
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
     cell = make_cell(settings)
@@ -81,6 +86,21 @@ def lab(
     elif not (view or web or ros):
         hint("Next: --out FOLDER keeps pictures and a recording; --view shows it live")
     raise typer.Exit(_CODES[report.end.word])
+
+
+def _objects(settings: LabSettings, thing: str | None, folder: Path) -> tuple[TableObjectSettings, ...]:
+    """What stands on the table, with `thing` where the first one would; files are those of the config's folder."""
+    from allegro_twin.cell.settings import TableObjectSettings
+    from allegro_twin.grasping.scenario import parse_object
+
+    first, *others = settings.objects
+    if thing is not None:
+        placed = {"at": first.at, "yaw": first.yaw}
+        first = TableObjectSettings(**{**parse_object(thing).model_dump(exclude_unset=True), **placed})
+    return tuple(
+        each if each.file is None else each.model_copy(update={"file": (folder / each.file).resolve()})
+        for each in (first, *others)
+    )
 
 
 def _observers(

@@ -18,17 +18,24 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import Scenario, load_scenario
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.objects.catalogue import GraspObject, object_catalogue
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
+MIRROR = np.diag([1.0, -1.0, 1.0])
+"""Of vectors of a right hand, for a left one."""
 _ROUND = 24  # Ways to take what is round: every 15 degrees.
 _SQUARE = 1.03  # Ratio of level edges under which a box is square.
 _ON_ARM = "on_arm"  # The folder of scenarios that leave room for an arm behind the hand; they come before others.
 _NEARLY = 1.3  # Ratio of level extents under which an egg is so nearly round that its grasp may be turned a little.
 _LITTLE = np.radians([-10.0, 10.0, -20.0, 20.0])  # OWN: lemons were held by an Allegro Hand so in 40 of 40 trials.
-_MOST = 0.25  # Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing.
+MOST = 0.25
+"""Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +58,7 @@ class StoredGrasp:
 
     name: str
     body: TableObject
-    grasp: str
+    grasp: Grasp
     palm: Pose
     retreat: Array
     """(3,), m."""
@@ -78,21 +85,38 @@ def table_object(solid: Solid) -> TableObject:
     return TableObject(lying + solid.shape, extents, float(np.arctan2(way[1], way[0])), solid.position)
 
 
-def grasp_candidates(body: TableObject, model: str, *, askew: bool = False) -> list[GraspCandidate]:
-    """Every way to take it that symmetry leaves open; `askew`: those that are a little off one of them, of what is
-    nearly round. Raises ConfigError where no stored grasp is for such a thing."""
-    fitting = [card for card in stored_grasps(model) if card.body.kind == body.kind]
-    best = min(fitting, key=lambda card: extent_mismatch(card.body, body), default=None)
-    if best is None or extent_mismatch(best.body, body) > _MOST:
-        size = " x ".join(f"{1e3 * edge:.0f}" for edge in body.extents)
+def grasp_candidates(
+    body: TableObject, model: str, side: Side = "right", *, askew: bool = False, most: float = MOST
+) -> list[GraspCandidate]:
+    """Every way to take it that symmetry leaves open with the grasp of the nearest thing; `askew`: those that are a
+    little off one of them, of what is nearly round. Raises ConfigError where no stored grasp is for a thing within a
+    mismatch of `most`."""
+    best = nearest_stored(body, model, side)
+    if best is None or extent_mismatch(best.body, body) > most:
         raise ConfigError(
-            f"no grasp of {model} is for a {body.kind} of {size} mm at {position_text(body.position)}: put it on "
-            "another side, or add a scenario that takes it"
+            f"no grasp of {model} is for a {body_text(body)}: put it on another side, or add a scenario that takes it"
         )
+    return turned_candidates(best, body, askew=askew)
+
+
+def nearest_stored(body: TableObject, model: str, side: Side = "right") -> StoredGrasp | None:
+    """The stored grasp of the most similar thing of the same kind; None where there is none of that kind."""
+    fitting = [card for card in stored_grasps(model, side) if card.body.kind == body.kind]
+    return min(fitting, key=lambda card: extent_mismatch(card.body, body), default=None)
+
+
+def turned_candidates(card: StoredGrasp, body: TableObject, *, askew: bool = False) -> list[GraspCandidate]:
+    """A grasp of such a thing in all the ways that symmetry leaves open; `askew` as of `grasp_candidates`."""
     turns = _turns(body)
     if askew:
         turns = np.add.outer(turns, _askew(body)).ravel()
-    return [_turned(best, body, body.yaw + turn) for turn in turns]
+    return [_turned(card, body, body.yaw + turn) for turn in turns]
+
+
+def body_text(body: TableObject) -> str:
+    """What it is and where, for a person."""
+    size = " x ".join(f"{1e3 * edge:.0f}" for edge in body.extents)
+    return f"{body.kind} of {size} mm at {position_text(body.position)}"
 
 
 def extent_mismatch(one: TableObject, other: TableObject) -> float:
@@ -101,16 +125,17 @@ def extent_mismatch(one: TableObject, other: TableObject) -> float:
 
 
 @cache
-def stored_grasps(model: str) -> tuple[StoredGrasp, ...]:
-    """What ships for a model of hand. Raises ConfigError where nothing does."""
+def stored_grasps(model: str, side: Side = "right") -> tuple[StoredGrasp, ...]:
+    """What ships for a model of hand; a left hand's are the mirror images. Raises ConfigError where nothing does."""
     found: dict[str, StoredGrasp] = {}
+    spec = load_spec(model, side)
     for path in sorted((data_root() / "scenarios").glob("*/*.yaml"), key=_order):
         one = load_scenario(path)[0]
         thing = one.objects[0].name
         # The one that is named after its thing, with the hand before it or not: others show other grasps of it.
         named = path.parent.name == _ON_ARM or path.stem.removeprefix(f"{model}_") == thing
         if one.hand == model and one.objects[0].shape is None and named:
-            found[thing] = _card(one)
+            found[thing] = _card(one, spec)
     if not found:
         raise ConfigError(f"no scenario takes a thing of the catalogue with the hand {model}: add some to scenarios/")
     return tuple(found.values())
@@ -120,16 +145,19 @@ def _order(path: Path) -> tuple[bool, Path]:
     return path.parent.name == _ON_ARM, path
 
 
-def _card(scenario: Scenario) -> StoredGrasp:
+def _card(scenario: Scenario, spec: HandSpec) -> StoredGrasp:
     settings, wrist = scenario.objects[0], scenario.wrist
     thing = object_catalogue()[settings.name]
     body = standing_object(thing, np.radians(settings.yaw))
     offset = np.array(wrist.position)
     if wrist.over is not None:
         offset[2] = max(wrist.over.table - body.extents[2] / 2.0, body.extents[2] / 2.0 + wrist.over.top)
+    rotation, retreat = matrix_facing(wrist.facing, wrist.fingers), np.array(wrist.retreat)
     back = yaw_rotation(-body.yaw)
-    palm = Pose(back @ offset, back @ matrix_facing(wrist.facing, wrist.fingers))
-    return StoredGrasp(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
+    offset, rotation, retreat = back @ offset, back @ rotation, back @ retreat
+    if spec.side == "left":  # The solid is its own mirror image.
+        offset, rotation, retreat = MIRROR @ offset, MIRROR @ rotation @ MIRROR, MIRROR @ retreat
+    return StoredGrasp(settings.name, body, Library().grasp(scenario.grasp, spec), Pose(offset, rotation), retreat)
 
 
 def standing_object(thing: GraspObject, yaw: float) -> TableObject:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.clutter import bounding_box, other_objects
+from allegro_twin.cell.motion.other_objects import bounding_box, other_objects
 from allegro_twin.cell.perception.pipeline import Detection
-from allegro_twin.cell.reachability import plan_grasp
+from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.contact.obstacle_clearance import OTHERS

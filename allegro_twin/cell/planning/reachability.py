@@ -9,11 +9,22 @@ import numpy as np
 
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.clutter import bounding_box
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.grasp_selection import GraspCandidate, TableObject, grasp_candidates, table_object
+from allegro_twin.cell.motion.other_objects import bounding_box
 from allegro_twin.cell.perception.errors import position_text
 from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.planning.adaptation import GraspAdapter
+from allegro_twin.cell.planning.stored_grasps import (
+    MOST,
+    GraspCandidate,
+    StoredGrasp,
+    TableObject,
+    extent_mismatch,
+    grasp_candidates,
+    nearest_stored,
+    table_object,
+    turned_candidates,
+)
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
@@ -51,6 +62,9 @@ _ROOM = 0.08
 _STEP = 0.02
 """rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
+_LOOKED = 3
+"""Ways of an adapted grasp that are looked at for obstacles: there are other grasps."""
+
 _CLOSING = 16
 """Postures of the approach, of the fingers on their way, and of the lift that are looked at beside other objects."""
 
@@ -67,31 +81,74 @@ class GraspPlan(NamedTuple):
     """Those of the grasp and of the end of the lift."""
 
 
-def plan_grasp(solid: Solid, cell: Cell, others: Sequence[Array] = ()) -> GraspPlan:
+def plan_grasp(
+    solid: Solid, cell: Cell, others: Sequence[Array] = (), adapter: GraspAdapter | None = None
+) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
-    which it comes near to nothing: neither to the table nor to `others`, points of each other object, (k, 3), m.
+    which it comes near to nothing: neither to the table nor to `others`, points of each other object, (k, 3), m. With
+    a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen.
 
-    Raises ConfigError where no stored grasp is for the thing, the arm reaches none of the ways, or something is in all.
+    Raises ConfigError where no grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
-    body, first = table_object(solid), ""
+    body = table_object(solid)
     if len(others) > OTHERS:
         raise ConfigError(
             f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
         )
     cell.clearance.see(body.kind, body.extents, body.position, body.yaw)
     cell.clearance.beside([bounding_box(points) for points in others])
-    for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift):
-        for each in (one, *_higher(one, cell.robot)):
-            met = obstacle_on(each, cell)
-            if met is None:
-                return each
-            first = first or f"{met} on the way to its {one.way.card.name} grasp"
+    if adapter is None:
+        return _stored_plan(body, cell, others, MOST)
+    spec, same = cell.hand.spec, adapter.settings.same
+    stored = nearest_stored(body, spec.model, spec.side)
+    if stored is None or extent_mismatch(stored.body, body) > same:
+        return adapter.plan(body, lambda card: clear_plan(card, body, cell))
+    try:
+        return _stored_plan(body, cell, others, same)
+    except ConfigError:
+        try:
+            return adapter.plan(body, lambda card: clear_plan(card, body, cell))
+        except ConfigError:
+            pass
+        raise
+
+
+def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Array], most: float) -> GraspPlan:
+    first = ""
+    for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift, most=most):
+        found = _clear_of_obstacles(one, cell)
+        if isinstance(found, GraspPlan):
+            return found
+        first = first or f"{found} on the way to its {one.way.card.name} grasp"
     where = ", ".join(position_text(bounding_box(points)[0]) for points in others)
     beside = f", and so may be the other objects at {where}" if others else ""
     raise ConfigError(
         f"{cell.robot.spec.name} does not get to the {body.kind} at {position_text(body.position)}: {first}, and "
         f"something is in every other{beside}; move the thing, or turn it"
     )
+
+
+def clear_plan(card: StoredGrasp, body: TableObject, cell: Cell) -> GraspPlan | None:
+    """The way to take a body with a grasp that the arm reaches with nothing near; None where there is none. What is in
+    the way is what `cell.clearance` knows of."""
+    ways = turned_candidates(card, body)
+    for one in _reached(ways, body, cell.robot, cell.posture, cell.settings.lift, _PLAIN.near)[:_LOOKED]:
+        found = _clear_of_obstacles(one, cell)
+        if isinstance(found, GraspPlan):
+            return found
+    return None
+
+
+def _clear_of_obstacles(one: GraspPlan, cell: Cell) -> GraspPlan | ClearanceViolation:
+    """The plan, or the same from above; or what is in the way of the first."""
+    first: ClearanceViolation | None = None
+    for each in (one, *_higher(one, cell.robot)):
+        met = obstacle_on(each, cell)
+        if met is None:
+            return each
+        first = first or met
+    assert first is not None
+    return first
 
 
 def nearest_grasp(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float) -> GraspPlan:
@@ -101,29 +158,39 @@ def nearest_grasp(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: 
 
 
 def reachable_grasps(
-    body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float, searches: Sequence[ReachSearch] = _EVERY
-) -> list[GraspPlan]:
+    body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float, searches: Sequence[ReachSearch] = _EVERY,
+    most: float = MOST,
+) -> list[GraspPlan]:  # fmt: skip
     """The ways that the arm reaches, that with the least turn of a joint first; at least one. `searches`: each where
     those before lead to none. Raises ConfigError."""
-    model, top = robot.hand.spec.model, float(body.position[2]) + body.extents[2] / 2.0
+    spec = robot.hand.spec
     for search in searches:
-        found = sorted(
-            grasp_candidates(body, model, askew=search.askew), key=lambda way: -_across(way.palm, robot.base)
-        )[:_TRIED]
-        each = (_from(way, top, robot, waiting, lift, np.array(side)) for way in found for side in search.near)
-        reached = sorted((one for one in each if one is not None), key=lambda one: one.far)
+        ways = grasp_candidates(body, spec.model, spec.side, askew=search.askew, most=most)
+        reached = _reached(ways, body, robot, waiting, lift, search.near)
         if reached:
             return reached
+    name = grasp_candidates(body, spec.model, spec.side, most=most)[0].card.name
     raise ConfigError(
-        f"{robot.spec.name} does not reach the {grasp_candidates(body, model)[0].card.name} grasp of the {body.kind} "
+        f"{robot.spec.name} does not reach the {name} grasp of the {body.kind} "
         f"at {position_text(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
     )
+
+
+def _reached(
+    ways: Sequence[GraspCandidate], body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float,
+    near: Sequence[Sequence[float]],
+) -> list[GraspPlan]:  # fmt: skip
+    """Of the ways those that the arm reaches from one of some postures, that with the least turn of a joint first."""
+    top = float(body.position[2]) + body.extents[2] / 2.0
+    first = sorted(ways, key=lambda way: -_across(way.palm, robot.base))[:_TRIED]
+    each = (_from(way, top, robot, waiting, lift, np.array(side)) for way in first for side in near)
+    return sorted((one for one in each if one is not None), key=lambda one: one.far)
 
 
 def obstacle_on(one: GraspPlan, cell: Cell) -> ClearanceViolation | None:
     """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift; to other
     objects also while the hand goes there, closes, and lifts."""
-    grasp = cell.library.grasp(one.way.card.grasp, cell.hand.spec)
+    grasp = one.way.card.grasp
     open_hand, shaped = cell.open, grasp.preshape
     shaping = SmoothSetpoint(open_hand)
     shaping.head_for(0.0, shaped, OPENING)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.cell.motion.grasp_selection import TableObject, grasp_candidates, stored_grasps, table_object
 from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.planning.stored_grasps import TableObject, grasp_candidates, stored_grasps, table_object
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.sim.objects.catalogue import object_catalogue
@@ -22,7 +22,7 @@ def test_every_thing_of_the_catalogue_has_a_grasp_that_is_found_by_its_size() ->
 
 
 def test_a_grasp_that_leaves_room_for_an_arm_comes_before_another_of_the_same_thing() -> None:
-    grasps = {card.name: card.grasp for card in stored_grasps("sih")}
+    grasps = {card.name: card.grasp.name for card in stored_grasps("sih")}
     assert grasps["apple"] == "sih_apple_on_arm"
     assert grasps["lemon"] == "sih_lemon"
     assert len(grasps) == 12

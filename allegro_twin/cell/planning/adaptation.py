@@ -1,0 +1,264 @@
+"""A stored grasp, adapted to a solid that was never measured: seeds from the library, geometry, physics, draws.
+
+The palms of stored grasps keep their distance from the surface of what was seen instead; these and variations of them
+close in geometry and are ranked by the share of its limit that the weakest motor has to give (`grasping.plan`). What
+the arm reaches with nothing near is closed in physics, and what holds there is tried under draws of what the camera
+does not know: place, size, mass, friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from allegro_twin.cell.planning.stored_grasps import (
+    MIRROR,
+    StoredGrasp,
+    TableObject,
+    body_text,
+    extent_mismatch,
+    stored_grasps,
+)
+from allegro_twin.cell.settings import GraspPlanningSettings
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.plan.candidate import (
+    Candidate,
+    candidate_grasp,
+    candidate_scenario,
+    is_different,
+    limit_squeeze,
+)
+from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
+from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE
+from allegro_twin.grasping.plan.proposals.poses import closing_directions
+from allegro_twin.grasping.plan.proposals.propose import Proposer
+from allegro_twin.grasping.plan.validate import SQUEEZES
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, Wrist, load_protocol
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import sample_perturbations
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_grasp
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.spec import HandSpec
+
+P = TypeVar("P")
+_PROTOCOL = "lift"
+_CARDS = 12
+"""Stored grasps that are varied, those of the most similar things."""
+_OTHER_KIND = 0.3
+"""So much less similar is a thing of another kind, as a logarithm of a ratio of extents."""
+_VARIED = 4
+"""Variations of a stored grasp in a round; in the next one twice as many."""
+_APART, _TURNED = 0.01, 12.0
+"""m and degrees: what physics closes differs by that much."""
+_LOOKED = 3
+"""For each candidate that physics is to close, so many are shown to the arm at most."""
+_STRONG = 1.15
+"""Share of its limit that a motor may have to give; what needs more does not hold."""
+_FIRST, _MORE, _LEFT = 3, 5, 3
+"""Draws that everybody gets, and that the best get after them, and how many these are."""
+_GOOD, _ENOUGH = 0.85, 0.6
+"""Shares of draws held: with the first it is taken at once, with the second when nothing better comes."""
+_SIMILAR = 0.03
+"""Logarithm of a ratio of extents, up to which a grasp that was found before is taken again."""
+_LIGHTEST = 0.02
+"""kg."""
+_FRICTION = 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdaptedGrasp:
+    """A grasp for what was seen, and how often it held in draws of the trial."""
+
+    card: StoredGrasp
+    held: int
+    tried: int
+
+    @property
+    def share(self) -> float:
+        """Of the draws in which it held."""
+        return self.held / self.tried
+
+
+@dataclass(slots=True, eq=False)
+class GraspAdapter:
+    """Finds grasps for solids on a table, for one hand, and remembers them."""
+
+    spec: HandSpec
+    settings: GraspPlanningSettings
+    gains: str = "default"
+    seed: int = 0
+    found: list[AdaptedGrasp] = field(default_factory=list)
+
+    def plan(self, body: TableObject, feasible: Callable[[StoredGrasp], P | None]) -> P:
+        """What `feasible` makes of the best grasp for a body: a plan of the arm's, or None for one that it cannot get
+        to. Raises ConfigError where nothing is found, with what became of the candidates."""
+        for known in self.found:
+            if known.card.body.kind == body.kind and extent_mismatch(known.card.body, body) < _SIMILAR:
+                plan = feasible(known.card)
+                if plan is not None:
+                    return plan
+        search, options = AdaptationSearch(self, body), list[AdaptedGrasp]()
+        for enough in [_GOOD] * (self.settings.rounds - 1) + [_ENOUGH]:
+            options += search.round(lambda card: feasible(card) is not None)
+            for option in sorted(options, key=lambda each: -each.share):
+                plan = feasible(option.card) if option.share >= enough else None
+                if plan is not None:
+                    self.found.append(option)
+                    return plan
+        best = max(options, key=lambda each: each.share, default=None)
+        held = "none holds" if best is None else f"the best holds in {best.held} of {best.tried} draws"
+        raise ConfigError(
+            f"no grasp of {self.spec.model} is for the {body_text(body)}: {search.grown} adapted ones close on it, "
+            f"the arm gets to {search.reached} of the {search.looked} best, {search.lifted} lift it, and {held}; move "
+            "it to where the arm has more room, or put it on another side"
+        )
+
+
+class AdaptationSearch:
+    """Rounds of variations of stored grasps on one solid, and what has become of them."""
+
+    def __init__(self, adapter: GraspAdapter, body: TableObject) -> None:
+        self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
+        self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
+        self._body, self._random = body, np.random.default_rng(adapter.seed)
+        cards = [card for card in stored_grasps(self._spec.model) if card.grasp.grip is None]
+        self._cards = sorted(cards, key=lambda card: _unlike(card.body, body))[:_CARDS]
+        self._templates = {card.name: replace(card.grasp, name=card.name) for card in self._cards}
+        self._scenario = seen_scenario(body, self._spec, self._settings.density)
+        self._protocol = load_protocol(_PROTOCOL)
+        self._bench = GraspScene(self._spec, make_stage(self._scenario, self._protocol, "right", Path()))
+        self._gains = load_gains(adapter.gains, self._spec)
+        self._runner = TrialRunner(self._spec, adapter.gains, self._protocol.period or 0.0)
+        reckoned = None if self._spec.followers else self._gains
+        templates = list(self._templates.values())
+        self._proposer = Proposer(self._bench, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned)
+        self._round, self._shown = 0, list[Candidate]()
+        self.grown = self.looked = self.reached = self.lifted = 0
+        """Candidates that closed in geometry; those of them that the arm looked at, that it gets to, and that held
+        through a lift."""
+
+    def round(self, reaches: Callable[[StoredGrasp], bool]) -> list[AdaptedGrasp]:
+        """What holds of some more variations, with how often it did. `reaches`: whether the arm gets to one."""
+        seeds = [self._seed(card) for card in self._cards]
+        wider = 0.5 * 2**self._round
+        grown = self._proposer.near(seeds, _VARIED * (1 + self._round) * len(seeds), min(wider, 2.0))
+        if not self._round:
+            grown += self._proposer.grow(seeds)
+        self._round += 1
+        self.grown += len(grown)
+        chosen = list(self._reached(sorted(grown, key=lambda c: -c.score), reaches))
+        if not chosen:
+            return []
+        performer = FingerGains(self._gains, hand_kinematics(self._spec).gravity_torque)
+        outcomes = close_candidates(self._bench, chosen, performer, _FRICTION, self._random, self._proposer.preload)
+        lifted = [each.candidate for each in outcomes if each.passed or each.where == "turn"]
+        self.lifted += len(lifted)
+        return self._drawn(lifted)
+
+    def _seed(self, card: StoredGrasp) -> Candidate:
+        """A stored grasp beside what was seen: as far from its surface as it was from that of its own thing."""
+        grasp, own, new = card.grasp, np.array(card.body.extents) / 2.0, np.array(self._body.extents) / 2.0
+        at = card.palm.position
+        at = at + np.sign(at) * (new - own) * np.minimum(np.abs(at) / own, 1.0)
+        return Candidate(
+            at + self._bench.placed.position, card.palm.rotation, card.retreat, grasp.preshape,
+            closing_directions(grasp, self._spec), grasp.preshape, grasp.preshape, grasp.preshape, card.name,
+        )  # fmt: skip
+
+    def _reached(self, candidates: Sequence[Candidate], reaches: Callable[[StoredGrasp], bool]) -> Iterator[Candidate]:
+        """The best, apart from each other and from all before, that the arm gets to."""
+        found = looked = 0
+        for candidate in candidates:
+            if found == self._settings.closed or looked == _LOOKED * self._settings.closed:
+                return
+            weak = not self._spec.followers and candidate.score < -_STRONG
+            if weak or not is_different(candidate, self._shown, None, _APART, _TURNED):
+                continue
+            self._shown.append(candidate)
+            looked += 1
+            self.looked += 1
+            if reaches(self._card(candidate, candidate_grasp(candidate, self._template(candidate), self._spec))):
+                found += 1
+                self.reached += 1
+                yield candidate
+
+    def _drawn(self, candidates: Sequence[Candidate]) -> list[AdaptedGrasp]:
+        """Each with how often it holds in draws: a few for all, more for the best."""
+        grasps = [self._squeezed(candidate) for candidate in candidates]
+        held = self._held(candidates, grasps, 0, _FIRST)
+        best = sorted(range(len(held)), key=lambda k: (-held[k], -candidates[k].score))[:_LEFT]
+        best = [k for k in best if held[k] > 0]
+        more = self._held([candidates[k] for k in best], [grasps[k] for k in best], _FIRST, _MORE)
+        return [
+            AdaptedGrasp(self._card(candidates[k], grasps[k]), held[k] + extra, _FIRST + _MORE)
+            for k, extra in zip(best, more, strict=True)
+        ]
+
+    def _held(self, candidates: Sequence[Candidate], grasps: Sequence[Grasp], first: int, count: int) -> list[int]:
+        draws = sample_perturbations(self._settings.uncertainty, count, self._draws, first, stream="search")
+        cases = [
+            TrialCase(candidate_scenario(candidate, self._bench, self._scenario), grasp, draw, self._protocol)
+            for candidate, grasp in zip(candidates, grasps, strict=True)
+            for draw in draws
+        ]
+        verdicts = self._runner.verdicts(cases, stop_early=True)
+        return [sum(next(verdicts).held for _ in range(count)) for _ in candidates]
+
+    def _squeezed(self, candidate: Candidate) -> Grasp:
+        """With the firmer squeeze of a search: what a camera has seen may be heavier than it looks."""
+        squeeze = SQUEEZES[-1]
+        grasp = candidate_grasp(candidate, self._template(candidate), self._spec, squeeze.factor)
+        return limit_squeeze(grasp, candidate.rest, self._gains, self._spec, squeeze.share)
+
+    def _template(self, candidate: Candidate) -> Grasp:
+        return self._templates[candidate.template]
+
+    def _card(self, candidate: Candidate, grasp: Grasp) -> StoredGrasp:
+        """The candidate as a grasp of what was seen, in the frame of its middle."""
+        at, rotation, retreat = candidate.position - self._bench.placed.position, candidate.rotation, candidate.retreat
+        name = f"adapted {candidate.template}"
+        grasp = replace(grasp, name=name)
+        if self._own.side == "left":
+            grasp = build_grasp(name, entry_from_grasp(grasp, self._spec), self._own, name)
+            at, rotation, retreat = MIRROR @ at, MIRROR @ rotation @ MIRROR, MIRROR @ retreat
+        return StoredGrasp(name, self._body, grasp, Pose(at, rotation), retreat)
+
+
+def seen_scenario(body: TableObject, spec: HandSpec, density: float) -> Scenario:
+    """A trial with a solid as it was seen, its longer level extent along x, in the middle of the table, and its mass
+    by a density, kg/m³. The palm and the grasp are those of whoever tries it."""
+    (x, y, z), kind = body.extents, body.kind.removeprefix("lying ")
+    lying, up, yaw = body.kind.startswith("lying "), "z", 0.0
+    match kind:
+        case "sphere":
+            size: tuple[float, ...] = ((x + y + z) / 3.0,)
+        case "box":
+            size = (x, y, z)
+        case _:  # Of revolution, about the level extent that is unlike the height where it lies.
+            along_x = not lying or abs(x - z) >= abs(y - z)
+            length, round_ = (x, y) if along_x else (y, x)
+            length, round_ = (length, (round_ + z) / 2.0) if lying else (z, (x + y) / 2.0)
+            size = (round_, length)
+            up = {"cylinder": "zy", "ellipsoid": "xz"}[kind][lying]  # A cylinder's own axis is z, an ellipsoid's x.
+            yaw = 0.0 if along_x else 90.0
+    fill = {"box": 1.0, "cylinder": np.pi / 4.0}.get(kind, np.pi / 6.0)
+    mass = max(density * fill * x * y * z, _LIGHTEST)
+    thing = ScenarioObject(name="seen", shape=kind, size=size, mass=mass, up=up, yaw=yaw)  # type: ignore[arg-type]
+    wrist = Wrist(position=(0.0, 0.0, 0.1), facing=(0.0, 0.0, -1.0), fingers=(1.0, 0.0, 0.0), retreat=(0.0, 0.0, 0.1))
+    return Scenario(
+        objects=(thing,), friction=_FRICTION, grasp="adapted", hand=spec.model_reference, side="right", wrist=wrist,
+        protocol=_PROTOCOL,
+    )  # fmt: skip
+
+
+def _unlike(one: TableObject, other: TableObject) -> float:
+    return extent_mismatch(one, other) + (0.0 if one.kind == other.kind else _OTHER_KIND)
