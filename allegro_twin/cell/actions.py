@@ -11,6 +11,7 @@ from allegro_twin.cell.arm.contact_reflex import retreat_offset
 from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
+from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera
 from allegro_twin.cell.checks.grasp_check import (
     GraspCheck,
@@ -29,14 +30,15 @@ from allegro_twin.cell.checks.sensor_zero_check import check_drift, check_plausi
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, misread_positions, squeeze_speed, touching_joints
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import other_objects
-from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
+from allegro_twin.cell.motion.other_objects import on_tray, other_objects
+from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age, position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
 from allegro_twin.cell.planning.adaptation import GraspAdapter
 from allegro_twin.cell.planning.reachability import far_path, plan_grasp
+from allegro_twin.cell.planning.release import ReleasePath, release_path
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
@@ -51,6 +53,9 @@ _REST = 0.2  # s. After a motion, until what hangs on the flange has come to res
 _RETREATS = 0.8  # s. Away from what the arm met.
 WATCHED = 0.5
 """s. How long arm and hand are watched after the end, and what is held is then looked at again."""
+_FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose")  # States that may have several far ways.
+_LOST = 0.25  # Of the torque between fingers that says that something is there: with less nothing is, any more.
+_SAME = 0.03  # m. What is seen so near to where something was left is the same.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
 
@@ -62,7 +67,7 @@ class CellActions:
         self.fingers = SmoothSetpoint(cell.open)
         self.way: GraspCandidate | None = None
         self._through: tuple[Vector, ...] = ()
-        self._left: list[Vector] = []  # Of these postures, those still to come.
+        self._left: list[Vector | Pose] = []  # Postures, and poses of the palm, still to come in this state.
         self.solid: Solid | None = None
         self.checked: GraspCheck | None = None
         self.on_detection: Callable[[CameraFrame, Detection | PerceptionRefusal], None] = lambda frame, seen: None
@@ -76,6 +81,9 @@ class CellActions:
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
+        self._avoided = list[Array]()  # Places of objects that are left for later, world, m.
+        self._released = 0
+        self._release: ReleasePath | None = None
         self._track: TargetTrack | None = None
         self._blocked: CellOutcome | None = None
         self._reflex: CellOutcome | None = None
@@ -103,8 +111,12 @@ class CellActions:
         t = now.since
         match now.state:
             case "ToSecurityPose":
-                self._head_for(t, self.cell.open, OPENING)
-                self._back(t, state)
+                if self._has_released(now) and self._release is not None:
+                    self._left = [self._release.over, self.cell.posture]
+                    self._step(t, state)  # The fingers open wide once they are out of the tray.
+                else:
+                    self._head_for(t, self.cell.open, OPENING)
+                    self._back(t, state)
             case "Look":
                 self._asked, self._refused, self.way, self._track = None, None, None, None
                 self._idle.clear()
@@ -116,7 +128,7 @@ class CellActions:
                     self._tare = tare_samples(np.asarray(self.solid.size), self.cell.settings.validation)
                 self._head_for(t, self._grasp.preshape, OPENING)
                 self._left = list(self._through)
-                self._far(t, state, self._left.pop(0))
+                self._step(t, state)
             case "Approach":
                 assert self.way is not None
                 self._go(t, self.way.palm, self.cell.settings.arm.approach)
@@ -135,6 +147,14 @@ class CellActions:
                 self._go(t, Pose(self.way.palm.position + up, self.way.palm.rotation), self.cell.settings.arm.lift)
             case "Validate":
                 self._look_again(state)
+            case "ToReleasePose":
+                self._release = self._release_path(state)
+                if self._release is not None:
+                    self._left = [self._release.up, self._release.across, self._release.palm]
+                    self._step(t, state)
+            case "OpeningHand":
+                assert self._grasp is not None
+                self._head_for(t, self._grasp.preshape, OPENING)
             case "Retreat":
                 palm = self.cell.robot.palm(state)
                 self._go(t, Pose(palm.position + self._away, palm.rotation), _RETREATS)
@@ -194,13 +214,56 @@ class CellActions:
                 return Observation(state.t, done=self._closed(state.t))
             case "Validate":
                 return self._check(state)
-        if now.state == "ToTargetPose" and self._left and state.t >= self._there:
-            self._far(state.t, state, self._left.pop(0))
+        if now.state in _FAR and self._left and state.t >= self._there:
+            if now.state == "ToSecurityPose":
+                self._head_for(state.t, self.cell.open, OPENING)
+            self._step(state.t, state)
             return Observation(state.t)
         if now.state == "ToTargetPose" and len(self._before) < self._tare:
             return Observation(state.t)  # The tare.
-        loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
-        return Observation(state.t, done=self._arrived(state, loose) and state.t >= self._there)
+        loose = _LOOSE if now.state in ("ToLiftedPose", "ToReleasePose") else 1.0
+        there = state.t >= self._there and (now.state == "OpeningHand" or self._arrived(state, loose))
+        lost = there and now.state == "ToReleasePose" and not self._between(state)
+        return Observation(state.t, done=there and not lost, held=False if lost else None)
+
+    def _has_released(self, now: MachineState) -> bool:
+        """Whether something was put away. What cannot be taken is left for later: then it may be in reach."""
+        if now.released > self._released:
+            self._released = now.released
+            self._avoided.clear()
+            if self._adapter is not None:
+                self._adapter.forget_failures()
+            return True
+        if len(now.left) > len(self._avoided) and self.solid is not None:
+            self._avoided.append(self.solid.position)
+        return False
+
+    def _release_path(self, state: HandState) -> ReleasePath | None:
+        """The way to where the object is let go; where there is none, the run ends."""
+        tray, way = self.cell.settings.tray, self.way
+        assert tray is not None
+        assert way is not None
+        assert self.solid is not None
+        try:
+            return release_path(tray, way, self._grasped, self.solid, self.others, state.position, self.cell)
+        except ConfigError as error:
+            self._blocked = CellOutcome("fault", "in the way", str(error))
+            self.stand_still(state)
+            return None
+
+    def _between(self, state: HandState) -> bool:
+        """Whether the fingers still press on something that is not there around nothing."""
+        hand, grasp, cell = self._hand, self._grasp, self.cell
+        if hand is None or grasp is None:
+            return True
+        palm = cell.robot.palm(state).rotation
+        nothing = empty_grasp(cell.settings.hand, grasp, palm)
+        gravity = cell.model.gravity_torque(hand.position, hand.gravity)
+        torque = self._motors.given(hand, self.fingers(hand.t), gravity)
+        friction = cell.hand.spec.actuation.frictionloss
+        press = pressing_torque(hand.position, torque - gravity, nothing, cell.stiffness, friction)
+        touching = touching_joints(cell.settings.hand, hand.position)
+        return torque_between_fingers(press, nothing, touching) > _LOST * cell.settings.validation.torque
 
     def recheck(self, now: MachineState, state: HandState) -> Observation:
         """Whether what was said to be held after the lift still is, once there are as many samples and a picture again;
@@ -238,10 +301,9 @@ class CellActions:
             self._sight = CameraCheck(fresh=False)
             return self._sight
         self._last = frame
-        cloud, moved = (
-            cell.self_filter.remove_robot(frame.cloud, posture, hand.position),
-            (self._grasped, cell.robot.palm(state)),
-        )
+        cloud = cell.self_filter.remove_robot(frame.cloud, posture, hand.position)
+        cloud = self._without_tray(cloud, frame)
+        moved = self._grasped, cell.robot.palm(state)
         self._sight = check_camera(
             frame,
             cloud,
@@ -256,6 +318,14 @@ class CellActions:
     def _go(self, t: float, palm: Pose, seconds: float) -> None:
         self._there = max(self._there, self.guide.straight(t, self.cell.robot.flange_for(palm), seconds))
 
+    def _step(self, t: float, state: HandState) -> None:
+        """Head for the next of what is left: a posture through the joints, a pose of the palm straight."""
+        goal = self._left.pop(0)
+        if isinstance(goal, Pose):
+            self._go(t, goal, self.cell.settings.arm.approach)
+        else:
+            self._far(t, state, goal)
+
     def _far(self, t: float, state: HandState, posture: Vector) -> None:
         speed = self.cell.settings.arm.joint_speed
         self._there = max(self._there, self.guide.through_joints(t, state.position, posture, speed))
@@ -266,6 +336,7 @@ class CellActions:
         arm, times = far_path(state.position, cell.posture, cell.settings.arm.joint_speed)
         cell.clearance.nothing()
         met = cell.clearance.on_way(arm, np.stack([self.fingers(t + each).position for each in times]))
+        self._left = []
         if met is None:
             self._far(t, state, cell.posture)
             return
@@ -315,21 +386,58 @@ class CellActions:
         alone = cell.self_filter.remove_robot(
             frame.cloud, posture, cell.open if self._hand is None else self._hand.position
         )
-        cloud = alone if cell.settings.at_the_wrist else frame.cloud
+        cloud = self._without_tray(alone if cell.settings.at_the_wrist else frame.cloud, frame)
+        if cell.settings.tray is not None:
+            self._choose(cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation), frame, alone)
+            return
         seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         self.on_detection(frame, seen)
         seen = self._steady(seen, frame.time)
         if isinstance(seen, PerceptionRefusal):
             self._refused = CellOutcome("refused", seen.reason, seen.sentence)
             return
+        self._refused = self._planned(seen, frame, alone)
+
+    def _without_tray(self, cloud: Cloud, frame: CameraFrame) -> Cloud:
+        """A cloud in which the tray and what is in it are unknown."""
+        tray = self.cell.settings.tray
+        if tray is None:
+            return cloud
+        there = on_tray(frame.pose.world(cloud.astype(np.float64)), tray)
+        return np.where(there[..., None], np.float32(np.nan), cloud)
+
+    def _choose(self, seen: list[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud) -> None:
+        """Of all that stands on the table the first that can be taken; else why nothing can."""
+        refused = list[CellOutcome]()
+        for each in seen:
+            if isinstance(each, PerceptionRefusal):
+                refused.append(CellOutcome("refused", each.reason, each.sentence))
+                continue
+            if any(np.linalg.norm(each.solid.position - place) < _SAME for place in self._avoided):
+                said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
+                refused.append(CellOutcome("refused", "no_grasp", said))
+                continue
+            failed = self._planned(each, frame, alone)
+            if failed is None:
+                self.on_detection(frame, each)
+                return
+            refused.append(failed)
+        self.on_detection(frame, seen[0])
+        reasons = {each.reason for each in refused}
+        said = "; ".join(dict.fromkeys(each.sentence for each in refused))
+        self._refused = CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
+
+    def _planned(self, seen: Detection, frame: CameraFrame, alone: Cloud) -> CellOutcome | None:
+        """Go for it, or why that cannot be."""
+        cell = self.cell
         try:
-            self.others = other_objects(frame, alone, seen, cell.settings.perception)
+            self.others = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray)
             best = plan_grasp(seen.solid, cell, self.others, self._adapter)
-            self.way, self._through = best.way, best.through
         except ConfigError as error:
-            self._refused = CellOutcome("refused", "no_grasp", str(error))
-            return
+            return CellOutcome("refused", "no_grasp", str(error))
+        self.way, self._through = best.way, best.through
         self.solid, self._found = seen.solid, seen
+        return None
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:
         """The detection, once its target stands still where the settings ask for that; until then why it does not."""

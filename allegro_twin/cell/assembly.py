@@ -24,6 +24,7 @@ from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
+from allegro_twin.sim.model.scene import TrayBox
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Array, Vector
 
@@ -71,11 +72,13 @@ def make_cell(settings: LabSettings) -> Cell:
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [place_object(thing) for thing in settings.objects], settings.arm
+    tray = settings.tray
 
     def made(posture: Vector | None, placed: Sequence[PlacedObject]) -> ArmWithHand:
         periods = (arm.period, PERIOD)
         return make_arm_with_hand(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
-                         friction=settings.friction, periods=periods, collision=arm.collision)  # fmt: skip
+                         friction=settings.friction, periods=periods, collision=arm.collision,
+                         tray=None if tray is None else TrayBox(*tray.at, *tray.size, tray.height))  # fmt: skip
 
     security, posture = waiting_pose(made(None, ()), settings.security)
     robot = made(posture, things)

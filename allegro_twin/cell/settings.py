@@ -79,6 +79,10 @@ class TimeoutSettings(Settings):
     lift: Positive = 4.0
     check: Positive = 6.0
     retreat: Positive = 3.0
+    release: Positive = 12.0
+    """To the tray, and"""
+    open: Positive = 4.0
+    """to let go."""
 
 
 class DecideSettings(Settings):
@@ -157,6 +161,21 @@ class GraspPlanningSettings(Settings):
     """what the camera and the cell do not know."""
 
 
+class TraySettings(Settings):
+    """Where objects are put away when the table is cleared: a tray that stands on it, out of perception's region."""
+
+    at: tuple[float, float] = (-0.32, 0.32)
+    """Its middle, world, m."""
+    size: tuple[Positive, Positive] = (0.26, 0.26)
+    """Outer edges along x and y, m."""
+    height: Positive = 0.04
+    """Of its walls, m."""
+    above: Positive = 0.04
+    """An object is let go with its lowest point this far above the walls, m."""
+    objects: Annotated[int, Field(ge=1)] = 12
+    """So many are put away at most."""
+
+
 class RemoteControlSettings(Settings):
     """What a cell that is led from outside may be asked for."""
 
@@ -185,6 +204,9 @@ class LabSettings(Settings):
     validation: GraspCheckSettings = GraspCheckSettings()
     planning: GraspPlanningSettings | None = GraspPlanningSettings()
     """None: only stored grasps are taken, for things within 28 % of their own."""
+    tray: TraySettings | None = None
+    """With a tray the table is cleared: one object after the other is put there. None: the first that is held is the
+    end."""
     follow: RemoteControlSettings = RemoteControlSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""

@@ -3,6 +3,9 @@
 ToSecurityPose → Look → ToTargetPose → Approach → ClosingHand → ToLiftedPose → Validate, and from there to an end. The
 report has four of them; looking, the last stretch and the check stand in states of their own, so that each has a time.
 An arm that stopped by itself is led away from what it met, Retreat, and then all begins anew, or ends.
+
+Where a table is to be cleared, what is held goes on to ToReleasePose → OpeningHand and the next look; what was missed
+as often as the rules say is left for later, until a look finds nothing, or only what was left.
 """
 
 from __future__ import annotations
@@ -11,14 +14,16 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 StateName = Literal[
-    "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Retreat", "Done"
+    "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "ToReleasePose",
+    "OpeningHand", "Retreat", "Done"
 ]  # fmt: skip
-OutcomeKind = Literal["held", "missed", "refused", "fault"]
+OutcomeKind = Literal["held", "cleared", "missed", "refused", "fault"]
 _NEXT: dict[StateName, StateName] = {
     "ToSecurityPose": "Look",
     "ToTargetPose": "Approach",
     "Approach": "ClosingHand",
     "ClosingHand": "ToLiftedPose",
+    "ToReleasePose": "OpeningHand",
     "ToLiftedPose": "Validate",
 }
 
@@ -53,6 +58,10 @@ class MachineState:
     end: CellOutcome | None = None
     cause: CellOutcome | None = None
     """Of a retreat: what the arm met."""
+    released: int = 0
+    """Objects that were put where they belong."""
+    left: tuple[CellOutcome, ...] = ()
+    """Why objects were left for later, since something was put away last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,13 +89,17 @@ class StateRules:
 
     timeouts: dict[StateName, float]
     retries: int
+    objects: int = 0
+    """So many objects are put away at most; 0: the first that is held is the end."""
 
     @property
     def longest(self) -> float:
-        """s that a run may last in all, whatever its states do: every state at its latest, in every try, and the check
-        after the end."""
-        each = sum(most + _LATE for most in self.timeouts.values())
-        return (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
+        """s that a run may last in all, whatever its states do: every state at its latest, in every try for every
+        object that may be on the table or be left for later, and the check after the end."""
+        last = () if self.objects else ("ToReleasePose", "OpeningHand")
+        each = sum(most + _LATE for name, most in self.timeouts.items() if name not in last)
+        objects = max(self.objects * (self.objects + 1) // 2, 1)
+        return objects * (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
 
 
 def initial_state(t: float) -> MachineState:
@@ -119,19 +132,27 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             if seen.done:
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
-                return _over(
-                    now, seen.t, seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
-                )
+                refused = seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
+                return _over(now, seen.t, _cleared(now, refused) if rules.objects else refused)
             return now
         case "Retreat" if now.cause is not None:
             return _again(now, seen.t, rules, now.cause) if seen.done or late else now
         case "Validate":
             if seen.held is None and not late:
                 return now
+            if seen.held and rules.objects:
+                return replace(now, state="ToReleasePose", since=seen.t)
             if seen.held:
                 return _over(now, seen.t, CellOutcome("held", "", seen.doubt))
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
             return _again(now, seen.t, rules, CellOutcome("missed", "", said))
+        case "ToReleasePose" if seen.held is False:
+            return _again(now, seen.t, rules, CellOutcome("missed", "", "it was lost on the way to the tray"))
+        case "OpeningHand" if seen.done:
+            if now.released + 1 == rules.objects:
+                end = CellOutcome("cleared", "", f"{rules.objects} objects were put away, as many as may be")
+                return _over(replace(now, released=rules.objects), seen.t, end)
+            return MachineState("ToSecurityPose", seen.t, released=now.released + 1)
     if seen.done:
         return replace(now, state=_NEXT[now.state], since=seen.t)
     return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
@@ -154,9 +175,23 @@ def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> Ma
 
 
 def _again(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> MachineState:
+    """The next try, or the end; of a table that is cleared, the next object."""
     if now.tries <= rules.retries:
-        return MachineState("ToSecurityPose", t, now.tries + 1)
+        return replace(now, state="ToSecurityPose", since=t, tries=now.tries + 1, cause=None)
+    if len(now.left) + 1 < rules.objects:
+        return MachineState("ToSecurityPose", t, released=now.released, left=(*now.left, end))
     return _over(now, t, end)
+
+
+def _cleared(now: MachineState, refused: CellOutcome) -> CellOutcome:
+    """What it comes to when a look finds nothing more to take."""
+    if refused.word == "fault" or (not now.released and not now.left):
+        return refused
+    count = f"{now.released} object{'' if now.released == 1 else 's'} put away"
+    if refused.reason == "no_object" and not now.left:
+        return CellOutcome("cleared", "", count)
+    why = dict.fromkeys(each.sentence for each in (*now.left, refused))
+    return CellOutcome("missed", "left", f"{count}; left: {'; '.join(why)}")
 
 
 def _over(now: MachineState, t: float, end: CellOutcome) -> MachineState:

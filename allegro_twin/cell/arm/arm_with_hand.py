@@ -31,7 +31,7 @@ from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.engine.world import World
 from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.model.scene import Stage, TrayBox, compile_scene
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
@@ -116,6 +116,7 @@ def make_arm_with_hand(
     base: tuple[float, float, float] = BASE,
     friction: float = 0.8,
     table: bool = True,
+    tray: TrayBox | None = None,
     physics: Physics | None = None,
     periods: tuple[float, float] = (0.001, 0.003),
     margin: float = 0.0,
@@ -128,7 +129,9 @@ def make_arm_with_hand(
     """
     held = load_mount(hand, mount)
     spec = load_arm_spec(arm, held.load)
-    stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table)
+    stage = Stage(
+        np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table, tray=tray
+    )
     if physics is not None:
         stage = replace(stage, physics=physics)
     world = World(compile_scene(spec, stage, MountedHand(hand, held)))

@@ -10,6 +10,7 @@ from allegro_twin.cell.perception.cloud import Mask, finite
 from allegro_twin.cell.perception.clusters import find_clusters
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.cell.settings import TraySettings
 from allegro_twin.types import Array
 
 _REACH = 0.6
@@ -20,6 +21,8 @@ _SURE = 5.0
 """Standard deviations above the table from which a point is of an object."""
 _OWN = 0.012
 """m. What is this near to the chosen object's points, seen from above, is its own."""
+_RIM = 0.03
+"""m: what is seen so near to the tray is in it, or the tray itself."""
 _DEEP = 0.12
 """m."""
 _FEW = 12
@@ -27,12 +30,12 @@ _FEW = 12
 
 
 def other_objects(
-    frame: CameraFrame, cloud: Cloud, found: Detection, settings: PerceptionSettings
+    frame: CameraFrame, cloud: Cloud, found: Detection, settings: PerceptionSettings, tray: TraySettings | None = None
 ) -> tuple[Array, ...]:
     """Points of each other object, (k, 3) in the world, m, also of those outside perception's region.
 
-    `cloud`: of `frame`, without arm and hand; `found`: the chosen object. Their far sides are not seen: each object is
-    taken to be as deep as it is wide, up to `_DEEP`.
+    `cloud`: of `frame`, without arm and hand; `found`: the chosen object; `tray`: in which none of them is. Their far
+    sides are not seen: each object is taken to be as deep as it is wide, up to `_DEEP`.
     """
     thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
     known: Array = thin[finite(thin)].astype(np.float64)
@@ -41,6 +44,8 @@ def other_objects(
     height = found.table.height(world)
     mine = height > np.maximum(settings.object.above, _SURE * found.sigma * (known[:, 2] / depth) ** 2)
     mine &= (height < _TOP) & (np.abs(world[:, :2]).max(axis=1) < _REACH)
+    if tray is not None:
+        mine &= ~on_tray(world, tray)
     world = world[mine]
     world = world[~near_points(world, found.points, _OWN)]
     if len(world) < _FEW:
@@ -48,6 +53,11 @@ def other_objects(
     grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
     labels = grid.of(world[:, :2])
     return tuple(_deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW))
+
+
+def on_tray(points: Array, tray: TraySettings) -> Mask:
+    """Which points, (..., 3), m, world, are of a tray or of what is in it, (...)."""
+    return np.asarray((np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0 + _RIM).all(axis=-1))
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:

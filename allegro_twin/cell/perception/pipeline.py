@@ -1,4 +1,4 @@
-"""From one picture to one thing: what it is, where it stands and how well that is known."""
+"""From one picture to the things on the table: what they are, where they stand and how well that is known."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from allegro_twin.cell.perception.clusters import image_functions
 from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid, sample_points
 from allegro_twin.cell.perception.fits.solids import fit_solids
-from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, depth_scatter, largest_object
+from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, find_objects
 from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.cell.perception.touching import Separated, separate_solids
 from allegro_twin.types import Array, Vector
 
 _LEVEL = 10
@@ -23,7 +24,7 @@ _STEEP = 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """The largest thing on the table, in the world."""
+    """A thing on the table, in the world."""
 
     solid: Solid
     table: TablePlane
@@ -52,18 +53,61 @@ class PerceptionPipeline:
         ConfigError for other shapes and a pose that is not finite.
         """
         draws = np.random.default_rng(self._seed)
-        view = OrganizedCloud(cloud, position, rotation, robot)
-        cluster = largest_object(view, self.settings, draws)
-        if isinstance(cluster, PerceptionRefusal):
-            return cluster
-        sigma = depth_scatter(view, self.settings) * cluster.depth**2
-        middle = cluster.points.mean(axis=0) * [1.0, 1.0, 0.0]
-        solids = fit_solids(sample_points(cluster.points - middle, cluster.pixel, sigma, cluster.elevation), draws)
-        level = np.array([0.0, 0.0, cluster.plane.offset])
-        placed = [_placed(solid, middle + level, cluster) for solid in solids]
-        points = (cluster.points + level) @ cluster.axes
-        refused = self._doubt(placed, points, sigma, cluster.elevation)
-        return refused or Detection(placed[0], cluster.plane, points, sigma, cluster.others)
+        cluster = find_objects(OrganizedCloud(cloud, position, rotation, robot), self.settings, draws)[0]
+        return cluster if isinstance(cluster, PerceptionRefusal) else self._detected(cluster, draws)
+
+    def detect_all(
+        self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
+    ) -> list[Detection | PerceptionRefusal]:
+        """All things, or why each cannot be known, the largest first; what touches is taken apart where two or three
+        solids explain it. Where there is none, why there is none. As `detect` otherwise."""
+        draws = np.random.default_rng(self._seed)
+        found = list[Detection | PerceptionRefusal]()
+        for cluster in find_objects(OrganizedCloud(cloud, position, rotation, robot), self.settings, draws):
+            if isinstance(cluster, PerceptionRefusal):
+                found.append(cluster)
+                continue
+            one = self._detected(cluster, draws)
+            parts = (
+                self._parts(cluster, draws) if isinstance(one, PerceptionRefusal) and one.reason == "unclear" else ()
+            )
+            found += parts or [one]
+        return found
+
+    def _detected(self, cluster: Cluster, draws: np.random.Generator) -> Detection | PerceptionRefusal:
+        points = cluster.world(cluster.points)
+        solids = self._fitted(cluster, cluster.points, draws)
+        refused = self._doubt(solids, points, cluster.sigma, cluster.elevation)
+        return refused or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others)
+
+    def _parts(self, cluster: Cluster, draws: np.random.Generator) -> list[Detection | PerceptionRefusal]:
+        """What the cluster may consist of, or why one of these cannot be grasped; empty where no solids explain it."""
+        points = cluster.world(cluster.points)
+
+        def doubt(one: Separated) -> PerceptionRefusal | None:
+            return self._doubt([one.solid], points[one.members], cluster.sigma, cluster.elevation)
+
+        def good(one: Separated) -> bool:
+            refused = doubt(one)
+            return refused is None or refused.reason != "unclear"
+
+        def fit(some: Array) -> Solid | None:
+            own = some @ cluster.axes.T - [0.0, 0.0, cluster.plane.offset]
+            return next(iter(self._fitted(cluster, own, draws)), None)
+
+        found = separate_solids(points, fit, good, self.settings.object.least, draws)
+        others = cluster.others + len(found) - 1
+        return [
+            doubt(one) or Detection(one.solid, cluster.plane, points[one.members], cluster.sigma, others)
+            for one in found
+        ]
+
+    def _fitted(self, cluster: Cluster, points: Array, draws: np.random.Generator) -> list[Solid]:
+        """Solids in the world that may explain some of a cluster's points, (n, 3), m, in its axes."""
+        middle = points.mean(axis=0) * [1.0, 1.0, 0.0]
+        solids = fit_solids(sample_points(points - middle, cluster.pixel, cluster.sigma, cluster.elevation), draws)
+        origin = middle + np.array([0.0, 0.0, cluster.plane.offset])
+        return [_placed(solid, origin, cluster) for solid in solids]
 
     def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> PerceptionRefusal | None:
         limits, where = self.settings.object, position_text(points.mean(axis=0))

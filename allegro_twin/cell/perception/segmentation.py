@@ -108,6 +108,12 @@ class Cluster:
     """By how much the camera looks down at its top, rad."""
     others: int
     """Things beside it."""
+    sigma: float
+    """The camera's scatter at its depth, m."""
+
+    def world(self, points: Array) -> Array:
+        """Points (n, 3) in its axes, m, in the world."""
+        return np.asarray((points + np.array([0.0, 0.0, self.plane.offset])) @ self.axes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,23 +135,23 @@ def depth_scatter(view: OrganizedCloud, settings: PerceptionSettings) -> float:
     return settings.disparity / (view.focal * settings.baseline)
 
 
-def largest_object(
+def find_objects(
     view: OrganizedCloud, settings: PerceptionSettings, draws: np.random.Generator
-) -> Cluster | PerceptionRefusal:
-    """The largest thing's points."""
+) -> list[Cluster | PerceptionRefusal]:
+    """The points of each thing on the table, or why it cannot be known, the largest first; at least one entry."""
     thin = view.cloud[:: settings.stride, :: settings.stride]
     flat = thin.reshape(-1, 3)
     world = view.world(flat)
     inside = np.flatnonzero(pass_through(world, *_bounds(settings)))
     if len(inside) < _ENOUGH:
-        return _empty(flat, len(inside), settings)
+        return [_empty(flat, len(inside), settings)]
     world, depths = world[inside], flat[inside, 2]
     table = settings.table
     plane = find_plane(world[::_SHARE], np.array([0.0, 0.0, 1.0]), draws, near=table.near, tilt=table.tilt)
     if plane is None or plane.part < table.part:
         part = 0.0 if plane is None else plane.part
         said = f"no table: the largest level plane has {part:.0%} of {len(world)} points, and {table.part:.0%} make one"
-        return PerceptionRefusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
+        return [PerceptionRefusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")]
     axes = plane.axes(view.rotation[:, 2])
     above = plane.height(world) > np.maximum(
         settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2
@@ -154,9 +160,8 @@ def largest_object(
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
     if isinstance(found, PerceptionRefusal):
-        return found
-    cut = _cut_off(found, thin.shape, settings)
-    return cut if cut is not None else _closely(view, found, plane, axes, settings)
+        return [found]
+    return [_cut_off(one, thin.shape, settings) or _closely(view, one, plane, axes, settings) for one in found]
 
 
 def _bounds(settings: PerceptionSettings) -> tuple[Array, Array]:
@@ -182,19 +187,18 @@ def _cell(view: OrganizedCloud, depths: Points, plane: TablePlane, settings: Per
 
 def _gathered(
     pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
-) -> _Found | PerceptionRefusal:
+) -> list[_Found] | PerceptionRefusal:
     nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
     if len(points) == 0:
         return PerceptionRefusal("no_object", f"{nothing}; put a thing into the region")
     places = points @ axes[:2].T.astype(points.dtype)
     grid, sizes = find_clusters(places, cell)
-    label = int(np.argmax(sizes)) + 1
-    if sizes[label - 1] < settings.object.least:
-        return PerceptionRefusal(
-            "no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region"
-        )
-    others = int(np.count_nonzero(sizes >= settings.object.least)) - 1
-    return _Found(pixels, points, grid, label, grid.of(places) == label, others)
+    order = np.argsort(-sizes, kind="stable")
+    enough = int(np.count_nonzero(sizes >= settings.object.least))
+    if not enough:
+        return PerceptionRefusal("no_object", f"{nothing}: {sizes.max()} points at most; put a thing into the region")
+    labels = grid.of(places)
+    return [_Found(pixels, points, grid, int(label), labels == label, enough - 1) for label in order[:enough] + 1]
 
 
 def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> PerceptionRefusal | None:
@@ -247,4 +251,5 @@ def _closely(
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)
     way = top @ axes + plane.offset * plane.normal - view.position
     elevation = float(np.arcsin(np.clip(-way @ plane.normal / np.linalg.norm(way), 0.0, 1.0)))
-    return Cluster(mine_points, axes, plane, depth, step * depth / view.focal, elevation, found.others)
+    sigma = depth_scatter(view, settings) * depth**2
+    return Cluster(mine_points, axes, plane, depth, step * depth / view.focal, elevation, found.others, sigma)

@@ -22,6 +22,8 @@ from allegro_twin.cell.planning.stored_grasps import (
     body_text,
     extent_mismatch,
     stored_grasps,
+    symmetric_turns,
+    yaw_rotation,
 )
 from allegro_twin.cell.settings import GraspPlanningSettings
 from allegro_twin.errors import ConfigError
@@ -48,8 +50,10 @@ from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
 
 P = TypeVar("P")
+Box = tuple[Array, Array]
 _PROTOCOL = "lift"
 _CARDS = 12
 """Stored grasps that are varied, those of the most similar things."""
@@ -69,6 +73,11 @@ _GOOD, _ENOUGH = 0.85, 0.6
 """Shares of draws held: with the first it is taken at once, with the second when nothing better comes."""
 _SIMILAR = 0.03
 """Logarithm of a ratio of extents, up to which a grasp that was found before is taken again."""
+_STIRRED, _TURNED_BY = 0.004, 0.05
+"""m, and the sine of an angle: what has moved by less stands where it stood."""
+_FAR, _THIN = 0.4, 0.004
+"""m: what is further away is in nobody's way; a box's edge at least."""
+_ROUND_TURNS = 8
 _LIGHTEST = 0.02
 """kg."""
 _FRICTION = 0.8
@@ -97,50 +106,66 @@ class GraspAdapter:
     gains: str = "default"
     seed: int = 0
     found: list[AdaptedGrasp] = field(default_factory=list)
+    _failed: list[tuple[TableObject, ConfigError]] = field(default_factory=list)
 
-    def plan(self, body: TableObject, feasible: Callable[[StoredGrasp], P | None]) -> P:
+    def forget_failures(self) -> None:
+        """Where something has changed on the table, what was out of reach may be in it."""
+        self._failed.clear()
+
+    def plan(self, body: TableObject, feasible: Callable[[StoredGrasp], P | None], others: Sequence[Box] = ()) -> P:
         """What `feasible` makes of the best grasp for a body: a plan of the arm's, or None for one that it cannot get
-        to. Raises ConfigError where nothing is found, with what became of the candidates."""
-        for known in self.found:
+        to. `others`: middle and extents of the upright boxes around what stands beside it, (3,) each, m, world; with
+        them each grasp counts as it is, without the turns that the body's symmetry leaves open. Raises ConfigError
+        where nothing is found, with what became of the candidates."""
+        for known in [] if others else self.found:
             if known.card.body.kind == body.kind and extent_mismatch(known.card.body, body) < _SIMILAR:
                 plan = feasible(known.card)
                 if plan is not None:
                     return plan
-        search, options = AdaptationSearch(self, body), list[AdaptedGrasp]()
+        for other, error in self._failed:
+            if _is_same(other, body):
+                raise error
+        search, options = AdaptationSearch(self, body, others), list[AdaptedGrasp]()
         for enough in [_GOOD] * (self.settings.rounds - 1) + [_ENOUGH]:
             options += search.round(lambda card: feasible(card) is not None)
             for option in sorted(options, key=lambda each: -each.share):
                 plan = feasible(option.card) if option.share >= enough else None
                 if plan is not None:
-                    self.found.append(option)
+                    if not others:
+                        self.found.append(option)
                     return plan
         best = max(options, key=lambda each: each.share, default=None)
         held = "none holds" if best is None else f"the best holds in {best.held} of {best.tried} draws"
-        raise ConfigError(
+        failure = ConfigError(
             f"no grasp of {self.spec.model} is for the {body_text(body)}: {search.grown} adapted ones close on it, "
             f"the arm gets to {search.reached} of the {search.looked} best, {search.lifted} lift it, and {held}; move "
             "it to where the arm has more room, or put it on another side"
         )
+        self._failed.append((body, failure))
+        raise failure
 
 
 class AdaptationSearch:
     """Rounds of variations of stored grasps on one solid, and what has become of them."""
 
-    def __init__(self, adapter: GraspAdapter, body: TableObject) -> None:
+    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[Box] = ()) -> None:
         self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
         self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
         self._body, self._random = body, np.random.default_rng(adapter.seed)
         cards = [card for card in stored_grasps(self._spec.model) if card.grasp.grip is None]
         self._cards = sorted(cards, key=lambda card: _unlike(card.body, body))[:_CARDS]
         self._templates = {card.name: replace(card.grasp, name=card.name) for card in self._cards}
-        self._scenario = seen_scenario(body, self._spec, self._settings.density)
+        self._scenario = detected_scenario(body, self._spec, self._settings.density)
         self._protocol = load_protocol(_PROTOCOL)
         self._bench = GraspScene(self._spec, make_stage(self._scenario, self._protocol, "right", Path()))
         self._gains = load_gains(adapter.gains, self._spec)
         self._runner = TrialRunner(self._spec, adapter.gains, self._protocol.period or 0.0)
         reckoned = None if self._spec.followers else self._gains
         templates = list(self._templates.values())
-        self._proposer = Proposer(self._bench, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned)
+        around = _beside(self._scenario, body, others)
+        free = GraspScene(self._spec, make_stage(around, self._protocol, "right", Path())) if others else self._bench
+        self._turns = _symmetric_turns(body, self._random) if others else (0.0,)
+        self._proposer = Proposer(free, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned)
         self._round, self._shown = 0, list[Candidate]()
         self.grown = self.looked = self.reached = self.lifted = 0
         """Candidates that closed in geometry; those of them that the arm looked at, that it gets to, and that held
@@ -148,9 +173,9 @@ class AdaptationSearch:
 
     def round(self, reaches: Callable[[StoredGrasp], bool]) -> list[AdaptedGrasp]:
         """What holds of some more variations, with how often it did. `reaches`: whether the arm gets to one."""
-        seeds = [self._seed(card) for card in self._cards]
+        seeds = [self._seed(card, turn) for card in self._cards for turn in self._turns]
         wider = 0.5 * 2**self._round
-        grown = self._proposer.near(seeds, _VARIED * (1 + self._round) * len(seeds), min(wider, 2.0))
+        grown = self._proposer.near(seeds, _VARIED * (1 + self._round) * len(self._cards), min(wider, 2.0))
         if not self._round:
             grown += self._proposer.grow(seeds)
         self._round += 1
@@ -164,14 +189,16 @@ class AdaptationSearch:
         self.lifted += len(lifted)
         return self._drawn(lifted)
 
-    def _seed(self, card: StoredGrasp) -> Candidate:
-        """A stored grasp beside what was seen: as far from its surface as it was from that of its own thing."""
+    def _seed(self, card: StoredGrasp, turn: float) -> Candidate:
+        """A stored grasp beside what was seen: as far from its surface as it was from that of its own thing, and turned
+        with it by an angle, rad, by which it is as it was."""
         grasp, own, new = card.grasp, np.array(card.body.extents) / 2.0, np.array(self._body.extents) / 2.0
         at = card.palm.position
         at = at + np.sign(at) * (new - own) * np.minimum(np.abs(at) / own, 1.0)
+        turned, closing = yaw_rotation(turn), closing_directions(grasp, self._spec)
         return Candidate(
-            at + self._bench.placed.position, card.palm.rotation, card.retreat, grasp.preshape,
-            closing_directions(grasp, self._spec), grasp.preshape, grasp.preshape, grasp.preshape, card.name,
+            turned @ at + self._bench.placed.position, turned @ card.palm.rotation, turned @ card.retreat,
+            grasp.preshape, closing, grasp.preshape, grasp.preshape, grasp.preshape, card.name,
         )  # fmt: skip
 
     def _reached(self, candidates: Sequence[Candidate], reaches: Callable[[StoredGrasp], bool]) -> Iterator[Candidate]:
@@ -233,7 +260,7 @@ class AdaptationSearch:
         return StoredGrasp(name, self._body, grasp, Pose(at, rotation), retreat)
 
 
-def seen_scenario(body: TableObject, spec: HandSpec, density: float) -> Scenario:
+def detected_scenario(body: TableObject, spec: HandSpec, density: float) -> Scenario:
     """A trial with a solid as it was seen, its longer level extent along x, in the middle of the table, and its mass
     by a density, kg/m³. The palm and the grasp are those of whoever tries it."""
     (x, y, z), kind = body.extents, body.kind.removeprefix("lying ")
@@ -258,6 +285,34 @@ def seen_scenario(body: TableObject, spec: HandSpec, density: float) -> Scenario
         objects=(thing,), friction=_FRICTION, grasp="adapted", hand=spec.model_reference, side="right", wrist=wrist,
         protocol=_PROTOCOL,
     )  # fmt: skip
+
+
+def _is_same(one: TableObject, other: TableObject) -> bool:
+    """Whether it still stands there."""
+    near = float(np.linalg.norm(one.position - other.position)) < _STIRRED
+    turned = abs(np.sin(one.yaw - other.yaw)) < _TURNED_BY or one.kind in ("sphere", "cylinder")
+    return one.kind == other.kind and near and turned and extent_mismatch(one, other) < _SIMILAR
+
+
+def _beside(scenario: Scenario, body: TableObject, others: Sequence[Box]) -> Scenario:
+    """The scenario with boxes beside the body, as they stand when the body lies along x."""
+    back, objects = yaw_rotation(-body.yaw), list(scenario.objects)
+    for number, (middle, extents) in enumerate(others):
+        away = middle - body.position
+        if float(np.hypot(*away[:2])) > _FAR:
+            continue
+        x, y = (back @ away)[:2].tolist()
+        size = tuple(np.maximum(extents, _THIN).tolist())
+        at = (x, y, max(float(middle[2]), size[2] / 2.0))
+        box = ScenarioObject(name=f"other_{number}", shape="box", size=size, mass=1.0, yaw=-np.degrees(body.yaw), at=at)
+        objects.append(box)
+    return scenario.model_copy(update={"objects": tuple(objects)})
+
+
+def _symmetric_turns(body: TableObject, random: np.random.Generator) -> tuple[float, ...]:
+    """Angles, rad, by which it may be turned and is as it was: all, or some of those of what is round."""
+    turns = symmetric_turns(body)
+    return tuple(random.permutation(turns)[:_ROUND_TURNS].tolist())
 
 
 def _unlike(one: TableObject, other: TableObject) -> float:

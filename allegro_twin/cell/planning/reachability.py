@@ -102,12 +102,12 @@ def plan_grasp(
     spec, same = cell.hand.spec, adapter.settings.same
     stored = nearest_stored(body, spec.model, spec.side)
     if stored is None or extent_mismatch(stored.body, body) > same:
-        return adapter.plan(body, lambda card: clear_plan(card, body, cell))
+        return _adapted_plan(body, cell, others, adapter)
     try:
         return _stored_plan(body, cell, others, same)
     except ConfigError:
         try:
-            return adapter.plan(body, lambda card: clear_plan(card, body, cell))
+            return _adapted_plan(body, cell, others, adapter)
         except ConfigError:
             pass
         raise
@@ -128,10 +128,15 @@ def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Array], most: f
     )
 
 
+def _adapted_plan(body: TableObject, cell: Cell, others: Sequence[Array], adapter: GraspAdapter) -> GraspPlan:
+    boxes = [bounding_box(points) for points in others]
+    return adapter.plan(body, lambda card: clear_plan(card, body, cell), boxes)
+
+
 def clear_plan(card: StoredGrasp, body: TableObject, cell: Cell) -> GraspPlan | None:
     """The way to take a body with a grasp that the arm reaches with nothing near; None where there is none. What is in
-    the way is what `cell.clearance` knows of."""
-    ways = turned_candidates(card, body)
+    the way is what `cell.clearance` knows of; with other objects there the grasp is not turned."""
+    ways = turned_candidates(card, body)[: 1 if cell.clearance.crowded else None]
     for one in _reached(ways, body, cell.robot, cell.posture, cell.settings.lift, _PLAIN.near)[:_LOOKED]:
         found = _clear_of_obstacles(one, cell)
         if isinstance(found, GraspPlan):

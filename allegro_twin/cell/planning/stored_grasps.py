@@ -107,7 +107,7 @@ def nearest_stored(body: TableObject, model: str, side: Side = "right") -> Store
 
 def turned_candidates(card: StoredGrasp, body: TableObject, *, askew: bool = False) -> list[GraspCandidate]:
     """A grasp of such a thing in all the ways that symmetry leaves open; `askew` as of `grasp_candidates`."""
-    turns = _turns(body)
+    turns = symmetric_turns(body)
     if askew:
         turns = np.add.outer(turns, _askew(body)).ravel()
     return [_turned(card, body, body.yaw + turn) for turn in turns]
@@ -168,7 +168,7 @@ def standing_object(thing: GraspObject, yaw: float) -> TableObject:
     return TableObject(lying + thing.shape, extents, yaw + (np.pi / 2.0 if y > x else 0.0), np.zeros(3))
 
 
-def _turns(body: TableObject) -> Array:
+def symmetric_turns(body: TableObject) -> Array:
     """By how much it may be turned and is as it was, rad."""
     if body.kind in ("sphere", "cylinder"):
         count = _ROUND

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 from warnings import catch_warnings, filterwarnings
 
 import mujoco
@@ -23,6 +24,23 @@ from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array
 
 
+class TrayBox(NamedTuple):
+    """A tray with four walls."""
+
+    x: float
+    """Its middle, m."""
+    y: float
+    length: float
+    """Outer edges along x and y, m."""
+    width: float
+    height: float
+    """Of the walls, m."""
+
+
+WALL = 0.006
+"""m, thickness of a tray's walls and floor."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
     """Everything around the hand, or the arm."""
@@ -38,6 +56,8 @@ class Stage:
     """A table top at z = 0."""
     stand: tuple[float, float, float, float, float] | None = None
     """A block on the table: its place x, y, its edges along x, y, and its height, m."""
+    tray: TrayBox | None = None
+    """A tray on the table."""
     wrist: bool = False
     """The palm hangs on a gantry that can move it, instead of being fixed."""
     slide: bool = False
@@ -136,10 +156,29 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
             name="stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[length / 2, width / 2, height / 2],
             pos=[x, y, height / 2], friction=stage.physics.friction(stage.friction), rgba=[*STAND, 1.0],
         )  # fmt: skip
+    if stage.tray is not None:
+        _add_tray(world, stage.tray, stage.physics.friction(stage.friction))
     if stage.table:
         world.add_geom(
             name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
             friction=stage.physics.friction(stage.friction), rgba=[*TABLE, 1.0],
+        )  # fmt: skip
+
+
+def _add_tray(world: mujoco.MjsBody, tray: TrayBox, friction: Sequence[float]) -> None:
+    x, y, length, width, height = tray
+    half, wall = (length / 2.0, width / 2.0), WALL / 2.0
+    boxes = {
+        "floor": ((x, y, wall), (*half, wall)),
+        "left": ((x, y + half[1] - wall, height / 2.0), (half[0], wall, height / 2.0)),
+        "right": ((x, y - half[1] + wall, height / 2.0), (half[0], wall, height / 2.0)),
+        "front": ((x + half[0] - wall, y, height / 2.0), (wall, half[1], height / 2.0)),
+        "back": ((x - half[0] + wall, y, height / 2.0), (wall, half[1], height / 2.0)),
+    }
+    for name, (position, size) in boxes.items():
+        world.add_geom(
+            name=f"tray_{name}", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=position, friction=friction,
+            rgba=[*STAND, 1.0],
         )  # fmt: skip
 
 
