@@ -1,4 +1,4 @@
-"""The exit code of `allegro-twin lab` is 0 for what is held, and for nothing else."""
+"""The exit code of `allegro-twin lab` is 0 for what is held or a table that is cleared, and for nothing else."""
 
 from __future__ import annotations
 
@@ -29,13 +29,14 @@ def ends(monkeypatch: pytest.MonkeyPatch, end: CellOutcome | BaseException) -> N
 
 @pytest.mark.parametrize(("end", "code"), [
     (CellOutcome("held"), 0), (CellOutcome("held", "", "the force sensor is suspect"), 0),
+    (CellOutcome("cleared", "", "3 put away"), 0), (CellOutcome("missed", "left", "2 put away; left: a box"), 5),
     (CellOutcome("missed", "", "it is not there"), 5),
     (CellOutcome("refused", "no_object", "nothing"), 5), (CellOutcome("refused", "no_grasp", "too large"), 5),
     (CellOutcome("fault", "hand without torque", "thumb_1"), 4), (CellOutcome("fault", "not confirmed", "light"), 4),
     (CellOutcome("fault", "dropped", "gone"), 4), (CellOutcome("fault", "timeout in Approach", "late"), 4),
     (LinkError("no answer"), 3), (HandFault("it stopped"), 4), (KeyboardInterrupt(), 130),
 ])  # fmt: skip
-def test_only_what_is_held_ends_with_0(
+def test_only_what_is_held_or_cleared_ends_with_0(
     end: CellOutcome | BaseException, code: int, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends(monkeypatch, end)
@@ -44,9 +45,9 @@ def test_only_what_is_held_ends_with_0(
     assert str(end).split(":")[0] in out + error or isinstance(end, KeyboardInterrupt)
 
 
-def test_every_word_that_a_run_can_end_with_has_a_code_and_held_alone_has_0() -> None:
+def test_every_word_that_a_run_can_end_with_has_a_code() -> None:
     assert set(lab._CODES) == set(get_args(OutcomeKind))
-    assert [word for word, code in lab._CODES.items() if code == 0] == ["held"]
+    assert [word for word, code in lab._CODES.items() if code == 0] == ["held", "cleared"]
 
 
 def test_what_is_wrong_before_anything_moves_ends_with_2(command: Run) -> None:

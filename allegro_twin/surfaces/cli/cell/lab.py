@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from allegro_twin.surfaces.ros.bridge import RosBridge
 
 _ROS_PICTURES = 5.0  # Hz; default rate of the camera's point clouds on ROS.
-_CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
+_CODES = {"held": 0, "cleared": 0, "missed": 5, "refused": 5, "fault": 4}
 
 
 def lab(
@@ -31,6 +31,9 @@ def lab(
         str | None, typer.Option("--object", help="Object of the catalogue or mesh file, for the first.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise of camera and force sensor.")] = None,
+    clear: Annotated[
+        bool, typer.Option("--clear", help="Clear the table: put one object after the other away.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for pictures and a recording of everything.", callback=options.folder),
@@ -50,7 +53,7 @@ def lab(
     from allegro_twin.cell.assembly import make_cell
     from allegro_twin.cell.journal.observers import Observers
     from allegro_twin.cell.remote.remote_control import RemoteControl
-    from allegro_twin.cell.settings import LabSettings
+    from allegro_twin.cell.settings import LabSettings, TraySettings
     from allegro_twin.files.assets import find_file
     from allegro_twin.files.schema import load_settings
     from allegro_twin.surfaces.cli.console import console, hint
@@ -61,6 +64,7 @@ def lab(
         update={
             "objects": _objects(settings, thing, file.parent),
             "seed": settings.seed if seed is None else seed,
+            "tray": TraySettings() if clear and settings.tray is None else settings.tray,
         }
     )
     if follow and not (ros or panel):
