@@ -74,7 +74,7 @@ HOMES = {
     "viser": {"surfaces/panel"},
     "dex_retargeting": {"surfaces/teleop"},
     "mediapipe": {"surfaces/teleop"},
-    "cv2": {"surfaces/teleop"},
+    "cv2": {"surfaces/teleop", "cell/calibration"},
     "rich": {"surfaces/cli"},
     "typer": {"surfaces/cli"},
 }
@@ -82,7 +82,7 @@ HOMES = {
 FLOORS: dict[str, list[str | set[str]]] = {
     "cell": [
         "perception", "arm", "camera", "settings", "states", "motion", "checks", "assembly", "planning", "actions",
-        "run", "journal", "remote", "pick",
+        "run", "journal", "remote", "calibration", "pick",
     ],
     "drivers": ["base", "polled", "can", "dynamixel", "qb", "schunk"],
     "drivers/can": ["codec", "config", "link", "driver", "virtual", "tools", "opening"],

@@ -24,6 +24,7 @@ from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
+from allegro_twin.sim.model.plate import PicturePlate
 from allegro_twin.sim.model.scene import TrayBox
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Array, Vector
@@ -67,8 +68,9 @@ class Cell:
         self.robot.close()
 
 
-def make_cell(settings: LabSettings) -> Cell:
-    """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
+def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = ()) -> Cell:
+    """Everything, at rest at the security pose; `plates` are in the scene, too. Raises ConfigError, one line for the
+    first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [place_object(thing) for thing in settings.objects], settings.arm
@@ -78,7 +80,8 @@ def make_cell(settings: LabSettings) -> Cell:
         periods = (arm.period, PERIOD)
         return make_arm_with_hand(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods, collision=arm.collision,
-                         tray=None if tray is None else TrayBox(*tray.at, *tray.size, tray.height))  # fmt: skip
+                         tray=None if tray is None else TrayBox(*tray.at, *tray.size, tray.height),
+                         plates=plates)  # fmt: skip
 
     security, posture = waiting_pose(made(None, ()), settings.security)
     robot = made(posture, things)
