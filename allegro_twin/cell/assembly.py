@@ -10,8 +10,9 @@ import numpy as np
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
 from allegro_twin.cell.arm.faults import DisturbedBackend
-from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.camera.camera import CellCamera
 from allegro_twin.cell.camera.self_filter import SelfFilter
+from allegro_twin.cell.camera.sources import open_camera
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import PerceptionPipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, TableObjectSettings
@@ -41,7 +42,7 @@ class Cell:
     robot: ArmWithHand
     arm: HandBackend
     hand: HandBackend
-    camera: DepthCamera
+    camera: CellCamera
     pipeline: PerceptionPipeline
     model: HandKinematics
     """Of the hand."""
@@ -88,13 +89,14 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = ()) -> Cel
     motors = [robot.world.model.actuator(name).id for name in spec.joints]
     forces = robot.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
+    camera = open_camera(robot.world.model, settings.camera, settings.seed)
     return Cell(
         settings, robot, DisturbedBackend(robot.arm, noise, seed=settings.seed), robot.hand,
-        DepthCamera(robot.world.model, settings.camera, settings.seed),
+        camera,
         PerceptionPipeline(settings.perception, settings.seed),
         hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         ObstacleClearance(robot.spec, MountedHand(spec, robot.mount), robot.base.position),
-        SelfFilter(robot, settings.camera),
+        SelfFilter(robot, settings.camera, camera.lens),
     )  # fmt: skip
 
 

@@ -178,7 +178,7 @@ def _check(views: Sequence[PatternView], residual: float, held_out: Sequence[flo
     if not residual < MOST:
         raise ConfigError(
             f"arm and pictures disagree by {residual:.1f} pixels, more than {MOST:g}: are the poses those of the "
-            "flange in the base, in m and as w x y z, one for each picture; are the pattern's squares as large as stated?"
+            "flange in the base, in m and as w x y z, one for each picture; are the squares as large as stated?"
         )
 
 

@@ -11,9 +11,10 @@ from allegro_twin.cell.calibration.pattern import Grey, PatternSettings, draw_pa
 from allegro_twin.cell.calibration.pictures import ArmPicture
 from allegro_twin.cell.camera.intrinsics import Intrinsics
 from allegro_twin.cell.camera.mount import CameraMount, CameraPose, looking
+from allegro_twin.cell.camera.settings import SimulatedSource
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
-from allegro_twin.cell.reachability import far_path
+from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.run import arm_controller
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
@@ -53,7 +54,8 @@ class CalibrationCell:
             "calibration_pattern", None if self.at_the_wrist else "palm_link", *_place(pattern, self.at_the_wrist),
             printed_size(pattern), draw_pattern(pattern, _TEXELS),
         )  # fmt: skip
-        self.cell: Cell = make_cell(settings.model_copy(update={"objects": ()}), (plate,))
+        camera = settings.camera.model_copy(update={"source": SimulatedSource()})
+        self.cell: Cell = make_cell(settings.model_copy(update={"objects": (), "camera": camera}), (plate,))
         self.cell.clearance.nothing()
         robot, lens = self.cell.robot, settings.camera.intrinsics
         self.lens: Intrinsics = lens

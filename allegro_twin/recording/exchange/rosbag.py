@@ -49,7 +49,7 @@ def from_bag(path: Path, spec: HandSpec | None, period: float) -> Recording:
     RecordingError for a file that is no bag, ConfigError for a bag of another hand."""
     if not path.exists():
         raise RecordingError(f"no bag at {path}")
-    with _open(path) as reader:
+    with open_bag(path) as reader:
         if any(each.topic == META for each in reader.connections):
             return _exported(path, reader)
         if spec is None:
@@ -58,7 +58,8 @@ def from_bag(path: Path, spec: HandSpec | None, period: float) -> Recording:
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[Any]:
+def open_bag(path: Path) -> Iterator[Any]:
+    """A reader of rosbags, while the block lasts. Raises RecordingError for a file that is no bag."""
     words = v.ros_types()
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.rosbag2 import ReaderError
