@@ -28,7 +28,7 @@ def lab_look(
 ) -> None:
     """Take one picture with a cell's camera and show what is seen."""
     from allegro_twin.cell.assembly import make_cell
-    from allegro_twin.cell.motion.clutter import other_objects
+    from allegro_twin.cell.motion.other_objects import other_objects
     from allegro_twin.cell.perception.pipeline import Detection
     from allegro_twin.cell.settings import LabSettings
     from allegro_twin.files.assets import find_file
