@@ -15,6 +15,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
+from allegro_twin.recording.exchange.rosbag import open_bag
+from allegro_twin.recording.messages.message_types import ros_types
+from allegro_twin.recording.messages.planning_scene import PLANNING_SCENE
 from tests.recording.depth_bags import FRAME, SECOND, bag
 from tests.surfaces.cli.conftest import Run, command
 
@@ -95,3 +98,19 @@ def test_a_time_after_the_recording_is_refused(frame: CameraFrame, tmp_path: Pat
     code, _, complaint = command("lab-look", "lab_allegro", "--bag", path, "--at", 9)
     assert code == 2
     assert "--at 9 s is after the last picture, which is at 0.50 s" in complaint
+
+
+def test_what_is_written_is_seen_again_and_has_moveits_planning_scene(tmp_path: Path, command: Run) -> None:
+    path = tmp_path / "look.mcap"
+    code, shown, _ = command("lab-look", "lab_allegro", "--out", path)
+    assert code == 0
+    again, shown_again, _ = command("lab-look", "lab_allegro", "--bag", path, "--tf")
+    assert again == 0
+    np.testing.assert_allclose(place(shown_again), place(shown), atol=1e-9)
+    with open_bag(path) as reader:
+        (scene,) = [
+            ros_types().decode(bytes(data), PLANNING_SCENE)
+            for connection, _, data in reader.messages()
+            if connection.topic == "/planning_scene"
+        ]
+    assert [each.id for each in scene.world.collision_objects] == ["table", "target"]
