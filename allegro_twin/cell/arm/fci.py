@@ -11,7 +11,7 @@ from allegro_twin.spec.arm import Load
 
 
 def open_fci_arm(
-    settings: FrankaSettings, arm: str = "fr3", load: Load | None = None, collision: CollisionSettings | None = None
+    settings: FrankaSettings, arm: str, load: Load | None = None, collision: CollisionSettings | None = None
 ) -> Guard:
     """Connect to an arm on its control interface, behind a guard; `load` is what hangs on its flange. Untried on an
     arm. Raises ConfigError, LinkError."""
