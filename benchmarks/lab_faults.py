@@ -32,6 +32,7 @@ import numpy as np
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.faults import DisturbedBackend, PassThroughBackend
 from allegro_twin.cell.assembly import Cell, make_cell, with_objects
+from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, TableObjectSettings
@@ -182,6 +183,7 @@ def _injected(cell: Cell, case: Case, name: str) -> tuple[Callable[[MachineState
             case "taken":
                 data.joint(name).qpos[:3] = _AWAY
             case "camera":
+                assert isinstance(cell.camera, DepthCamera)
                 cell.camera.freeze()
             case "force":
                 sensor.stuck = case.what == "stuck"

@@ -42,6 +42,8 @@ REASONS = (
     Reason(r"OpenGL|EGL|GL_|GLContext|no context|libEGL|render", "ci", "apt-get install libegl1 libgl1-mesa-dri"),
     Reason(r"user-mode-linux|iproute2", "ci", "apt-get install user-mode-linux iproute2"),
     Reason(r"trimesh|collada", "ci", "pip install 'allegro-twin[meshes]'"),
+    Reason(r"extra franka", "franka", "pip install 'allegro-twin[franka]'"),
+    Reason(r"extra realsense", "realsense", "pip install 'allegro-twin[realsense]', apt-get install libusb-1.0-0"),
     Reason(r"HAND_MODELS", "models", "tests/hands/get_models FOLDER; HAND_MODELS=FOLDER"),
 )
 

@@ -74,7 +74,9 @@ HOMES = {
     "viser": {"surfaces/panel"},
     "dex_retargeting": {"surfaces/teleop"},
     "mediapipe": {"surfaces/teleop"},
-    "cv2": {"surfaces/teleop"},
+    "pyrealsense2": {"drivers/realsense"},
+    "pylibfranka": {"drivers/franka"},
+    "cv2": {"surfaces/teleop", "cell/calibration"},
     "rich": {"surfaces/cli"},
     "typer": {"surfaces/cli"},
 }
@@ -82,9 +84,9 @@ HOMES = {
 FLOORS: dict[str, list[str | set[str]]] = {
     "cell": [
         "perception", "arm", "camera", "settings", "states", "motion", "checks", "assembly", "planning", "actions",
-        "run", "journal", "remote", "pick",
+        "run", "journal", "remote", "calibration", "pick",
     ],
-    "drivers": ["base", "polled", "can", "dynamixel", "qb", "schunk"],
+    "drivers": ["base", "polled", "can", "dynamixel", "qb", "schunk", "realsense", "franka"],
     "drivers/can": ["codec", "config", "link", "driver", "virtual", "tools", "opening"],
     "drivers/dynamixel": ["codec", "config", "driver", "virtual", "opening"],
     "hands": ["description", "generate", "library", "settings", "limits"],

@@ -29,6 +29,7 @@ import typer
 import yaml
 
 from allegro_twin.app.config import RunConfig
+from allegro_twin.cell.calibration.pictures import CalibrationFolder
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.files.schema import Settings, parse_settings
@@ -57,6 +58,7 @@ REASONS = {
     "yours": "needs a file of the reader's",
 }
 SCHEMAS: dict[str, type[Settings]] = {
+    "calibration": CalibrationFolder,
     "camera": DepthCameraSettings,
     "config": RunConfig,
     "lab": LabSettings,
@@ -67,6 +69,7 @@ SCHEMAS: dict[str, type[Settings]] = {
 WHOLE = {
     "camera": ROOT / "conf/cameras/d435i_table.yaml",
     "config": ROOT / "conf/sim_right.yaml",
+    "lab": ROOT / "conf/lab_allegro.yaml",
     "scenario": ROOT / "scenarios/demo/lemon.yaml",
 }
 """Files that complete a fragment."""

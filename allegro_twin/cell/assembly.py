@@ -10,8 +10,9 @@ import numpy as np
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
 from allegro_twin.cell.arm.faults import DisturbedBackend
-from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.camera.camera import CellCamera
 from allegro_twin.cell.camera.self_filter import SelfFilter
+from allegro_twin.cell.camera.sources import open_camera
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import PerceptionPipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, TableObjectSettings
@@ -24,6 +25,7 @@ from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
+from allegro_twin.sim.model.plate import PicturePlate
 from allegro_twin.sim.model.scene import TrayBox
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Array, Vector
@@ -40,7 +42,7 @@ class Cell:
     robot: ArmWithHand
     arm: HandBackend
     hand: HandBackend
-    camera: DepthCamera
+    camera: CellCamera
     pipeline: PerceptionPipeline
     model: HandKinematics
     """Of the hand."""
@@ -67,8 +69,9 @@ class Cell:
         self.robot.close()
 
 
-def make_cell(settings: LabSettings) -> Cell:
-    """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
+def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = ()) -> Cell:
+    """Everything, at rest at the security pose; `plates` are in the scene, too. Raises ConfigError, one line for the
+    first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [place_object(thing) for thing in settings.objects], settings.arm
@@ -78,20 +81,22 @@ def make_cell(settings: LabSettings) -> Cell:
         periods = (arm.period, PERIOD)
         return make_arm_with_hand(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods, collision=arm.collision,
-                         tray=None if tray is None else TrayBox(*tray.at, *tray.size, tray.height))  # fmt: skip
+                         tray=None if tray is None else TrayBox(*tray.at, *tray.size, tray.height),
+                         plates=plates)  # fmt: skip
 
     security, posture = waiting_pose(made(None, ()), settings.security)
     robot = made(posture, things)
     motors = [robot.world.model.actuator(name).id for name in spec.joints]
     forces = robot.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
+    camera = open_camera(robot.world.model, settings.camera, settings.seed)
     return Cell(
         settings, robot, DisturbedBackend(robot.arm, noise, seed=settings.seed), robot.hand,
-        DepthCamera(robot.world.model, settings.camera, settings.seed),
+        camera,
         PerceptionPipeline(settings.perception, settings.seed),
         hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         ObstacleClearance(robot.spec, MountedHand(spec, robot.mount), robot.base.position),
-        SelfFilter(robot, settings.camera),
+        SelfFilter(robot, settings.camera, camera.lens),
     )  # fmt: skip
 
 

@@ -186,6 +186,32 @@ class RemoteControlSettings(Settings):
     """Palm, links and fingertips stay this far above the table, m."""
 
 
+Name = Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")]
+
+
+class RosNameSettings(Settings):
+    """Further frames and topics of the cell on ROS 2, under these names; None: not published."""
+
+    hand_frame: Name | None = None
+    """Frame at the palm."""
+    object_frame: Name | None = None
+    """Frame at the solid that perception found."""
+    target_hand: Name | None = None
+    """Frame where perception would have the palm."""
+    target_arm: Name | None = None
+    """Frame where the flange is to be."""
+    target_security: Name | None = None
+    """Frame where the palm waits."""
+    target_lift: Name | None = None
+    """Frame of the palm after the lift."""
+    arm_states: Name | None = None
+    """Topic of the arm's joint states alone."""
+    hand_states: Name | None = None
+    """Topic of the hand's joint states alone."""
+    planning_scene: Name | None = "planning_scene"
+    """Topic of what was seen, for MoveIt."""
+
+
 class LabSettings(Settings):
     """The whole cell."""
 
@@ -208,6 +234,7 @@ class LabSettings(Settings):
     """With a tray the table is cleared: one object after the other is put there. None: the first that is held is the
     end."""
     follow: RemoteControlSettings = RemoteControlSettings()
+    ros: RosNameSettings = RosNameSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
 

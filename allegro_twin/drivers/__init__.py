@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from allegro_twin.drivers.can.virtual.firmware import Firmware
     from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
+    from allegro_twin.drivers.franka import FrankaSettings
     from allegro_twin.drivers.polled.backend import PolledBackend
     from allegro_twin.drivers.qb.config import QbSettings
     from allegro_twin.drivers.schunk.config import SchunkSettings
@@ -28,6 +29,7 @@ __all__ = [
     "FaultSettings",
     "Firmware",
     "FirmwareSettings",
+    "FrankaSettings",
     "PolledBackend",
     "QbSettings",
     "SchunkSettings",
@@ -46,6 +48,7 @@ __getattr__, __dir__ = exports(
         "can.virtual.firmware": ("Firmware",),
         "dynamixel.config": ("DynamixelSettings",),
         "dynamixel.driver.backend": ("DynamixelBackend",),
+        "franka": ("FrankaSettings",),
         "polled.backend": ("PolledBackend",),
         "qb.config": ("QbSettings",),
         "schunk.config": ("SchunkSettings",),

@@ -11,6 +11,7 @@ import pytest
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.faults import DisturbedBackend, SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
+from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import MachineState, StateName
@@ -173,7 +174,9 @@ def test_a_light_thing_that_no_picture_shows_after_the_lift_is_held_only_if_it_i
     long: int, end: str
 ) -> None:
     cell = cell_of(**LIGHT, validation={"long": long})
-    report = perform(cell, on_state=lambda now: cell.camera.freeze() if now.state == "Approach" else None)
+    camera = cell.camera
+    assert isinstance(camera, DepthCamera)
+    report = perform(cell, on_state=lambda now: camera.freeze() if now.state == "Approach" else None)
     assert (str(report.end), report.is_lifted) == (end, True)
     assert report.checked is not None
     assert report.checked.by_force is (True if long > 100 else None)

@@ -12,6 +12,7 @@ import pytest
 from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
+from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.journal.observers import Observers, StatePictures
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
@@ -106,6 +107,7 @@ def test_by_events_the_same_is_done_in_less_time() -> None:
 
 def test_a_camera_that_is_frozen_is_named_and_nothing_moves() -> None:
     cell = cell_of()
+    assert isinstance(cell.camera, DepthCamera)
     cell.camera.freeze()
     report = perform(cell)
     assert str(report.end) == "fault: camera"

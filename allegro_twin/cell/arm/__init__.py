@@ -11,16 +11,20 @@ from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
     from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
+    from allegro_twin.cell.arm.contact_reflex import CollisionSettings
+    from allegro_twin.cell.arm.fci import open_fci_arm
     from allegro_twin.cell.arm.impedance import Impedance, Stiffness
     from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
 
 __all__ = [
     "ArmWithHand",
     "CartesianTarget",
+    "CollisionSettings",
     "Impedance",
     "Smoothing",
     "Stiffness",
     "make_arm_with_hand",
+    "open_fci_arm",
 ]
 __getattr__, __dir__ = exports(
     __name__,
@@ -29,6 +33,8 @@ __getattr__, __dir__ = exports(
             "ArmWithHand",
             "make_arm_with_hand",
         ),
+        "contact_reflex": ("CollisionSettings",),
+        "fci": ("open_fci_arm",),
         "impedance": (
             "Impedance",
             "Stiffness",

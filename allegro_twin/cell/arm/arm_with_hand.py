@@ -31,6 +31,7 @@ from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.engine.world import World
 from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.physics import Physics
+from allegro_twin.sim.model.plate import PicturePlate
 from allegro_twin.sim.model.scene import Stage, TrayBox, compile_scene
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
@@ -121,6 +122,7 @@ def make_arm_with_hand(
     periods: tuple[float, float] = (0.001, 0.003),
     margin: float = 0.0,
     collision: CollisionSettings | None = None,
+    plates: Sequence[PicturePlate] = (),
 ) -> ArmWithHand:
     """The scene, compiled, and its two backends behind their guards. `periods` are the arm's and the hand's, s;
     `collision` are the thresholds beyond which the arm stops by itself, None: it never does.
@@ -129,9 +131,8 @@ def make_arm_with_hand(
     """
     held = load_mount(hand, mount)
     spec = load_arm_spec(arm, held.load)
-    stage = Stage(
-        np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table, tray=tray
-    )
+    stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table,
+                  tray=tray, plates=plates)  # fmt: skip
     if physics is not None:
         stage = replace(stage, physics=physics)
     world = World(compile_scene(spec, stage, MountedHand(hand, held)))

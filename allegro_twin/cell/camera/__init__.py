@@ -11,14 +11,17 @@ import allegro_twin.sim as sim  # noqa: F401  # It chooses how MuJoCo renders, w
 from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.camera.camera import CameraFrame, CameraStream, DepthCamera
+    from allegro_twin.cell.camera.camera import CameraFrame, CameraStream, CellCamera, DepthCamera
     from allegro_twin.cell.camera.settings import DepthCameraSettings
+    from allegro_twin.cell.camera.sources import open_camera
 
 __all__ = [
     "CameraFrame",
     "CameraStream",
+    "CellCamera",
     "DepthCamera",
     "DepthCameraSettings",
+    "open_camera",
 ]
 __getattr__, __dir__ = exports(
     __name__,
@@ -26,8 +29,10 @@ __getattr__, __dir__ = exports(
         "camera": (
             "CameraFrame",
             "CameraStream",
+            "CellCamera",
             "DepthCamera",
         ),
         "settings": ("DepthCameraSettings",),
+        "sources": ("open_camera",),
     },
 )

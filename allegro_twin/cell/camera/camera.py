@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -42,6 +43,21 @@ class CameraFrame:
         return self.lens.cloud(self.depth)
 
 
+class CellCamera(Protocol):
+    """A depth camera of a cell, simulated, real or recorded."""
+
+    @property
+    def lens(self) -> Intrinsics:
+        """Of its depth pictures."""
+
+    def capture(self, data: mujoco.MjData) -> CameraFrame:
+        """The newest picture, on the clock of the scene and from where the camera stands in it; one that is no longer
+        there repeats its last picture. Raises LinkError, RecordingError or ConfigError where there is none at all."""
+
+    def close(self) -> None:
+        """Idempotent."""
+
+
 _HINT = (
     "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; "
     "and MUJOCO_GL=egl where mujoco is imported before allegro_twin"
@@ -54,14 +70,23 @@ class DepthCamera:
     Its noise is drawn from `seed` and the number of the picture: the same run has the same pictures.
     """
 
-    def __init__(self, model: mujoco.MjModel, settings: DepthCameraSettings, seed: int = 0) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, settings: DepthCameraSettings, seed: int = 0, lens: Intrinsics | None = None
+    ) -> None:
+        """`lens`: another than the settings' own."""
         self.settings, self._model, self._seed = settings, model, seed
-        self._stereo = Stereo(settings.intrinsics, settings.baseline, settings.furthest)
+        self._lens = settings.intrinsics if lens is None else lens
+        self._stereo = Stereo(self._lens, settings.baseline, settings.furthest)
         settings.mount.pose(model, mujoco.MjData(model))  # Its body is there, or this raises.
         self._number, self._frozen = 0, False
         self._last: CameraFrame | None = None
-        self._depth = _screen(model, settings.intrinsics)
+        self._depth = _screen(model, self._lens)
         self._colour = _screen(model, D435I_COLOUR) if settings.colour else None
+
+    @property
+    def lens(self) -> Intrinsics:
+        """Of its depth pictures."""
+        return self._lens
 
     @property
     def stereo(self) -> Stereo:
@@ -77,15 +102,13 @@ class DepthCamera:
         exact = self.exact(data, pose)
         told = self._stereo.measured(exact, self.settings.noise, np.random.default_rng((self._seed, number)))
         ready = float(data.time) + self.settings.latency
-        frame = CameraFrame(
-            number, float(data.time), ready, told, self._picture(data, pose), self.settings.intrinsics, pose
-        )
+        frame = CameraFrame(number, float(data.time), ready, told, self._picture(data, pose), self._lens, pose)
         self._last = frame
         return frame
 
     def exact(self, data: mujoco.MjData, pose: CameraPose) -> Image:
         """Depth without any error, (rows, columns), m along z."""
-        return self._depth.draw_depth(data, _lens(self.settings.intrinsics, pose))
+        return self._depth.draw_depth(data, _view(self._lens, pose))
 
     def restart(self, seed: int) -> None:
         """As new, with other noise: the next picture is the first."""
@@ -109,7 +132,7 @@ class DepthCamera:
         if self._colour is None:
             return None
         beside = pose._replace(position=pose.world(np.array(D435I_COLOUR_AT)))
-        return self._colour.draw(data, _lens(D435I_COLOUR, beside))
+        return self._colour.draw(data, _view(D435I_COLOUR, beside))
 
 
 class CameraStream:
@@ -138,7 +161,7 @@ class CameraStream:
         return self._newest
 
 
-def _lens(lens: Intrinsics, pose: CameraPose) -> PinholeView:
+def _view(lens: Intrinsics, pose: CameraPose) -> PinholeView:
     return PinholeView(pose.position, pose.rotation, *lens.edges())
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
 from allegro_twin.cell.camera.camera import DepthCamera
-from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.camera.intrinsics import Cloud, Intrinsics
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.joints import PostureMap
@@ -24,9 +24,9 @@ AROUND = 4
 class RobotMask:
     """A model without surroundings. For one thread; `close` it. Raises ConfigError where nothing can be rendered."""
 
-    def __init__(self, model: mujoco.MjModel, settings: DepthCameraSettings) -> None:
+    def __init__(self, model: mujoco.MjModel, settings: DepthCameraSettings, lens: Intrinsics | None = None) -> None:
         self._model, self._data = model, mujoco.MjData(model)
-        self._camera = DepthCamera(model, settings)
+        self._camera = DepthCamera(model, settings, lens=lens)
 
     def mask(self, pose: Callable[[Array], None]) -> NDArray[np.bool_]:
         """Which pixels show it, (rows, columns), once `pose` has written its joints into `qpos`."""
@@ -52,11 +52,12 @@ class RobotMask:
 class SelfFilter:
     """The arm and the hand of a cell, without things and table. For one thread; `close` it."""
 
-    def __init__(self, robot: ArmWithHand, camera: DepthCameraSettings) -> None:
+    def __init__(self, robot: ArmWithHand, camera: DepthCameraSettings, lens: Intrinsics | None = None) -> None:
+        """`lens`: of the camera, where it is another than the settings' own."""
         stage = Stage(robot.base.position, np.array([1.0, 0.0, 0.0, 0.0]))
         model = compile_scene(robot.spec, stage, MountedHand(robot.hand.spec, robot.mount))
         self._arm, self._hand = PostureMap(robot.spec, model), PostureMap(robot.hand.spec, model)
-        self._robot_mask = RobotMask(model, camera)
+        self._robot_mask = RobotMask(model, camera, lens)
 
     def mask(self, arm: Vector, hand: Vector) -> NDArray[np.bool_]:
         """Which pixels show it, (rows, columns), at joint positions of both, (n,), rad."""

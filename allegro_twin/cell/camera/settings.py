@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
 from allegro_twin.cell.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Intrinsics
 from allegro_twin.cell.camera.mount import CameraMount
+from allegro_twin.drivers.realsense import RealSenseSource
 from allegro_twin.files.schema import Settings
 
 NotNegative = Annotated[float, Field(ge=0)]
@@ -34,6 +35,29 @@ class DepthNoise(Settings):
     (estimated)."""
 
 
+class SimulatedSource(Settings):
+    """Pictures are rendered, with the errors of a D435i."""
+
+    kind: Literal["simulated"] = "simulated"
+
+
+class RecordingSource(Settings):
+    """Pictures come from a ROS bag, at its own pace from the first look on."""
+
+    kind: Literal["recording"] = "recording"
+    file: str
+    """An .mcap, .db3 or .bag file, or a folder of rosbag2; from the folder in which the program runs."""
+    topic: str | None = None
+    """Depth pictures (Image 16UC1 or 32FC1, with CameraInfo) or clouds (PointCloud2). None: the bag's only ones."""
+    pose: Literal["config", "bag"] = "config"
+    """Where the camera was: by `mount`, or by the bag's transforms."""
+    world: str = "world"
+    """With `pose: bag`: the frame of the bag that is the cell's world."""
+
+
+Source: TypeAlias = SimulatedSource | RealSenseSource | RecordingSource
+
+
 class DepthCameraSettings(Settings):
     """A D435i: where it stands, what it tells and how late."""
 
@@ -49,6 +73,8 @@ class DepthCameraSettings(Settings):
     furthest: Annotated[float, Field(gt=0)] = 10.0
     """Beyond it nothing is known, m (datasheet: about 10 m)."""
     noise: DepthNoise = DepthNoise()
+    source: Annotated[Source, Field(discriminator="kind")] = SimulatedSource()
+    """Where pictures come from; with another than `simulated` the keys above but `mount` do not count."""
 
     @property
     def intrinsics(self) -> Intrinsics:

@@ -8,6 +8,7 @@ import numpy as np
 
 from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.camera.camera import CameraFrame
+from allegro_twin.cell.motion.other_objects import bounding_box
 from allegro_twin.cell.perception.cloud import finite
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection
@@ -44,7 +45,10 @@ def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     way, check, end = work.way, work.checked, now.end
     row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
     if way is not None:
-        row |= {"grasp": way.card.name, "palm": _seven(way.palm), "before": _seven(way.before)}
+        row |= {"grasp": way.card.name, "palm": pose_numbers(way.palm), "before": pose_numbers(way.before)}
+    if now.state == "ToTargetPose":
+        boxes = [np.concatenate(bounding_box(points)) for points in work.others]
+        row["clutter"] = np.array(boxes).reshape(-1, 6)  # Middle and extents of each other object, m.
     if check is not None:
         row |= {"weight": check.weight, "torque": check.torque}
     if now.state == "Retreat" and now.cause is not None:
@@ -65,12 +69,12 @@ def perception_entry(
     solid, table = seen.solid, seen.table
     row |= {
         "verdict": "found", "others": seen.others, "shape": solid.shape, "size": solid.size, "error": solid.error,
-        "pose": _seven(Pose(solid.position, solid.axes)), "sigma": seen.sigma,
+        "pose": pose_numbers(Pose(solid.position, solid.axes)), "sigma": seen.sigma,
         "table": np.append(table.normal, table.offset), "points": seen.points.astype(np.float32),
     }  # fmt: skip
     frame_for = grasp_target(seen, settings.target)
     if isinstance(frame_for, GraspTarget):
-        row |= {"target": _seven(Pose(frame_for.position, frame_for.rotation)), "width": frame_for.width}
+        row |= {"target": pose_numbers(Pose(frame_for.position, frame_for.rotation)), "width": frame_for.width}
     return row
 
 
@@ -78,12 +82,12 @@ def picture_entry(frame: CameraFrame) -> dict[str, Any]:
     """A picture was taken for whoever looks on."""
     lens = frame.lens
     return {
-        "t": frame.time, "number": frame.number, "camera": _seven(Pose(frame.pose.position, frame.pose.rotation)),
+        "t": frame.time, "number": frame.number, "camera": pose_numbers(Pose(frame.pose.position, frame.pose.rotation)),
         "lens": (lens.fx, lens.fy, lens.cx, lens.cy), "colour": frame.colour,
         "depth": np.nan_to_num(np.round(1e3 * frame.depth)).astype(np.uint16),
     }  # fmt: skip
 
 
-def _seven(pose: Pose) -> Array:
+def pose_numbers(pose: Pose) -> Array:
     """Position, m, and quaternion w x y z."""
     return np.concatenate([pose.position, pose.quaternion])

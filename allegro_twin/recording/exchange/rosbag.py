@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from allegro_twin.files.atomic_write import atomic_file, atomic_folder
 from allegro_twin.recording.arrow_writer import FORMAT, VERSION
 from allegro_twin.recording.exchange.episodes import rebuild_recording
 from allegro_twin.recording.messages import message_types as v
-from allegro_twin.recording.messages.bag_topics import COLUMN, META, BagTopic, bag_messages, bag_topics
+from allegro_twin.recording.messages.bag_topics import COLUMN, META, BagMessage, BagTopic, bag_messages, bag_topics
 from allegro_twin.recording.messages.build import joint_order, joint_values
 from allegro_twin.recording.messages.message_types import RosTypes, ros_types
 from allegro_twin.recording.reader import Recording
@@ -49,7 +49,7 @@ def from_bag(path: Path, spec: HandSpec | None, period: float) -> Recording:
     RecordingError for a file that is no bag, ConfigError for a bag of another hand."""
     if not path.exists():
         raise RecordingError(f"no bag at {path}")
-    with _open(path) as reader:
+    with open_bag(path) as reader:
         if any(each.topic == META for each in reader.connections):
             return _exported(path, reader)
         if spec is None:
@@ -58,7 +58,8 @@ def from_bag(path: Path, spec: HandSpec | None, period: float) -> Recording:
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[Any]:
+def open_bag(path: Path) -> Iterator[Any]:
+    """A reader of rosbags, while the block lasts. Raises RecordingError for a file that is no bag."""
     words = v.ros_types()
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.rosbag2 import ReaderError
@@ -168,15 +169,28 @@ def to_rosbag2(recording: Recording, folder: Path) -> None:
         inner.rmdir()
 
 
+def messages_to_mcap(path: Path, topics: Sequence[BagTopic], messages: Iterable[BagMessage]) -> None:
+    """Write messages of our own into one file. Raises RecordingError."""
+    with atomic_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        bag = Path(folder) / "bag"
+        _write_messages(bag, topics, messages, mcap=True)
+        shutil.move(next(bag.glob("*.mcap")), temporary)
+
+
 def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
+    messages = bag_messages(ros_types(), recording.spec, recording.meta, recording.columns)
+    _write_messages(folder, bag_topics(recording.columns), messages, mcap=mcap)
+
+
+def _write_messages(folder: Path, topics: Sequence[BagTopic], messages: Iterable[BagMessage], *, mcap: bool) -> None:
     words = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     try:
         with Writer(folder, version=8, storage_plugin=plugin) as writer:
-            opened = {topic.name: _connection(writer, words, topic) for topic in bag_topics(recording.columns)}
-            for name, at, message in bag_messages(words, recording.spec, recording.meta, recording.columns):
+            opened = {topic.name: _connection(writer, words, topic) for topic in topics}
+            for name, at, message in messages:
                 writer.write(opened[name], at, words.encode(message))
     except (OSError, WriterError) as error:
         raise RecordingError(f"cannot write the bag {folder.parent}: {error}") from error

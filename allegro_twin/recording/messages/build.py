@@ -90,6 +90,27 @@ def cloud(words: RosTypes, stamp: int, frame: str, points: NDArray[np.float32]) 
     )  # fmt: skip
 
 
+def depth_image(words: RosTypes, stamp: int, frame: str, depth: NDArray[np.float32]) -> Message:
+    """Depth (rows, columns), m along z, as realsense-ros has it: 16UC1, mm, 0 is unknown."""
+    counts = np.rint(1000.0 * np.nan_to_num(np.clip(depth, 0.0, 65.535))).astype("<u2")
+    return words.make(
+        "sensor_msgs/msg/Image", header=words.header(stamp, frame), height=depth.shape[0], width=depth.shape[1],
+        encoding="16UC1", is_bigendian=0, step=2 * depth.shape[1], data=counts.view(np.uint8).ravel(),
+    )  # fmt: skip
+
+
+def camera_info(words: RosTypes, stamp: int, frame: str, lens: tuple[int, int, float, float, float, float]) -> Message:
+    """Width, height, fx, fy, cx, cy of a pinhole without distortion, pixels."""
+    wide, high, fx, fy, cx, cy = lens
+    region = words.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    return words.make(
+        "sensor_msgs/msg/CameraInfo", header=words.header(stamp, frame), height=high, width=wide,
+        distortion_model="plumb_bob", d=np.zeros(5), k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]),
+        r=np.eye(3).ravel(), p=np.array([fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0]), binning_x=0, binning_y=0,
+        roi=region,
+    )  # fmt: skip
+
+
 def transform(words: RosTypes, stamp: int, parent: str, child: str, values: Vector) -> Message:
     """Transform from a parent to a child frame: position, m, and quaternion w x y z, (7,)."""
     qw, qx, qy, qz = (float(value) for value in values[3:])

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from allegro_twin.surfaces.cli import exit_codes
-from allegro_twin.surfaces.cli.cell import lab
+from allegro_twin.surfaces.cli.cell import calibrate, lab, look
 from allegro_twin.surfaces.cli.data import export, schemas
 from allegro_twin.surfaces.cli.grasps import evaluate, improve, plan
 from allegro_twin.surfaces.cli.grasps import mesh as scans
@@ -32,7 +32,7 @@ PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
                  teleop.teleop, ros.ros2, ros.ros1),
     "Learning": (lists.envs, train.train, collect.collect),
     "Twin": (twin.excite, twin.identify, twin.gap, twin.mirror, twin.branch),
-    "Cell": (lab.lab,),
+    "Cell": (lab.lab, look.lab_look, calibrate.lab_calibrate),
     "Data": (export.export, export.layout, schemas.schemas),
     "Machine": (doctor.doctor,),
 }  # fmt: skip

@@ -82,7 +82,8 @@ def lab(
         if remote is not None:
             _follow(remote, (observers, lens), port if panel else 0, stack)
             return
-        report = _performed(cell, Observers(cell, observers, lens), live=view or web or ros)
+        live = view or web or ros or settings.camera.source.kind == "realsense"
+        report = _performed(cell, Observers(cell, observers, lens), live=live)
     for line in outcome_lines(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:

@@ -1,0 +1,221 @@
+"""Depth pictures from a ROS bag: sensor_msgs/Image with CameraInfo, or PointCloud2, and where the camera was."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.kinematics.pose import Pose, compose, relative_to
+from allegro_twin.recording.exchange.rosbag import open_bag
+from allegro_twin.recording.messages import message_types as v
+from allegro_twin.types import Array
+
+IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+_DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # REP 118: mm, or m.
+_FLOATS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField.
+_ENOUGH = 100  # Points by which an organised cloud's lens is found.
+_OFF = 1.0  # Pixels. Further off, an organised cloud is none of a pinhole.
+_STRAIGHT = 1e-6
+NANOSECOND = 1e-9
+
+Lens = tuple[int, int, float, float, float, float]
+"""Width and height, and fx, fy, cx, cy, pixels; the middle of the first pixel is (0, 0)."""
+
+
+class BagDepth(NamedTuple):
+    """A depth picture of a bag."""
+
+    time: float
+    """By its stamp, s since the first picture."""
+    depth: NDArray[np.float32]
+    """(rows, columns), m along z; NaN is unknown."""
+    lens: Lens
+    frame: str
+    """The camera's optical frame."""
+    pose: Pose | None
+    """Of that frame in the bag's `world` frame; None: the bag does not say."""
+
+
+def read_depth(path: Path, topic: str | None = None, world: str = "world") -> Iterator[BagDepth]:
+    """Yield the depth pictures of a topic, oldest first; None: of the bag's only depth pictures, or else its only
+    clouds. The bag is open until the iterator is closed.
+
+    Raises RecordingError for a file that is no bag, ConfigError for a topic that is not there or cannot be read as
+    depth.
+    """
+    if not path.exists():
+        raise RecordingError(f"no bag at {path}")
+    with open_bag(path) as reader:
+        chosen = _topic(path, reader, topic)
+        where, info, tree, first = f"{path}: {chosen}", _info(path, reader, chosen), _Frames(reader), None
+        connections = [each for each in reader.connections if each.topic == chosen]
+        for connection, at, data in reader.messages(connections=connections):
+            message = reader.deserialize(data, connection.msgtype)
+            stamp = v.nanoseconds(message.header.stamp) or at
+            first = stamp if first is None else first
+            if connection.msgtype == IMAGE:
+                depth, lens = _image(message, info, where)
+            else:
+                depth, lens = _cloud(message, info, where)
+            frame = str(message.header.frame_id)
+            yield BagDepth((stamp - first) * NANOSECOND, depth, lens, frame, tree.pose(world, frame, stamp))
+        if first is None:
+            raise ConfigError(f"{where} has no messages")
+
+
+def _topic(path: Path, reader: Any, topic: str | None) -> str:
+    shown = [each for each in reader.connections if each.msgtype in (IMAGE, v.CLOUD)]
+    kinds: dict[str, str] = {each.topic: each.msgtype for each in shown}
+    if topic is not None:
+        if topic not in kinds:
+            raise ConfigError(f"{path} has no depth on {topic}; pictures and clouds: {', '.join(kinds) or 'none'}")
+        return topic
+    depths = [name for name, kind in kinds.items() if kind == IMAGE and "depth" in name]
+    for names in (depths, [name for name, kind in kinds.items() if kind == v.CLOUD]):
+        if len(names) == 1:
+            return names[0]
+        if names:
+            raise ConfigError(f"{path} has depth on {', '.join(sorted(names))}: choose one by `topic`")
+    raise ConfigError(f"{path} has neither depth pictures nor clouds; its topics: "
+                      f"{', '.join(sorted({each.topic for each in reader.connections}))}")  # fmt: skip
+
+
+def _info(path: Path, reader: Any, topic: str) -> Lens | None:
+    """The CameraInfo beside a topic, in its own namespace; the bag's only one where there is none."""
+    every = [each for each in reader.connections if each.msgtype == INFO]
+    near = [each for each in every if each.topic.rsplit("/", 1)[0] == topic.rsplit("/", 1)[0]]
+    chosen = near[:1] or (every if len(every) == 1 else [])
+    for connection, _, data in reader.messages(connections=chosen) if chosen else ():
+        message = reader.deserialize(data, connection.msgtype)
+        if np.abs(np.asarray(message.d, dtype=np.float64)).max(initial=0.0) > _STRAIGHT:
+            raise ConfigError(f"{path}: {connection.topic} has lens distortion; record the rectified depth")
+        k = np.asarray(message.k, dtype=np.float64)
+        if not (k[0] > 0.0 and k[4] > 0.0):
+            raise ConfigError(f"{path}: {connection.topic} is not calibrated: its K is {k.tolist()}")
+        return int(message.width), int(message.height), float(k[0]), float(k[4]), float(k[2]), float(k[5])
+    return None
+
+
+def _image(message: Any, lens: Lens | None, where: str) -> tuple[NDArray[np.float32], Lens]:
+    known = _DEPTHS.get(str(message.encoding))
+    if known is None:
+        raise ConfigError(f"{where} has pictures of {message.encoding!r}; depth is {', '.join(_DEPTHS)}")
+    kind, unit = known
+    order = ">" if message.is_bigendian else "<"
+    high, wide, step = int(message.height), int(message.width), int(message.step)
+    size = np.dtype(kind).itemsize
+    data = np.asarray(message.data, np.uint8)
+    if step < wide * size or len(data) < high * step:
+        raise ConfigError(f"{where}: a picture of {wide} x {high} has {len(data)} bytes in rows of {step}")
+    rows = np.ascontiguousarray(data[: high * step].reshape(high, step)[:, : wide * size])
+    depth = rows.view(order + kind).astype(np.float32) * np.float32(unit)
+    depth[~(depth > 0.0) | ~np.isfinite(depth)] = np.nan
+    if lens is None:
+        raise ConfigError(f"{where} has no CameraInfo beside it; record its camera_info, too")
+    if lens[:2] != (wide, high):
+        raise ConfigError(f"{where} has pictures of {wide} x {high} and a CameraInfo of {lens[0]} x {lens[1]}")
+    return depth, lens
+
+
+def _cloud(message: Any, lens: Lens | None, where: str) -> tuple[NDArray[np.float32], Lens]:
+    """A cloud as a depth picture: organised ones as they are, others by the lens."""
+    points = _points(message, where)
+    if points.shape[0] > 1:
+        own = lens if lens is not None and (lens[1], lens[0]) == points.shape[:2] else _fitted_lens(points, where)
+        depth = points[..., 2].copy()
+        depth[~(depth > 0.0)] = np.nan
+        return depth, own
+    if lens is None:
+        raise ConfigError(f"{where} has clouds without rows, and there is no CameraInfo: record camera_info, too")
+    wide, high, fx, fy, cx, cy = lens
+    x, y, z = points[0][np.isfinite(points[0]).all(axis=1) & (points[0][:, 2] > 0.0)].T
+    column, row = np.rint(fx * x / z + cx).astype(int), np.rint(fy * y / z + cy).astype(int)
+    inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
+    depth = np.full((high, wide), np.inf, np.float32)
+    np.minimum.at(depth, (row[inside], column[inside]), z[inside].astype(np.float32))
+    depth[np.isinf(depth)] = np.nan
+    return depth, lens
+
+
+def _points(message: Any, where: str) -> NDArray[np.float32]:
+    """(rows, columns, 3), m."""
+    high, wide, step = int(message.height), int(message.width), int(message.point_step)
+    fields = {str(field.name): field for field in message.fields}
+    if not {"x", "y", "z"} <= set(fields) or any(fields[axis].datatype not in _FLOATS for axis in "xyz"):
+        raise ConfigError(f"{where} has clouds of {', '.join(fields) or 'nothing'}; x, y and z are needed, as floats")
+    order, data = ">" if message.is_bigendian else "<", np.asarray(message.data, np.uint8)
+    if len(data) < high * int(message.row_step) or int(message.row_step) < wide * step:
+        raise ConfigError(f"{where}: a cloud of {wide} x {high} points has {len(data)} bytes")
+    rows = data[: high * int(message.row_step)].reshape(high, -1)[:, : wide * step].reshape(high, wide, step)
+    parts = []
+    for axis in "xyz":
+        kind, offset = np.dtype(order + _FLOATS[fields[axis].datatype]), int(fields[axis].offset)
+        parts.append(np.ascontiguousarray(rows[..., offset : offset + kind.itemsize]).view(kind)[..., 0])
+    return np.stack(parts, axis=-1).astype(np.float32)
+
+
+def _fitted_lens(points: NDArray[np.float32], where: str) -> Lens:
+    """By least squares of columns on x/z and rows on y/z."""
+    row, column = np.nonzero(np.isfinite(points).all(axis=-1) & (points[..., 2] > 0.0))
+    if len(row) < _ENOUGH:
+        raise ConfigError(f"{where}: a cloud with {len(row)} points, and no CameraInfo beside it")
+    x, y, z = points[row, column].astype(np.float64).T
+    found, off = [], 0.0
+    for pixel, ratio in ((column, x / z), (row, y / z)):
+        (f, c), *_ = np.linalg.lstsq(np.stack([ratio, np.ones_like(ratio)], axis=1), pixel, rcond=None)
+        off = max(off, float(np.abs(f * ratio + c - pixel).max()))
+        found.append((float(f), float(c)))
+    if off > _OFF or min(f for f, _ in found) <= 0.0:
+        raise ConfigError(f"{where}: its clouds are not those of a pinhole in their own frame; record camera_info")
+    (fx, cx), (fy, cy) = found
+    return points.shape[1], points.shape[0], fx, fy, cx, cy
+
+
+class _Frames:
+    """The tree of frames of a bag, over time."""
+
+    def __init__(self, reader: Any) -> None:
+        self._parents: dict[str, str] = {}
+        self._poses: dict[str, list[tuple[int, Pose]]] = defaultdict(list)
+        wanted = [each for each in reader.connections if each.msgtype == v.TF]
+        for connection, at, data in reader.messages(connections=wanted) if wanted else ():
+            static = connection.topic.endswith("static")
+            for each in reader.deserialize(data, connection.msgtype).transforms:
+                stamp = 0 if static else v.nanoseconds(each.header.stamp) or at
+                child = str(each.child_frame_id).lstrip("/")
+                self._parents[child] = str(each.header.frame_id).lstrip("/")
+                self._poses[child].append((stamp, _pose(each.transform)))
+        for poses in self._poses.values():
+            poses.sort(key=lambda pair: pair[0])
+
+    def pose(self, world: str, frame: str, stamp: int) -> Pose | None:
+        """A frame in another at a time, ns, by the nearest transforms; None where they are not connected."""
+        one, other = dict(self._up(frame, stamp)), dict(self._up(world, stamp))
+        for name, there in one.items():
+            if name in other:
+                return relative_to(other[name], there)
+        return None
+
+    def _up(self, frame: str, stamp: int) -> Iterator[tuple[str, Pose]]:
+        """A frame's pose in itself, its parent, and so on."""
+        name, pose, known = frame.lstrip("/"), Pose(np.zeros(3), np.eye(3)), set[str]()
+        while name not in known:
+            known.add(name)
+            yield name, pose
+            if name not in self._parents:
+                return
+            _, step = min(self._poses[name], key=lambda pair: abs(pair[0] - stamp))
+            name, pose = self._parents[name], compose(step, pose)
+
+
+def _pose(transform: Any) -> Pose:
+    t, q = transform.translation, transform.rotation
+    place: Array = np.array([t.x, t.y, t.z])
+    return Pose(place, matrix_from_quaternion(np.array([q.w, q.x, q.y, q.z])))

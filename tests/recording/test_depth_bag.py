@@ -1,0 +1,175 @@
+"""Depth from ROS bags: pictures and clouds in metres, the lens, the camera's pose, and one line for what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.recording.exchange.depth_bag import BagDepth, read_depth
+from tests.recording.depth_bags import DEPTH, FRAME, INFO, LENS, POINTS, SECOND, bag
+
+T0 = 1_700_000_000 * SECOND
+SHAPE = (48, 64)
+TURN = np.array([0.1, 0.2, 0.3, 0.0, 1.0, 0.0, 0.0])  # Half a turn about x.
+
+
+def plane(value: float = 500.0) -> np.ndarray:
+    depth = np.full(SHAPE, value)
+    depth[0, :2] = 0.0
+    return depth
+
+
+def points_of(depth: np.ndarray) -> np.ndarray:
+    """(rows, columns, 3) of depth in m, NaN where it is 0."""
+    row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    z = np.where(depth > 0.0, depth, np.nan)
+    _, _, fx, fy, cx, cy = LENS
+    return np.stack([(column - cx) / fx * z, (row - cy) / fy * z, z], axis=-1)
+
+
+def first(path: Path, **more: str) -> BagDepth:
+    return next(read_depth(path, **more))
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a"])
+@pytest.mark.parametrize(("encoding", "unit"), [("16UC1", 1e-3), ("32FC1", 1.0)])
+def test_pictures_are_metres_and_zero_or_nan_is_unknown(tmp_path: Path, name: str, encoding: str, unit: float) -> None:
+    shown = plane(500.0 if unit < 1.0 else 0.5)
+    if encoding == "32FC1":
+        shown[0, 1], shown[0, 2] = np.nan, np.inf
+    with bag(tmp_path / name) as made:
+        made.info(T0)
+        made.image(T0, shown, encoding)
+        made.image(T0 + SECOND // 4, shown, encoding, pad=6)
+    one, other = read_depth(tmp_path / name)
+    assert one.depth.dtype == np.float32
+    assert np.isnan(one.depth[0, :2]).all()
+    assert np.isnan(one.depth[0, 2]) == (encoding == "32FC1")
+    np.testing.assert_allclose(one.depth[1:], 0.5, rtol=1e-6)
+    np.testing.assert_array_equal(other.depth, one.depth)
+    assert (one.time, other.time) == (0.0, 0.25)
+    assert one.lens == LENS
+    assert one.frame == FRAME
+    assert one.pose is None
+
+
+def test_a_cloud_with_rows_is_a_picture_and_tells_its_own_lens(tmp_path: Path) -> None:
+    shown = plane(0.5)
+    shown[20:30, 20:30] = 0.4
+    with bag(tmp_path / "a.mcap") as made:
+        made.cloud(T0, points_of(shown))
+    found = first(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(found.depth, np.where(shown > 0.0, shown, np.nan).astype(np.float32))
+    assert found.lens[:2] == (64, 48)
+    np.testing.assert_allclose(found.lens[2:], LENS[2:], atol=1e-3)
+
+
+def test_a_cloud_without_rows_falls_into_the_pixels_of_its_camera_nearest_first(tmp_path: Path) -> None:
+    near, far = points_of(plane(0.4)), points_of(plane(0.5))
+    mixed = np.concatenate([far.reshape(1, -1, 3), near[:24].reshape(1, -1, 3)], axis=1)
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.cloud(T0, mixed)
+    found = first(tmp_path / "a.mcap")
+    assert np.isnan(found.depth[0, :2]).all()
+    np.testing.assert_allclose(found.depth[1:24], 0.4, rtol=1e-6)
+    np.testing.assert_allclose(found.depth[24:], 0.5, rtol=1e-6)
+
+
+def test_pictures_of_depth_count_before_clouds_and_a_topic_before_both(tmp_path: Path) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.image(T0, plane())
+        made.cloud(T0, points_of(plane(0.3)))
+    assert first(tmp_path / "a.mcap").depth[5, 5] == pytest.approx(0.5)
+    assert first(tmp_path / "a.mcap", topic=POINTS).depth[5, 5] == pytest.approx(0.3)
+
+
+def test_the_cameras_pose_goes_through_every_frame_between(tmp_path: Path) -> None:
+    lifted = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.transform(T0, "world", "base", lifted)
+        made.transform(T0, "camera_link", FRAME, TURN)
+        made.transform(T0, "base", "camera_link", np.array([1.0, 0, 0, 1, 0, 0, 0]), "/tf")
+        made.transform(T0 + SECOND, "base", "camera_link", np.array([2.0, 0, 0, 1, 0, 0, 0]), "/tf")
+        made.image(T0, plane())
+        made.image(T0 + SECOND, plane())
+    one, other = read_depth(tmp_path / "a.mcap")
+    assert one.pose is not None
+    assert other.pose is not None
+    np.testing.assert_allclose(one.pose.position, [1.1, 0.2, 1.3])
+    np.testing.assert_allclose(other.pose.position, [2.1, 0.2, 1.3])
+    np.testing.assert_allclose(one.pose.rotation, np.diag([1.0, -1.0, -1.0]), atol=1e-12)
+    upside = first(tmp_path / "a.mcap", world="base").pose
+    assert upside is not None
+    np.testing.assert_allclose(upside.position, [1.1, 0.2, 0.3])
+    assert first(tmp_path / "a.mcap", world="map").pose is None
+
+
+def test_frames_that_go_round_in_a_circle_end(tmp_path: Path) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.transform(T0, "a", FRAME, TURN)
+        made.transform(T0, FRAME, "a", TURN)
+        made.image(T0, plane())
+    assert first(tmp_path / "a.mcap").pose is None
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("no info", "has no CameraInfo beside it; record its camera_info, too"),
+        ("other size", "has pictures of 64 x 48 and a CameraInfo of 32 x 24"),
+        ("distorted", "has lens distortion; record the rectified depth"),
+        ("uncalibrated", "is not calibrated"),
+        ("colour", "has pictures of 'rgb8'; depth is 16UC1, mono16, 32FC1"),
+        ("two", f"has depth on {DEPTH}, /other/depth: choose one by `topic`"),
+        ("none", "has neither depth pictures nor clouds; its topics: /camera/depth/camera_info"),
+        ("short", "a picture of 64 x 48 has 6000 bytes in rows of 128"),
+        ("unrowed", "has clouds without rows, and there is no CameraInfo"),
+        ("bent", "its clouds are not those of a pinhole in their own frame"),
+        ("empty cloud", "a cloud with 0 points, and no CameraInfo beside it"),
+    ],
+)
+def test_what_cannot_be_read_as_depth_is_one_line(tmp_path: Path, what: str, said: str) -> None:
+    path = tmp_path / "a.mcap"
+    with bag(path) as made:
+        if what not in ("no info", "unrowed", "bent", "empty cloud"):
+            lens = {"other size": (32, 24, *LENS[2:]), "uncalibrated": (64, 48, 0.0, 0.0, 0.0, 0.0)}.get(what, LENS)
+            made.info(T0, lens, (0.1, 0, 0, 0, 0) if what == "distorted" else (0.0,) * 5)
+        if what == "two":
+            made.image(T0, plane(), topic="/other/depth")
+        if what == "short":
+            message = made.words.make(
+                "sensor_msgs/msg/Image", header=made.words.header(T0, FRAME), height=48, width=64, encoding="16UC1",
+                is_bigendian=0, step=128, data=np.zeros(6000, np.uint8))  # fmt: skip
+            made.write(DEPTH, T0, message)
+        elif what in ("unrowed", "bent", "empty cloud"):
+            shape = points_of(plane(0.5))
+            cloud = {"unrowed": shape.reshape(1, -1, 3), "bent": shape[..., ::-1], "empty cloud": shape * np.nan}[what]
+            made.cloud(T0, cloud)
+        elif what != "none":
+            made.image(T0, plane(), "rgb8" if what == "colour" else "16UC1")
+    with pytest.raises(ConfigError, match=said) as error:
+        first(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_topic_that_is_not_there_is_answered_with_those_that_are(tmp_path: Path) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.image(T0, plane())
+    with pytest.raises(ConfigError, match=f"has no depth on {INFO}; pictures and clouds: {DEPTH}"):
+        first(tmp_path / "a.mcap", topic=INFO)
+
+
+def test_a_file_that_is_not_there_or_no_bag_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no bag at"):
+        first(tmp_path / "none.mcap")
+    (tmp_path / "text.mcap").write_text("no bag")
+    with pytest.raises(RecordingError, match=r"text\.mcap: not a readable bag"):
+        first(tmp_path / "text.mcap")
