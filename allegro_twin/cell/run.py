@@ -17,6 +17,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.checks.grasp_check import GraspCheck
 from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
+from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import (
@@ -62,6 +63,10 @@ class LabReport:
     """Its name: of those in the scene the one that is nearest to what was seen last. Only a simulation knows."""
     moved: tuple[tuple[str, float], ...] = ()
     """Other objects that are not where they were, and how far, m. Only a simulation knows."""
+    released: int = 0
+    """Objects that were put into the tray, as the run itself counts them."""
+    in_tray: tuple[str, ...] = ()
+    """Those that are in it. Only a simulation knows."""
 
     @property
     def is_lifted(self) -> bool:
@@ -198,9 +203,12 @@ class _Story:
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
+        tray = self._cell.settings.tray
+        inside = () if tray is None else tuple(name for name, at in last.items() if on_tray(at, tray))
         return LabReport(
-            now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted, chosen, moved
-        )
+            now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted, chosen, moved,
+            now.released, inside,
+        )  # fmt: skip
 
     def _places(self) -> dict[str, Array]:
         """Where every object really is, (3,), m."""

@@ -117,7 +117,7 @@ def test_a_camera_that_is_frozen_is_named_and_nothing_moves() -> None:
 
 
 def test_a_thing_outside_the_workspace_is_refused_and_nothing_moves() -> None:
-    cell = cell_of(objects=[{"name": "apple", "at": [0.19, 0.0]}])
+    cell = cell_of(objects=[{"name": "apple", "at": [0.0, 0.25]}])
     report = perform(cell)
     assert str(report.end) == "refused: outside"
     assert "outside the workspace" in report.end.sentence

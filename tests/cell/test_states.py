@@ -102,3 +102,56 @@ def test_after_the_retries_a_reflex_is_the_end_and_so_is_one_on_the_way_back() -
     other = replace(REFLEX, reason="joint_reflex")
     first = MachineState("Retreat", 0.0, 1, cause=REFLEX)
     assert next_state(first, Observation(0.1, reflex=other), RULES) == MachineState("Done", 0.1, 1, other, REFLEX)
+
+
+CLEARING = replace(RULES, objects=3, timeouts=RULES.timeouts | {"ToReleasePose": 12.0, "OpeningHand": 4.0})
+MISSED = Observation(1.0, held=False)
+
+
+def test_on_a_table_that_is_cleared_what_is_held_goes_to_the_tray_and_the_next_look_follows() -> None:
+    now = next_state(MachineState("Validate", 0.0, 2), Observation(1.0, held=True), CLEARING)
+    assert (now.state, now.tries) == ("ToReleasePose", 2)
+    now = next_state(now, Observation(2.0, done=True), CLEARING)
+    assert now.state == "OpeningHand"
+    assert next_state(now, Observation(3.0, done=True), CLEARING) == MachineState("ToSecurityPose", 3.0, released=1)
+
+
+def test_what_is_lost_on_the_way_to_the_tray_is_a_miss() -> None:
+    lost = next_state(MachineState("ToReleasePose", 0.0), MISSED, CLEARING)
+    assert (lost.state, lost.tries, lost.released) == ("ToSecurityPose", 2, 0)
+
+
+def test_what_was_missed_as_often_as_may_be_is_left_for_later_and_looked_for_again_once_something_is_put_away() -> None:
+    now = next_state(MachineState("Validate", 0.0, 2, released=1), MISSED, CLEARING)
+    assert (now.state, now.tries, now.released) == ("ToSecurityPose", 1, 1)
+    assert [str(each) for each in now.left] == ["missed"]
+    assert next_state(replace(now, state="OpeningHand"), Observation(3.0, done=True), CLEARING).left == ()
+
+
+def test_a_table_is_cleared_when_a_look_finds_nothing_and_nothing_was_left() -> None:
+    nothing = Observation(1.0, refused=CellOutcome("refused", "no_object", "nothing stands on the table"))
+    end = next_state(MachineState("Look", 0.0, released=2), nothing, CLEARING).end
+    assert end == CellOutcome("cleared", "", "2 objects put away")
+    assert next_state(MachineState("Look", 0.0), nothing, CLEARING).end == nothing.refused  # It was empty.
+    left = (CellOutcome("missed", "", "the thing is not in the hand"),)
+    end = next_state(MachineState("Look", 0.0, released=1, left=left), nothing, CLEARING).end
+    assert str(end) == "missed: left"
+
+
+def test_what_is_left_is_named_with_what_the_last_look_and_every_miss_said() -> None:
+    unclear = Observation(1.0, refused=CellOutcome("refused", "unclear", "the thing at (0, 0) is no ball"))
+    left = (CellOutcome("missed", "", "it slipped"), CellOutcome("missed", "", "it slipped"))
+    end = next_state(MachineState("Look", 0.0, released=1, left=left), unclear, CLEARING).end
+    assert end == CellOutcome("missed", "left", "1 object put away; left: it slipped; the thing at (0, 0) is no ball")
+
+
+def test_a_camera_that_is_out_is_a_fault_whatever_was_put_away() -> None:
+    assert str(next_state(MachineState("Look", 0.0, released=2), Observation(1.0), CLEARING).end) == "fault: camera"
+
+
+def test_clearing_ends_after_as_many_objects_as_may_be_whether_held_or_missed() -> None:
+    last = MachineState("OpeningHand", 0.0, released=2)
+    end = next_state(last, Observation(1.0, done=True), CLEARING)
+    assert (str(end.end), end.released) == ("cleared", 3)
+    left = (CellOutcome("missed", "", "it slipped"),) * 2
+    assert str(next_state(MachineState("Validate", 0.0, 2, left=left), MISSED, CLEARING).end) == "missed"

@@ -1,0 +1,107 @@
+"""A solid that nobody measured gets a grasp of the library, adapted to it by geometry, physics and draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, detected_scenario
+from allegro_twin.cell.planning.stored_grasps import MIRROR, StoredGrasp, TableObject
+from allegro_twin.cell.settings import GraspPlanningSettings
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.timeline import place_object
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.spec import Side
+
+FEW = GraspPlanningSettings(rounds=1, closed=2)
+BOX = TableObject("box", (0.06, 0.045, 0.09), 0.0, np.array([0.0, 0.0, 0.045]))
+
+
+def adapter(hand: str = "allegro", side: Side = "right", settings: GraspPlanningSettings = FEW) -> GraspAdapter:
+    return GraspAdapter(load_spec(hand, side), settings)
+
+
+def itself(card: StoredGrasp) -> StoredGrasp:
+    """An arm that gets everywhere."""
+    return card
+
+
+@pytest.mark.slow
+def test_what_was_found_holds_in_draws_and_is_found_again_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = adapter()
+    card = mine.plan(BOX, itself)
+    (known,) = mine.found
+    assert known.share >= 0.6
+    assert known.tried == 8
+    assert card.grasp.name.startswith("adapted ")
+    monkeypatch.setattr(AdaptationSearch, "round", None)
+    there = TableObject("box", (0.061, 0.045, 0.089), 1.0, np.array([0.05, 0.05, 0.045]))
+    assert mine.plan(there, itself) is known.card
+
+
+def test_what_the_arm_does_not_get_to_is_refused_with_what_became_of_it_and_not_looked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mine, looked = adapter(), list[StoredGrasp]()
+
+    def nowhere(card: StoredGrasp) -> StoredGrasp | None:
+        looked.append(card)
+        return None
+
+    said = (
+        r"no grasp of allegro is for the box of 60 x 45 x 90 mm at .*: \d+ adapted ones close on it, the arm gets to 0"
+    )
+    with pytest.raises(ConfigError, match=said) as first:
+        mine.plan(BOX, nowhere)
+    assert 1 <= len(looked) <= 6  # Three for each that physics would close.
+    monkeypatch.setattr(AdaptationSearch, "round", None)
+    with pytest.raises(ConfigError) as second:
+        mine.plan(BOX, nowhere)
+    assert second.value is first.value
+    mine.forget_failures()
+    with pytest.raises(TypeError):  # Now it is looked for.
+        mine.plan(BOX, nowhere)
+
+
+def test_a_grasp_keeps_away_from_what_stands_beside() -> None:
+    wall = (np.array([0.0, 0.06, 0.06]), np.array([0.3, 0.03, 0.12]))  # Along one side of the box, 22 mm from it.
+    cards = list[StoredGrasp]()
+    mine = adapter()
+    with pytest.raises(ConfigError):
+        mine.plan(BOX, cards.append, [wall])
+    assert cards
+    for card in cards:  # No palm is where the wall is.
+        assert not (card.palm.position[1] - 0.0225 > 0.0 and card.palm.position[2] < 0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", ["leap", "model_o", "sih", "qb_softhand"])
+def test_every_hand_takes_a_lying_cylinder_that_its_library_does_not_have(hand: str) -> None:
+    body = TableObject("lying cylinder", (0.11, 0.055, 0.055), 0.0, np.array([0.0, 0.0, 0.0275]))
+    mine = adapter(hand, settings=GraspPlanningSettings())
+    mine.plan(body, itself)
+    assert mine.found[0].share >= 0.6
+
+
+@pytest.mark.slow
+def test_a_left_hand_takes_the_mirror_image() -> None:
+    right, left = adapter().plan(BOX, itself), adapter(side="left").plan(BOX, itself)
+    np.testing.assert_allclose(left.palm.position, MIRROR @ right.palm.position)
+    np.testing.assert_allclose(left.palm.rotation, MIRROR @ right.palm.rotation @ MIRROR)
+
+
+@pytest.mark.parametrize(("kind", "extents"), [
+    ("sphere", (0.07, 0.07, 0.07)), ("box", (0.12, 0.05, 0.04)), ("cylinder", (0.06, 0.06, 0.15)),
+    ("lying cylinder", (0.15, 0.06, 0.06)), ("lying cylinder", (0.08, 0.03, 0.08)),
+    ("ellipsoid", (0.05, 0.05, 0.08)), ("lying ellipsoid", (0.08, 0.05, 0.05)), ("lying ellipsoid", (0.08, 0.05, 0.08)),
+])  # fmt: skip
+def test_the_trial_s_object_reaches_as_far_as_what_was_seen(kind: str, extents: tuple[float, float, float]) -> None:
+    body = TableObject(kind, extents, 0.7, np.array([0.1, 0.1, extents[2] / 2.0]))
+    settings = detected_scenario(body, load_spec(), 500.0).objects[0]
+    placed = place_object(settings)
+    rotation = matrix_from_quaternion(np.array(placed.quaternion))
+    reach = np.abs(rotation) @ placed.thing.half_extents()
+    np.testing.assert_allclose(2.0 * reach, extents, atol=1e-9)
+    part = {"box": 1.0, "cylinder": np.pi / 4.0}.get(kind.removeprefix("lying "), np.pi / 6.0)
+    assert placed.thing.mass == pytest.approx(500.0 * part * np.prod(extents))

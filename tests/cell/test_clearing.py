@@ -1,0 +1,79 @@
+"""A table is cleared: one object after the other goes into the tray, and what cannot is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allegro_twin.cell.motion.other_objects import on_tray
+from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.planning.reachability import nearest_grasp
+from allegro_twin.cell.planning.release import release_path
+from allegro_twin.cell.planning.stored_grasps import table_object
+from allegro_twin.cell.run import perform
+from allegro_twin.cell.settings import TraySettings
+from allegro_twin.errors import ConfigError
+from tests.cell.test_run import cell_of
+
+TRAY = TraySettings()
+BALL = Solid("sphere", np.array([0.0, 0.0, 0.0365]), np.eye(3), (0.073, 0.073, 0.073), 0.0)
+
+
+@pytest.mark.slow
+def test_two_that_touch_and_one_that_lies_apart_end_in_the_tray() -> None:
+    cell = cell_of(
+        tray=TRAY.model_dump(),
+        objects=[
+            {"name": "foam_brick", "at": [0.0, 0.0]}, {"name": "rubiks_cube", "at": [0.068, 0.01]},
+            {"name": "rod", "shape": "cylinder", "size": [0.04, 0.11], "mass": 0.08, "up": "x", "at": [-0.02, -0.1]},
+        ],
+    )  # fmt: skip
+    report = perform(cell)
+    assert (str(report.end), report.released) == ("cleared", 3)
+    assert set(report.in_tray) == {"foam_brick", "rubiks_cube", "rod"}
+
+
+@pytest.mark.slow
+def test_what_is_too_large_is_left_and_named_and_the_rest_is_put_away() -> None:
+    cell = cell_of(
+        tray=TRAY.model_dump(),
+        objects=[
+            {"name": "slab", "shape": "box", "size": [0.16, 0.16, 0.14], "mass": 0.5, "at": [0.08, 0.06]},
+            {"name": "golf_ball", "at": [-0.02, -0.2]},
+        ],
+    )  # fmt: skip
+    report = perform(cell)
+    assert (str(report.end), report.in_tray) == ("missed: left", ("golf_ball",))
+    assert "1 object put away; left: " in report.end.sentence
+    assert "box of 160 x" in report.end.sentence
+
+
+def test_the_hand_opens_above_the_tray_with_the_object_in_its_middle() -> None:
+    cell = cell_of(tray=TRAY.model_dump())
+    plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)
+    way, lifted = plan.way, plan.there[1]
+    path = release_path(TRAY, way, way.palm, BALL, (), lifted, cell)
+    turn = path.palm.rotation @ way.palm.rotation.T
+    middle = path.palm.position + turn @ (BALL.position - way.palm.position)
+    np.testing.assert_allclose(middle[:2], TRAY.at, atol=1e-9)
+    assert middle[2] - 0.0365 == pytest.approx(TRAY.height + TRAY.above)
+    np.testing.assert_allclose(turn[2], [0.0, 0.0, 1.0], atol=1e-9)  # What is held stays upright.
+    reached = cell.robot.base.rotation @ cell.robot.model.pose(path.across).position + cell.robot.base.position
+    assert np.linalg.norm(reached[:2] - TRAY.at) < 0.3
+    tower = (np.array([[0.1, 0.1, 0.0], [0.14, 0.14, 0.3]]),)
+    high = release_path(TRAY, way, way.palm, BALL, tower, lifted, cell).over.position[2]
+    assert high - way.palm.position[2] > 0.3  # Over all that stands on the table.
+
+
+def test_a_tray_out_of_reach_is_refused_with_its_place() -> None:
+    cell = cell_of(tray=TRAY.model_dump())
+    plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)
+    far = TRAY.model_copy(update={"at": (1.5, 0.3)})
+    with pytest.raises(ConfigError, match=r"does not get to the tray at \(1.5, 0.3\) with the sphere"):
+        release_path(far, plan.way, plan.way.palm, BALL, (), plan.there[1], cell)
+
+
+def test_what_is_in_the_tray_is_not_on_the_table() -> None:
+    x, y = TRAY.at
+    points = np.array([[x, y, 0.03], [x + TRAY.size[0] / 2.0, y, 0.02], [0.0, 0.0, 0.02]])
+    assert on_tray(points, TRAY).tolist() == [True, True, False]
