@@ -111,10 +111,12 @@ def table(rows: Sequence[Row], *, clear: bool) -> list[str]:
     if clear:
         total, inside = sum(row["objects"] for row in rows), sum(row["in_tray"] for row in rows)
         whole = sum(row["in_tray"] == row["objects"] for row in rows)
+        ends = Counter(row["end"] for row in rows).most_common()
         return [
-            f"{inside} of {total} objects ({inside / total:.0%}) in the tray, {whole} of {len(rows)} tables whole; said "
-            f"{sum(row['released'] for row in rows)}; off the table {sum(len(row['off_table']) for row in rows)}",
-            "ends: " + ", ".join(f"{end} {count}" for end, count in Counter(row["end"] for row in rows).most_common()),
+            f"{inside} of {total} objects ({inside / total:.0%}) in the tray, {whole} of {len(rows)} tables whole; "
+            f"said {sum(row['released'] for row in rows)}; "
+            f"off the table {sum(len(row['off_table']) for row in rows)}",
+            "ends: " + ", ".join(f"{end} {count}" for end, count in ends),
             cpu,
         ]  # fmt: skip
     lines = ["| kind | truly held | said held | what else |", "|---|---|---|---|"]
