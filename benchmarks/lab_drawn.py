@@ -123,12 +123,12 @@ def table(rows: Sequence[Row], *, clear: bool) -> list[str]:
     for kind in (*KINDS, None):
         mine = [row for row in rows if kind in (row["kind"], None)]
         if mine:
-            ends = Counter(row["end"] for row in mine if row["end"] != "held")
+            other = Counter(row["end"] for row in mine if row["end"] != "held")
             false = sum(row["end"] == "held" and not row["truly"] for row in mine)
             lines.append(
                 f"| {kind or 'all'} | {sum(row['truly'] for row in mine)} of {len(mine)} | "
                 f"{sum(row['end'] == 'held' for row in mine)} ({false} false) | "
-                f"{', '.join(f'{end} {count}' for end, count in ends.most_common())} |"
+                f"{', '.join(f'{end} {count}' for end, count in other.most_common())} |"
             )
     return [*lines, "", cpu]
 

@@ -46,6 +46,7 @@ from allegro_twin.errors import ArmReflex, ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR
 from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
@@ -55,6 +56,7 @@ WATCHED = 0.5
 """s. How long arm and hand are watched after the end, and what is held is then looked at again."""
 _FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose")  # States that may have several far ways.
 _LOST = 0.25  # Of the torque between fingers that says that something is there: with less nothing is, any more.
+_TIGHT = 0.005  # m. Less room to other objects than that of `CLEAR`, where nothing can be taken otherwise.
 _SAME = 0.03  # m. What is seen so near to where something was left is the same.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
@@ -407,32 +409,36 @@ class CellActions:
         return np.where(there[..., None], np.float32(np.nan), cloud)
 
     def _choose(self, seen: list[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud) -> None:
-        """Of all that stands on the table the first that can be taken; else why nothing can."""
-        refused = list[CellOutcome]()
-        for each in seen:
-            if isinstance(each, PerceptionRefusal):
-                refused.append(CellOutcome("refused", each.reason, each.sentence))
-                continue
-            if any(np.linalg.norm(each.solid.position - place) < _SAME for place in self._avoided):
-                said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
-                refused.append(CellOutcome("refused", "no_grasp", said))
-                continue
-            failed = self._planned(each, frame, alone)
-            if failed is None:
-                self.on_detection(frame, each)
-                return
-            refused.append(failed)
+        """Of all that stands on the table the first that can be taken, with room to all others or, where nothing can,
+        with less; else why nothing can."""
+        refused: dict[int, CellOutcome] = {}
+        for clear in (CLEAR, _TIGHT):
+            for number, each in enumerate(seen):
+                if isinstance(each, PerceptionRefusal):
+                    refused[number] = CellOutcome("refused", each.reason, each.sentence)
+                    continue
+                if any(np.linalg.norm(each.solid.position - place) < _SAME for place in self._avoided):
+                    said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
+                    refused[number] = CellOutcome("refused", "no_grasp", said)
+                    continue
+                failed = self._planned(each, frame, alone, clear)
+                if failed is None:
+                    self.on_detection(frame, each)
+                    return
+                refused[number] = failed
+            if len(seen) == 1:
+                break
         self.on_detection(frame, seen[0])
-        reasons = {each.reason for each in refused}
-        said = "; ".join(dict.fromkeys(each.sentence for each in refused))
+        reasons = {each.reason for each in refused.values()}
+        said = "; ".join(dict.fromkeys(each.sentence for each in refused.values()))
         self._refused = CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
 
-    def _planned(self, seen: Detection, frame: CameraFrame, alone: Cloud) -> CellOutcome | None:
+    def _planned(self, seen: Detection, frame: CameraFrame, alone: Cloud, clear: float = CLEAR) -> CellOutcome | None:
         """Go for it, or why that cannot be."""
         cell = self.cell
         try:
             self.others = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray)
-            best = plan_grasp(seen.solid, cell, self.others, self._adapter)
+            best = plan_grasp(seen.solid, cell, self.others, self._adapter, clear)
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))
         self.way, self._through = best.way, best.through

@@ -17,7 +17,7 @@ from allegro_twin.viewing.camera import Camera, Picture
 
 def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30) -> Iterator[Sample]:
     """A stage that makes an H.264 film in real time of the hand's clock."""
-    with _opened(path, fps) as add:
+    with open_film(path, fps) as add:
         frames = 0
         for sample in samples:
             while frames <= sample.state.t * fps:
@@ -29,7 +29,7 @@ def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30)
 def film(pictures: Iterable[Picture], path: Path, fps: int) -> None:
     """An H.264 film of pictures, so many a second. Raises ConfigError without PyAV."""
     try:
-        with _opened(path, fps) as add:
+        with open_film(path, fps) as add:
             for picture in pictures:
                 add(picture)
     except ImportError as error:
@@ -37,8 +37,9 @@ def film(pictures: Iterable[Picture], path: Path, fps: int) -> None:
 
 
 @contextmanager
-def _opened(path: Path, fps: int) -> Iterator[Callable[[Picture], None]]:
-    """A film to which pictures of one size are added."""
+def open_film(path: Path, fps: int) -> Iterator[Callable[[Picture], None]]:
+    """A film to which pictures of one size are added, so many a second; it is there when the block ends. Raises
+    ImportError without PyAV."""
     import av
 
     with atomic_file(path) as temporary, av.open(str(temporary), "w", format=path.suffix[1:]) as container:

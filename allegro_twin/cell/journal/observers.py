@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +17,7 @@ from allegro_twin.cell.journal.rows import perception_entry, picture_entry, stat
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.run import SampleStage
 from allegro_twin.cell.states import MachineState
 from allegro_twin.control.trajectory import Path
 from allegro_twin.errors import ConfigError
@@ -22,6 +25,7 @@ from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
 from allegro_twin.viewing.camera import Camera
+from allegro_twin.viewing.films import open_film
 from allegro_twin.viewing.stills import save_png
 from allegro_twin.viewing.views import View
 
@@ -53,7 +57,7 @@ PICTURES = {"ToTargetPose": "before", "ToLiftedPose": "grasp", "Done": "end"}
 RECORDING = "lab.arrow"
 """What `recorded.Recorded` writes beside them."""
 _VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
-_SIZE = (640, 480)
+_SIZE, _FPS = (640, 480), 20
 
 
 class StatePictures:
@@ -73,6 +77,26 @@ class StatePictures:
     def close(self) -> None:
         """Let go of the pictures' screen."""
         self._camera.close()
+
+
+@contextmanager
+def film_stage(cell: Cell, path: pathlib.Path, stage: SampleStage) -> Iterator[SampleStage]:
+    """A stage of the hand that also makes a film of the cell, which is there when the block ends. Raises ConfigError
+    where nothing can be rendered, or without PyAV."""
+    if importlib.util.find_spec("av") is None:
+        raise ConfigError("a film needs PyAV: pip install 'allegro-twin[view]'")
+    camera = Camera(cell.robot.hand_sim, width=_SIZE[0], height=_SIZE[1], view=_VIEW)
+    with closing(camera), open_film(path, _FPS) as add:
+
+        def filmed(samples: Iterable[Sample]) -> Iterator[Sample]:
+            frames = 0
+            for sample in stage(samples):
+                while frames <= sample.state.t * _FPS:
+                    add(camera.take())
+                    frames += 1
+                yield sample
+
+        yield filmed
 
 
 class Observer(Protocol):

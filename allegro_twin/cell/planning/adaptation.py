@@ -75,9 +75,13 @@ _SIMILAR = 0.03
 """Logarithm of a ratio of extents, up to which a grasp that was found before is taken again."""
 _STIRRED, _TURNED_BY = 0.004, 0.05
 """m, and the sine of an angle: what has moved by less stands where it stood."""
+_GAP = (0.006, 0.011)
+"""m, between hand and table: an arm that comes down in a second goes 3 mm too far."""
 _FAR, _THIN = 0.4, 0.004
 """m: what is further away is in nobody's way; a box's edge at least."""
 _ROUND_TURNS = 8
+_LIGHTER = 0.5
+"""Of the density: what cannot be lifted otherwise may be hollow."""
 _LIGHTEST = 0.02
 """kg."""
 _FRICTION = 0.8
@@ -106,56 +110,73 @@ class GraspAdapter:
     gains: str = "default"
     seed: int = 0
     found: list[AdaptedGrasp] = field(default_factory=list)
-    _failed: list[tuple[TableObject, ConfigError]] = field(default_factory=list)
+    _failed: list[tuple[TableObject, float, ConfigError]] = field(default_factory=list)
 
     def forget_failures(self) -> None:
         """Where something has changed on the table, what was out of reach may be in it."""
         self._failed.clear()
 
-    def plan(self, body: TableObject, feasible: Callable[[StoredGrasp], P | None], others: Sequence[Box] = ()) -> P:
+    def plan(
+        self,
+        body: TableObject,
+        feasible: Callable[[StoredGrasp], P | None],
+        others: Sequence[Box] = (),
+        room: float = 0.0,
+    ) -> P:
         """What `feasible` makes of the best grasp for a body: a plan of the arm's, or None for one that it cannot get
         to. `others`: middle and extents of the upright boxes around what stands beside it, (3,) each, m, world; with
-        them each grasp counts as it is, without the turns that the body's symmetry leaves open. Raises ConfigError
-        where nothing is found, with what became of the candidates."""
+        them each grasp counts as it is, without the turns that the body's symmetry leaves open; `room`: that is kept
+        to them, m: what failed with one may succeed with another. Where nothing lifts it, it is taken to be lighter.
+        Raises ConfigError where nothing is found, with what became of the candidates."""
         for known in [] if others else self.found:
             if known.card.body.kind == body.kind and extent_mismatch(known.card.body, body) < _SIMILAR:
                 plan = feasible(known.card)
                 if plan is not None:
                     return plan
-        for other, error in self._failed:
-            if _is_same(other, body):
+        for other, kept, error in self._failed:
+            if _is_same(other, body) and kept == room:
                 raise error
-        search, options = AdaptationSearch(self, body, others), list[AdaptedGrasp]()
+        for density in (self.settings.density, _LIGHTER * self.settings.density):
+            search = AdaptationSearch(self, body, others, density)
+            found = self._searched(search, feasible)
+            if found is not None:
+                option, plan = found
+                if not others:
+                    self.found.append(option)
+                return plan
+            if search.lifted:
+                break  # Its weight is not what is in the way.
+        failure = ConfigError(
+            f"no grasp of {self.spec.model} is for the {body_text(body)}, of {1e3 * search.mass:.0f} g if it is as "
+            f"dense as most: {search.said()}; move it to where the arm has more room, or put it on another side"
+        )
+        self._failed.append((body, room, failure))
+        raise failure
+
+    def _searched(
+        self, search: AdaptationSearch, feasible: Callable[[StoredGrasp], P | None]
+    ) -> tuple[AdaptedGrasp, P] | None:
+        """The best that a search finds and the arm gets to, and the arm's plan."""
         for enough in [_GOOD] * (self.settings.rounds - 1) + [_ENOUGH]:
-            options += search.round(lambda card: feasible(card) is not None)
-            for option in sorted(options, key=lambda each: -each.share):
+            search.round(lambda card: feasible(card) is not None)
+            for option in sorted(search.options, key=lambda each: -each.share):
                 plan = feasible(option.card) if option.share >= enough else None
                 if plan is not None:
-                    if not others:
-                        self.found.append(option)
-                    return plan
-        best = max(options, key=lambda each: each.share, default=None)
-        held = "none holds" if best is None else f"the best holds in {best.held} of {best.tried} draws"
-        failure = ConfigError(
-            f"no grasp of {self.spec.model} is for the {body_text(body)}: {search.grown} adapted ones close on it, "
-            f"the arm gets to {search.reached} of the {search.looked} best, {search.lifted} lift it, and {held}; move "
-            "it to where the arm has more room, or put it on another side"
-        )
-        self._failed.append((body, failure))
-        raise failure
+                    return option, plan
+        return None
 
 
 class AdaptationSearch:
     """Rounds of variations of stored grasps on one solid, and what has become of them."""
 
-    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[Box] = ()) -> None:
+    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[Box], density: float) -> None:
         self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
         self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
         self._body, self._random = body, np.random.default_rng(adapter.seed)
         cards = [card for card in stored_grasps(self._spec.model) if card.grasp.grip is None]
         self._cards = sorted(cards, key=lambda card: _unlike(card.body, body))[:_CARDS]
         self._templates = {card.name: replace(card.grasp, name=card.name) for card in self._cards}
-        self._scenario = detected_scenario(body, self._spec, self._settings.density)
+        self._scenario = detected_scenario(body, self._spec, density)
         self._protocol = load_protocol(_PROTOCOL)
         self._bench = GraspScene(self._spec, make_stage(self._scenario, self._protocol, "right", Path()))
         self._gains = load_gains(adapter.gains, self._spec)
@@ -165,14 +186,24 @@ class AdaptationSearch:
         around = _beside(self._scenario, body, others)
         free = GraspScene(self._spec, make_stage(around, self._protocol, "right", Path())) if others else self._bench
         self._turns = _symmetric_turns(body, self._random) if others else (0.0,)
-        self._proposer = Proposer(free, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned)
-        self._round, self._shown = 0, list[Candidate]()
+        self._proposer = Proposer(free, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned, _GAP)
+        self._round, self._shown, self.options = 0, list[Candidate](), list[AdaptedGrasp]()
+        self.mass = self._bench.mass
         self.grown = self.looked = self.reached = self.lifted = 0
         """Candidates that closed in geometry; those of them that the arm looked at, that it gets to, and that held
         through a lift."""
 
-    def round(self, reaches: Callable[[StoredGrasp], bool]) -> list[AdaptedGrasp]:
-        """What holds of some more variations, with how often it did. `reaches`: whether the arm gets to one."""
+    def said(self) -> str:
+        """What became of the candidates, for a person."""
+        best = max(self.options, key=lambda each: each.share, default=None)
+        held = "none holds" if best is None else f"the best holds in {best.held} of {best.tried} draws"
+        return (
+            f"{self.grown} adapted grasps close on it, the arm gets to {self.reached} of the {self.looked} best, "
+            f"{self.lifted} lift it, and {held}"
+        )
+
+    def round(self, reaches: Callable[[StoredGrasp], bool]) -> None:
+        """Some more variations; what holds comes to the options. `reaches`: whether the arm gets to one."""
         seeds = [self._seed(card, turn) for card in self._cards for turn in self._turns]
         wider = 0.5 * 2**self._round
         grown = self._proposer.near(seeds, _VARIED * (1 + self._round) * len(self._cards), min(wider, 2.0))
@@ -182,12 +213,12 @@ class AdaptationSearch:
         self.grown += len(grown)
         chosen = list(self._reached(sorted(grown, key=lambda c: -c.score), reaches))
         if not chosen:
-            return []
+            return
         performer = FingerGains(self._gains, hand_kinematics(self._spec).gravity_torque)
         outcomes = close_candidates(self._bench, chosen, performer, _FRICTION, self._random, self._proposer.preload)
         lifted = [each.candidate for each in outcomes if each.passed or each.where == "turn"]
         self.lifted += len(lifted)
-        return self._drawn(lifted)
+        self.options += self._drawn(lifted)
 
     def _seed(self, card: StoredGrasp, turn: float) -> Candidate:
         """A stored grasp beside what was seen: as far from its surface as it was from that of its own thing, and turned

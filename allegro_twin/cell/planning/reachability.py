@@ -28,7 +28,7 @@ from allegro_twin.cell.planning.stored_grasps import (
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import OTHERS, ClearanceViolation
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR, OTHERS, ClearanceViolation
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -82,11 +82,12 @@ class GraspPlan(NamedTuple):
 
 
 def plan_grasp(
-    solid: Solid, cell: Cell, others: Sequence[Array] = (), adapter: GraspAdapter | None = None
+    solid: Solid, cell: Cell, others: Sequence[Array] = (), adapter: GraspAdapter | None = None, clear: float = CLEAR
 ) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
     which it comes near to nothing: neither to the table nor to `others`, points of each other object, (k, 3), m. With
-    a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen.
+    a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen. `clear`: other
+    objects may be so much wider than they were seen, m.
 
     Raises ConfigError where no grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
@@ -96,18 +97,18 @@ def plan_grasp(
             f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
         )
     cell.clearance.see(body.kind, body.extents, body.position, body.yaw)
-    cell.clearance.beside([bounding_box(points) for points in others])
+    cell.clearance.beside([bounding_box(points) for points in others], clear)
     if adapter is None:
         return _stored_plan(body, cell, others, MOST)
     spec, same = cell.hand.spec, adapter.settings.same
     stored = nearest_stored(body, spec.model, spec.side)
     if stored is None or extent_mismatch(stored.body, body) > same:
-        return _adapted_plan(body, cell, others, adapter)
+        return _adapted_plan(body, cell, others, adapter, clear)
     try:
         return _stored_plan(body, cell, others, same)
     except ConfigError:
         try:
-            return _adapted_plan(body, cell, others, adapter)
+            return _adapted_plan(body, cell, others, adapter, clear)
         except ConfigError:
             pass
         raise
@@ -128,9 +129,11 @@ def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Array], most: f
     )
 
 
-def _adapted_plan(body: TableObject, cell: Cell, others: Sequence[Array], adapter: GraspAdapter) -> GraspPlan:
+def _adapted_plan(
+    body: TableObject, cell: Cell, others: Sequence[Array], adapter: GraspAdapter, room: float
+) -> GraspPlan:
     boxes = [bounding_box(points) for points in others]
-    return adapter.plan(body, lambda card: clear_plan(card, body, cell), boxes)
+    return adapter.plan(body, lambda card: clear_plan(card, body, cell), boxes, room)
 
 
 def clear_plan(card: StoredGrasp, body: TableObject, cell: Cell) -> GraspPlan | None:

@@ -23,7 +23,7 @@ _TURNS = 24
 """Ways to turn what is held about the vertical."""
 _NEAR = 2e-3
 """m and rad."""
-_ROOM = 0.05
+_ROOM = 0.15
 """rad, to the end of every joint."""
 _OVER = 0.03
 """m, between what is held and all that it passes over."""

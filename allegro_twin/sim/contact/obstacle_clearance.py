@@ -21,7 +21,8 @@ _GIVES = 0.001  # m. What is near at the beginning of a way, or where it leads, 
 _THING, _TABLE = "seen", "table"
 OTHERS = 8
 """So many other objects may be kept clear of."""
-_CLEAR = 0.015  # m. Around another object, whose far side nobody has seen.
+CLEAR = 0.015
+"""m, around another object, whose far side nobody has seen."""
 _OTHER = "another object"
 _SHAPES = {
     "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, (0,)),
@@ -75,14 +76,14 @@ class ObstacleClearance:
         self._data.qpos[self._place : self._place + 3] = _out(0)
         self.beside(())
 
-    def beside(self, boxes: Sequence[tuple[Array, Array]]) -> None:
+    def beside(self, boxes: Sequence[tuple[Array, Array]], clear: float = CLEAR) -> None:
         """From now on these other objects stand on the table, at most `OTHERS`: the middle and the extents of the
-        upright box around each, (3,) each, m."""
+        upright box around each, (3,) each, m. `clear`: so much wider to every side, m."""
         self.crowded = len(boxes) > 0
         for k, (number, place) in enumerate(zip(self._others, self._places, strict=True)):
             self._data.qpos[place : place + 3] = boxes[k][0] if k < len(boxes) else _out(k + 1)
             if k < len(boxes):
-                half = boxes[k][1] / 2.0 + np.array([_CLEAR, _CLEAR, 0.0])
+                half = boxes[k][1] / 2.0 + np.array([clear, clear, 0.0])
                 self._model.geom_size[number] = half
                 self._model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
                 self._model.geom_rbound[number] = float(np.linalg.norm(half))

@@ -69,6 +69,8 @@ class Proposer:
     gains: Gains | None = None
     """With which joints hold: forces are reckoned with them. None: they are not, and candidates are ranked by the
     normal forces that would do."""
+    gap: tuple[float, float] = (LOWEST, HIGHER)
+    """Between a hand and the table at least: a draw between two lengths, m."""
     centre: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -128,7 +130,7 @@ class Proposer:
 
     def _grown(self, guessed: PoseGuesses, row: int) -> Candidate | None:
         """A guess with its fingers closed, and its score; None for what cannot be, or cannot hold."""
-        candidate = fit_palm(self.bench, guessed, row, self.random)
+        candidate = fit_palm(self.bench, guessed, row, self.random, self.gap)
         if candidate is None:
             return None
         if self.gains is None:
@@ -158,13 +160,16 @@ def _jittered(candidate: Candidate, spec: HandSpec, random: Random, scale: float
     )
 
 
-def fit_palm(bench: GraspScene, guessed: PoseGuesses, row: int, random: Random) -> Candidate | None:
-    """A guess that is free where it is and on its way there, lifted off the table if it must be; or None."""
+def fit_palm(
+    bench: GraspScene, guessed: PoseGuesses, row: int, random: Random, gap: tuple[float, float] = (LOWEST, HIGHER)
+) -> Candidate | None:
+    """A guess that is free where it is and on its way there, lifted off the table if it must be, by a draw of `gap`, m;
+    or None."""
     position, rotation, preshape = guessed.position[row], guessed.rotation[row], guessed.preshape[row]
     lowest = bench.lowest(position, rotation, preshape)
-    gap = random.uniform(LOWEST, HIGHER)
-    if lowest < gap or (lowest < NEAR and random.random() < LOWERED):
-        position = position + np.array([0.0, 0.0, gap - lowest])
+    above = random.uniform(*gap)
+    if lowest < above or (lowest < NEAR and random.random() < LOWERED):
+        position = position + np.array([0.0, 0.0, above - lowest])
     if position[2] > 0.5 or np.linalg.norm(position - guessed.position[row]) > 0.06:
         return None
     bench.place(position, rotation, preshape)

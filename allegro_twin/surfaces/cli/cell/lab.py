@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,6 +38,7 @@ def lab(
         Path | None,
         typer.Option(help="Folder for pictures and a recording of everything.", callback=options.folder),
     ] = None,
+    film: Annotated[Path | None, typer.Option(help="Film of the run, an .mp4 file.", dir_okay=False)] = None,
     pictures: Annotated[float, typer.Option(help="Rate of camera pictures to record and show, Hz; 0: none.")] = 0.0,
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
@@ -83,7 +84,7 @@ def lab(
             _follow(remote, (observers, lens), port if panel else 0, stack)
             return
         live = view or web or ros or settings.camera.source.kind == "realsense"
-        report = _performed(cell, Observers(cell, observers, lens), live=live)
+        report = _performed(cell, Observers(cell, observers, lens), live=live, film=film)
     for line in outcome_lines(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:
@@ -141,8 +142,9 @@ def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
     return viewer
 
 
-def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
-    """Run the state machine. `live`: not faster than real time."""
+def _performed(cell: Cell, observers: Observers, *, live: bool, film: Path | None) -> LabReport:
+    """Run the state machine. `live`: not faster than real time; `film`: where a film of it goes."""
+    from allegro_twin.cell.journal.observers import film_stage
     from allegro_twin.cell.run import perform
     from allegro_twin.loop import paced
     from allegro_twin.surfaces.cli.console import console
@@ -155,7 +157,8 @@ def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
         observers.on_state(now)
 
     arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
-    return perform(cell, arm=arm, hand=observers.hand, on_state=entered, on_prepare=observers.on_prepare)
+    with nullcontext(observers.hand) if film is None else film_stage(cell, film, observers.hand) as hand:
+        return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare)
 
 
 def outcome_lines(report: LabReport) -> list[str]:
