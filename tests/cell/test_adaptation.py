@@ -49,9 +49,7 @@ def test_what_the_arm_does_not_get_to_is_refused_with_what_became_of_it_and_not_
         looked.append(card)
         return None
 
-    said = (
-        r"no grasp of allegro is for the box of 60 x 45 x 90 mm at .*: \d+ adapted ones close on it, the arm gets to 0"
-    )
+    said = r"no grasp of allegro is for the box of 60 x 45 x 90 mm at .* adapted .* arm gets to 0"
     with pytest.raises(ConfigError, match=said) as first:
         mine.plan(BOX, nowhere)
     assert 1 <= len(looked) <= 12  # Three for each that physics would close, heavy or light.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from allegro_twin.cell.planning.stored_grasps import table_object
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.errors import ConfigError
-from tests.cell.test_run import cell_of
+from tests.cell.test_run import SETTINGS, cell_of
 
 TRAY = TraySettings()
 BALL = Solid("sphere", np.array([0.0, 0.0, 0.0365]), np.eye(3), (0.073, 0.073, 0.073), 0.0)
@@ -77,3 +79,24 @@ def test_what_is_in_the_tray_is_not_on_the_table() -> None:
     x, y = TRAY.at
     points = np.array([[x, y, 0.03], [x + TRAY.size[0] / 2.0, y, 0.02], [0.0, 0.0, 0.02]])
     assert on_tray(points, TRAY).tolist() == [True, True, False]
+
+
+@pytest.mark.slow
+def test_a_bottle_s_scan_with_holes_is_taken_for_about_a_solid_and_held(tmp_path: Path) -> None:
+    around, heights = 2.0 * np.pi * np.arange(48) / 48, [(33, 0), (35, 5), (35, 90), (30, 115), (14, 135), (13, 165)]
+    points = [[r * np.cos(a), r * np.sin(a), z] for r, z in heights for a in around]  # mm; open at both ends.
+    rings = [(48 * k + i, 48 * k + (i + 1) % 48) for k in range(len(heights) - 1) for i in range(48)]
+    faces = [face for a, b in rings for face in ((a, b, a + 48), (b, b + 48, a + 48))]
+    rows = ["v {:.4f} {:.4f} {:.4f}".format(*p) for p in points]
+    rows += [f"f {a + 1} {b + 1} {c + 1}" for k, (a, b, c) in enumerate(faces) if k % 50]  # Some are lost.
+    scan = tmp_path / "bottle.obj"
+    scan.write_text("\n".join(rows))
+    cell = cell_of(
+        perception=SETTINGS.perception.model_dump() | {"object": {"loose": 0.006}},
+        objects=[
+            {"name": "bottle", "shape": "mesh", "file": scan, "mass": 0.2, "at": [0.0, 0.03]},
+            {"name": "golf_ball", "at": [0.0, -0.15]},
+        ],
+    )  # fmt: skip
+    report = perform(cell)
+    assert (str(report.end), report.thing, report.is_lifted) == ("held", "bottle", True)

@@ -46,7 +46,8 @@ class PerceptionPipeline:
     def detect(
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
     ) -> Detection | PerceptionRefusal:
-        """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown.
+        """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown. What
+        touches is taken apart where two or three solids explain it.
 
         `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:
         balls around what is the robot's own and is no thing, (k, 4), middle in the world and radius, m. Raises
@@ -54,31 +55,44 @@ class PerceptionPipeline:
         """
         draws = np.random.default_rng(self._seed)
         cluster = find_objects(OrganizedCloud(cloud, position, rotation, robot), self.settings, draws)[0]
-        return cluster if isinstance(cluster, PerceptionRefusal) else self._detected(cluster, draws)
+        return self._explained(cluster, draws)[0]
 
     def detect_all(
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
     ) -> list[Detection | PerceptionRefusal]:
-        """All things, or why each cannot be known, the largest first; what touches is taken apart where two or three
-        solids explain it. Where there is none, why there is none. As `detect` otherwise."""
+        """All things, or why each cannot be known, the largest first; where there is none, why there is none. As
+        `detect` otherwise."""
         draws = np.random.default_rng(self._seed)
         found = list[Detection | PerceptionRefusal]()
         for cluster in find_objects(OrganizedCloud(cloud, position, rotation, robot), self.settings, draws):
-            if isinstance(cluster, PerceptionRefusal):
-                found.append(cluster)
-                continue
-            one = self._detected(cluster, draws)
-            parts = (
-                self._parts(cluster, draws) if isinstance(one, PerceptionRefusal) and one.reason == "unclear" else ()
-            )
-            found += parts or [one]
+            found += self._explained(cluster, draws)
         return found
 
-    def _detected(self, cluster: Cluster, draws: np.random.Generator) -> Detection | PerceptionRefusal:
+    def _explained(
+        self, cluster: Cluster | PerceptionRefusal, draws: np.random.Generator
+    ) -> list[Detection | PerceptionRefusal]:
+        """One solid; else the two or three that explain it together; else, where the settings allow it, about one."""
+        if isinstance(cluster, PerceptionRefusal):
+            return [cluster]
+        one, solids = self._detected(cluster, draws)
+        unclear = isinstance(one, PerceptionRefusal) and one.reason == "unclear"
+        if not unclear or not solids or cluster.elevation < np.radians(_STEEP):
+            return [one]
+        parts, loose = self._parts(cluster, draws), self.settings.object.loose
+        if parts or loose is None or solids[0].error > loose:
+            return parts or [one]
+        points = cluster.world(cluster.points)
+        doubt = self._workspace(solids[0])
+        return [doubt or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others)]
+
+    def _detected(
+        self, cluster: Cluster, draws: np.random.Generator
+    ) -> tuple[Detection | PerceptionRefusal, list[Solid]]:
+        """The solid, or why none is it; and all that may be."""
         points = cluster.world(cluster.points)
         solids = self._fitted(cluster, cluster.points, draws)
         refused = self._doubt(solids, points, cluster.sigma, cluster.elevation)
-        return refused or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others)
+        return refused or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others), solids
 
     def _parts(self, cluster: Cluster, draws: np.random.Generator) -> list[Detection | PerceptionRefusal]:
         """What the cluster may consist of, or why one of these cannot be grasped; empty where no solids explain it."""
@@ -123,11 +137,13 @@ class PerceptionPipeline:
             low = f"; it is seen from {np.degrees(elevation):.0f}° above, look from {_STEEP}° or more"
             way = low if elevation < np.radians(_STEEP) else "; where two things touch, move them 2 cm apart"
             return PerceptionRefusal("unclear", said + way)
-        at, space = solids[0].position, self.settings.workspace
+        return self._workspace(solids[0])
+
+    def _workspace(self, solid: Solid) -> PerceptionRefusal | None:
+        """Whether it is where the arm goes."""
+        at, space = solid.position, self.settings.workspace
         if not (np.all(at >= space.lower) and np.all(at <= space.upper)):
-            said = (
-                f"the {solids[0].shape} at {position_text(at)} is outside the workspace {space.lower} to {space.upper}"
-            )
+            said = f"the {solid.shape} at {position_text(at)} is outside the workspace {space.lower} to {space.upper}"
             return PerceptionRefusal("outside", f"{said}; move it there, or set `workspace` to what the arm reaches")
         return None
 

@@ -50,6 +50,9 @@ class DetectionSettings(Settings):
     """What fits no solid better than this is unclear: times the camera's own scatter there."""
     best: Positive = 0.0015
     """Or than this, m, where depth scatters less."""
+    loose: Positive | None = None
+    """What is no solid, nor two or three, is taken for the best one if that is off by less than this, m: a bottle for a
+    cylinder. None: it is refused."""
 
 
 class TargetSettings(Settings):

@@ -159,9 +159,23 @@ def test_an_empty_table_and_an_empty_cloud_say_so() -> None:
     assert "0 of " in said(PerceptionPipeline(SETTINGS).detect(nothing, np.zeros(3), np.eye(3)), "empty")
 
 
-def test_two_things_that_touch_are_unclear() -> None:
-    sentence = said(look(picture(put("pudding_box", x=0.0), put("tomato_soup_can", x=0.035, y=0.065))), "unclear")
-    assert "move them 2 cm apart" in sentence
+def test_the_larger_one_of_two_things_that_touch_is_found() -> None:
+    found = look(picture(put("pudding_box", x=0.0), put("tomato_soup_can", x=0.035, y=0.065)))
+    assert isinstance(found, Detection), found
+    assert found.solid.shape == "box"
+    np.testing.assert_allclose(found.solid.size, (0.11, 0.089, 0.035), atol=0.003)
+    assert found.others == 1
+
+
+HEAP = [("golf_ball", 0.0, 0.0), ("lemon", 0.05, 0.0), ("foam_brick", -0.01, 0.055), ("tuna_fish_can", 0.07, 0.06),
+        ("peach", -0.055, -0.01), ("rubiks_cube", 0.02, -0.05)]  # fmt: skip
+
+
+def test_a_heap_is_unclear_or_taken_for_about_one_solid_where_that_is_allowed() -> None:
+    heap = picture(*(put(name, x=x, y=y) for name, x, y in HEAP))
+    assert "move them 2 cm apart" in said(look(heap), "unclear")
+    loose = SETTINGS.model_copy(update={"object": SETTINGS.object.model_copy(update={"loose": 0.05})})
+    assert isinstance(look(heap, loose), Detection)
 
 
 def test_what_is_seen_too_flatly_says_from_where_to_look() -> None:

@@ -152,6 +152,7 @@ WRITERS = {
     "new": ["new", "lemon"],
     "improve": ["improve", "lemon"],
     "lab": ["lab", "conf/lab_allegro.yaml"],
+    "lab-calibrate": ["lab-calibrate", "conf/lab_allegro.yaml"],
     "train": ["train", "Reach"],
     "collect": ["collect", "Reach"],
     "excite": ["excite", "can_virtual", "--pose", "up"],
