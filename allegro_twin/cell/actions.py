@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from allegro_twin.cell.checks.sensor_zero_check import check_drift, check_plausi
 from allegro_twin.cell.motion.arm_motion import ArmGuide
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, misread_positions, squeeze_speed, touching_joints
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import on_tray, other_objects
+from allegro_twin.cell.motion.other_objects import box_around, on_tray, other_objects
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age, position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
@@ -39,14 +39,14 @@ from allegro_twin.cell.perception.target import grasp_target
 from allegro_twin.cell.planning.adaptation import GraspAdapter
 from allegro_twin.cell.planning.reachability import far_path, plan_grasp
 from allegro_twin.cell.planning.release import ReleasePath, release_path
-from allegro_twin.cell.planning.stored_grasps import GraspCandidate
+from allegro_twin.cell.planning.stored_grasps import GraspCandidate, table_object
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ArmReflex, ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import CLEAR
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR, Obstacle
 from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
@@ -421,7 +421,8 @@ class CellActions:
                     said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
                     refused[number] = CellOutcome("refused", "no_grasp", said)
                     continue
-                failed = self._planned(each, frame, alone, clear)
+                known = [one for one in seen if one is not each and isinstance(one, Detection)]
+                failed = self._planned(each, frame, alone, clear, known)
                 if failed is None:
                     self.on_detection(frame, each)
                     return
@@ -433,12 +434,23 @@ class CellActions:
         said = "; ".join(dict.fromkeys(each.sentence for each in refused.values()))
         self._refused = CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
 
-    def _planned(self, seen: Detection, frame: CameraFrame, alone: Cloud, clear: float = CLEAR) -> CellOutcome | None:
-        """Go for it, or why that cannot be."""
+    def _planned(
+        self,
+        seen: Detection,
+        frame: CameraFrame,
+        alone: Cloud,
+        clear: float = CLEAR,
+        known: Sequence[Detection] = (),
+    ) -> CellOutcome | None:
+        """Go for it, or why that cannot be. `known`: other objects that were detected."""
         cell = self.cell
         try:
-            self.others = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray)
-            best = plan_grasp(seen.solid, cell, self.others, self._adapter, clear)
+            rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
+            self.others = (*(each.points for each in known), *rest)
+            solids = [table_object(each.solid) for each in known]
+            obstacles = [Obstacle(body.kind, body.extents, body.position, body.yaw) for body in solids]
+            obstacles += [box_around(points) for points in rest]
+            best = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear)
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))
         self.way, self._through = best.way, best.through

@@ -12,6 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.timeline import place_object
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.sim.contact.obstacle_clearance import Obstacle
 from allegro_twin.spec import Side
 
 FEW = GraspPlanningSettings(rounds=1, closed=2)
@@ -63,7 +64,7 @@ def test_what_the_arm_does_not_get_to_is_refused_with_what_became_of_it_and_not_
 
 
 def test_a_grasp_keeps_away_from_what_stands_beside() -> None:
-    wall = (np.array([0.0, 0.06, 0.06]), np.array([0.3, 0.03, 0.12]))  # Along one side of the box, 22 mm from it.
+    wall = Obstacle("box", (0.3, 0.03, 0.12), np.array([0.0, 0.06, 0.06]))  # Along one side of the box, 22 mm from it.
     cards = list[StoredGrasp]()
     mine = adapter()
     with pytest.raises(ConfigError):

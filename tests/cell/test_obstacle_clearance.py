@@ -12,7 +12,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.states import MachineState
-from allegro_twin.sim.contact.obstacle_clearance import NEAR, ObstacleClearance
+from allegro_twin.sim.contact.obstacle_clearance import NEAR, Obstacle, ObstacleClearance
 from allegro_twin.types import Array, Vector
 from tests.cell.test_run import cell_of, states, still
 
@@ -116,7 +116,7 @@ def test_every_fingertip_that_is_near_something_is_found_whatever_its_shapes(
     here = cell.posture[None], cell.open[None]
     clearance.nothing()
     assert clearance.of_others(*here) is None
-    clearance.beside([(tip - np.array([0.0, 0.0, 0.055]), np.array([0.02, 0.02, 0.1]))])
+    clearance.beside([Obstacle("box", (0.02, 0.02, 0.1), tip - np.array([0.0, 0.0, 0.055]))])
     met = clearance.of_others(*here)
     assert met is not None
     assert met.other == "another object"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.other_objects import bounding_box, other_objects
+from allegro_twin.cell.motion.other_objects import bounding_box, box_around, other_objects
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
@@ -62,7 +62,7 @@ def test_an_object_in_every_way_is_refused_and_named() -> None:
     with pytest.raises(
         ConfigError, match=r"mm (from|deep in) another object .* other objects at \(0.000, 0.030, 0.100\)"
     ):
-        plan_grasp(seen.solid, cell, [wall])
+        plan_grasp(seen.solid, cell, [box_around(wall)])
     plan_grasp(seen.solid, cell)
 
 
@@ -70,7 +70,7 @@ def test_more_objects_than_can_be_kept_clear_of_are_refused() -> None:
     cell = cell_of()
     seen, _ = looked(cell)
     with pytest.raises(ConfigError, match=f"{OTHERS + 1} other objects are on the table"):
-        plan_grasp(seen.solid, cell, [np.full((3, 3), 0.3)] * (OTHERS + 1))
+        plan_grasp(seen.solid, cell, [box_around(np.full((3, 3), 0.3))] * (OTHERS + 1))
 
 
 @pytest.mark.long

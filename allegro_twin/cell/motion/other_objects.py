@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from allegro_twin.cell.camera.camera import CameraFrame
@@ -11,6 +13,7 @@ from allegro_twin.cell.perception.clusters import find_clusters
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.settings import TraySettings
+from allegro_twin.sim.contact.obstacle_clearance import Obstacle
 from allegro_twin.types import Array
 
 _REACH = 0.6
@@ -30,16 +33,19 @@ _FEW = 12
 
 
 def other_objects(
-    frame: CameraFrame, cloud: Cloud, found: Detection, settings: PerceptionSettings, tray: TraySettings | None = None
-) -> tuple[Array, ...]:
+    frame: CameraFrame, cloud: Cloud, found: Detection, settings: PerceptionSettings, tray: TraySettings | None = None,
+    detected: Sequence[Detection] = (),
+) -> tuple[Array, ...]:  # fmt: skip
     """Points of each other object, (k, 3) in the world, m, also of those outside perception's region.
 
-    `cloud`: of `frame`, without arm and hand; `found`: the chosen object; `tray`: in which none of them is. Their far
-    sides are not seen: each object is taken to be as deep as it is wide, up to `_DEEP`.
+    `cloud`: of `frame`, without arm and hand; `found`: the chosen object; `tray`: in which none of them is; `detected`:
+    other objects that are left out. Their far sides are not seen: each object is taken to be as deep as it is wide, up
+    to `_DEEP`.
     """
     thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
     known: Array = thin[finite(thin)].astype(np.float64)
     world = frame.pose.world(known)
+    own = np.concatenate([found.points, *(each.points for each in detected)])
     depth = float(np.median(((found.points - frame.pose.position) @ frame.pose.rotation)[:, 2]))
     height = found.table.height(world)
     mine = height > np.maximum(settings.object.above, _SURE * found.sigma * (known[:, 2] / depth) ** 2)
@@ -47,7 +53,7 @@ def other_objects(
     if tray is not None:
         mine &= ~on_tray(world, tray)
     world = world[mine]
-    world = world[~near_points(world, found.points, _OWN)]
+    world = world[~near_points(world, own, _OWN)]
     if len(world) < _FEW:
         return ()
     grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
@@ -58,6 +64,12 @@ def other_objects(
 def on_tray(points: Array, tray: TraySettings) -> Mask:
     """Which points, (..., 3), m, world, are of a tray or of what is in it, (...)."""
     return np.asarray((np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0 + _RIM).all(axis=-1))
+
+
+def box_around(points: Array) -> Obstacle:
+    """The upright box along the world's axes around points, (k, 3), m, down to the table."""
+    middle, extents = bounding_box(points)
+    return Obstacle("box", (float(extents[0]), float(extents[1]), float(extents[2])), middle)
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:

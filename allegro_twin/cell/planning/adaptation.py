@@ -49,11 +49,10 @@ from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_gra
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.sim.contact.obstacle_clearance import Obstacle
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
 
 P = TypeVar("P")
-Box = tuple[Array, Array]
 _PROTOCOL = "lift"
 _CARDS = 12
 """Stored grasps that are varied, those of the most similar things."""
@@ -79,7 +78,8 @@ _GAP = (0.006, 0.011)
 """m, between hand and table: an arm that comes down in a second goes 3 mm too far."""
 _FAR, _THIN = 0.4, 0.004
 """m: what is further away is in nobody's way; a box's edge at least."""
-_ROUND_TURNS = 8
+_ROUND_TURNS, _HEAVY = 8, 1000.0
+"""Of so many turns of what is round; and kg/m³ of what stands beside it, which nothing moves in geometry."""
 _LIGHTER = 0.5
 """Of the density: what cannot be lifted otherwise may be hollow."""
 _LIGHTEST = 0.02
@@ -120,11 +120,11 @@ class GraspAdapter:
         self,
         body: TableObject,
         feasible: Callable[[StoredGrasp], P | None],
-        others: Sequence[Box] = (),
+        others: Sequence[Obstacle] = (),
         room: float = 0.0,
     ) -> P:
         """What `feasible` makes of the best grasp for a body: a plan of the arm's, or None for one that it cannot get
-        to. `others`: middle and extents of the upright boxes around what stands beside it, (3,) each, m, world; with
+        to. `others`: what stands beside it; with
         them each grasp counts as it is, without the turns that the body's symmetry leaves open; `room`: that is kept
         to them, m: what failed with one may succeed with another. Where nothing lifts it, it is taken to be lighter.
         Raises ConfigError where nothing is found, with what became of the candidates."""
@@ -169,7 +169,7 @@ class GraspAdapter:
 class AdaptationSearch:
     """Rounds of variations of stored grasps on one solid, and what has become of them."""
 
-    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[Box], density: float) -> None:
+    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[Obstacle], density: float) -> None:
         self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
         self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
         self._body, self._random = body, np.random.default_rng(adapter.seed)
@@ -294,8 +294,20 @@ class AdaptationSearch:
 def detected_scenario(body: TableObject, spec: HandSpec, density: float) -> Scenario:
     """A trial with a solid as it was seen, its longer level extent along x, in the middle of the table, and its mass
     by a density, kg/m³. The palm and the grasp are those of whoever tries it."""
-    (x, y, z), kind = body.extents, body.kind.removeprefix("lying ")
-    lying, up, yaw = body.kind.startswith("lying "), "z", 0.0
+    wrist = Wrist(position=(0.0, 0.0, 0.1), facing=(0.0, 0.0, -1.0), fingers=(1.0, 0.0, 0.0), retreat=(0.0, 0.0, 0.1))
+    return Scenario(
+        objects=(detected_object(body.kind, body.extents, "seen", density),), friction=_FRICTION, grasp="adapted",
+        hand=spec.model_reference, side="right", wrist=wrist, protocol=_PROTOCOL,
+    )  # fmt: skip
+
+
+def detected_object(
+    body_kind: str, extents: tuple[float, float, float], name: str, density: float, yaw: float = 0.0
+) -> ScenarioObject:
+    """A solid as it was seen, `yaw` from the world's x to its longer level extent, rad, in the middle of the table,
+    with its mass by a density, kg/m³."""
+    (x, y, z), kind, lying = extents, body_kind.removeprefix("lying "), body_kind.startswith("lying ")
+    up, own = "z", 0.0
     match kind:
         case "sphere":
             size: tuple[float, ...] = ((x + y + z) / 3.0,)
@@ -307,36 +319,23 @@ def detected_scenario(body: TableObject, spec: HandSpec, density: float) -> Scen
             length, round_ = (length, (round_ + z) / 2.0) if lying else (z, (x + y) / 2.0)
             size = (round_, length)
             up = {"cylinder": "zy", "ellipsoid": "xz"}[kind][lying]  # A cylinder's own axis is z, an ellipsoid's x.
-            yaw = 0.0 if along_x else 90.0
+            own = 0.0 if along_x else 90.0
     fill = {"box": 1.0, "cylinder": np.pi / 4.0}.get(kind, np.pi / 6.0)
     mass = max(density * fill * x * y * z, _LIGHTEST)
-    thing = ScenarioObject(name="seen", shape=kind, size=size, mass=mass, up=up, yaw=yaw)  # type: ignore[arg-type]
-    wrist = Wrist(position=(0.0, 0.0, 0.1), facing=(0.0, 0.0, -1.0), fingers=(1.0, 0.0, 0.0), retreat=(0.0, 0.0, 0.1))
-    return Scenario(
-        objects=(thing,), friction=_FRICTION, grasp="adapted", hand=spec.model_reference, side="right", wrist=wrist,
-        protocol=_PROTOCOL,
-    )  # fmt: skip
+    return ScenarioObject(name=name, shape=kind, size=size, mass=mass, up=up, yaw=own + np.degrees(yaw))  # type: ignore[arg-type]
 
 
-def _is_same(one: TableObject, other: TableObject) -> bool:
-    """Whether it still stands there."""
-    near = float(np.linalg.norm(one.position - other.position)) < _STIRRED
-    turned = abs(np.sin(one.yaw - other.yaw)) < _TURNED_BY or one.kind in ("sphere", "cylinder")
-    return one.kind == other.kind and near and turned and extent_mismatch(one, other) < _SIMILAR
-
-
-def _beside(scenario: Scenario, body: TableObject, others: Sequence[Box]) -> Scenario:
-    """The scenario with boxes beside the body, as they stand when the body lies along x."""
+def _beside(scenario: Scenario, body: TableObject, others: Sequence[Obstacle]) -> Scenario:
+    """The scenario with others beside the body, as they stand when the body lies along x."""
     back, objects = yaw_rotation(-body.yaw), list(scenario.objects)
-    for number, (middle, extents) in enumerate(others):
-        away = middle - body.position
+    for number, other in enumerate(others):
+        away = other.position - body.position
         if float(np.hypot(*away[:2])) > _FAR:
             continue
         x, y = (back @ away)[:2].tolist()
-        size = tuple(np.maximum(extents, _THIN).tolist())
-        at = (x, y, max(float(middle[2]), size[2] / 2.0))
-        box = ScenarioObject(name=f"other_{number}", shape="box", size=size, mass=1.0, yaw=-np.degrees(body.yaw), at=at)
-        objects.append(box)
+        a, b, c = (max(extent, _THIN) for extent in other.extents)
+        one = detected_object(other.kind, (a, b, c), f"other_{number}", _HEAVY, other.yaw - body.yaw)
+        objects.append(one.model_copy(update={"at": (x, y, max(float(other.position[2]), c / 2.0))}))
     return scenario.model_copy(update={"objects": tuple(objects)})
 
 
@@ -344,6 +343,13 @@ def _symmetric_turns(body: TableObject, random: np.random.Generator) -> tuple[fl
     """Angles, rad, by which it may be turned and is as it was: all, or some of those of what is round."""
     turns = symmetric_turns(body)
     return tuple(random.permutation(turns)[:_ROUND_TURNS].tolist())
+
+
+def _is_same(one: TableObject, other: TableObject) -> bool:
+    """Whether it still stands there."""
+    near = float(np.linalg.norm(one.position - other.position)) < _STIRRED
+    turned = abs(np.sin(one.yaw - other.yaw)) < _TURNED_BY or one.kind in ("sphere", "cylinder")
+    return one.kind == other.kind and near and turned and extent_mismatch(one, other) < _SIMILAR
 
 
 def _unlike(one: TableObject, other: TableObject) -> float:

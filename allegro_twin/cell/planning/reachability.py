@@ -10,7 +10,6 @@ import numpy as np
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import bounding_box
 from allegro_twin.cell.perception.errors import position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.planning.adaptation import GraspAdapter
@@ -28,7 +27,7 @@ from allegro_twin.cell.planning.stored_grasps import (
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import CLEAR, OTHERS, ClearanceViolation
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR, OTHERS, ClearanceViolation, Obstacle
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -82,10 +81,14 @@ class GraspPlan(NamedTuple):
 
 
 def plan_grasp(
-    solid: Solid, cell: Cell, others: Sequence[Array] = (), adapter: GraspAdapter | None = None, clear: float = CLEAR
+    solid: Solid,
+    cell: Cell,
+    others: Sequence[Obstacle] = (),
+    adapter: GraspAdapter | None = None,
+    clear: float = CLEAR,
 ) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
-    which it comes near to nothing: neither to the table nor to `others`, points of each other object, (k, 3), m. With
+    which it comes near to nothing: neither to the table nor to `others`. With
     a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen. `clear`: other
     objects may be so much wider than they were seen, m.
 
@@ -97,7 +100,7 @@ def plan_grasp(
             f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
         )
     cell.clearance.see(body.kind, body.extents, body.position, body.yaw)
-    cell.clearance.beside([bounding_box(points) for points in others], clear)
+    cell.clearance.beside(others, clear)
     if adapter is None:
         return _stored_plan(body, cell, others, MOST)
     spec, same = cell.hand.spec, adapter.settings.same
@@ -114,14 +117,14 @@ def plan_grasp(
         raise
 
 
-def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Array], most: float) -> GraspPlan:
+def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Obstacle], most: float) -> GraspPlan:
     first = ""
     for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift, most=most):
         found = _clear_of_obstacles(one, cell)
         if isinstance(found, GraspPlan):
             return found
         first = first or f"{found} on the way to its {one.way.card.name} grasp"
-    where = ", ".join(position_text(bounding_box(points)[0]) for points in others)
+    where = ", ".join(position_text(each.position) for each in others)
     beside = f", and so may be the other objects at {where}" if others else ""
     raise ConfigError(
         f"{cell.robot.spec.name} does not get to the {body.kind} at {position_text(body.position)}: {first}, and "
@@ -130,10 +133,9 @@ def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Array], most: f
 
 
 def _adapted_plan(
-    body: TableObject, cell: Cell, others: Sequence[Array], adapter: GraspAdapter, room: float
+    body: TableObject, cell: Cell, others: Sequence[Obstacle], adapter: GraspAdapter, room: float
 ) -> GraspPlan:
-    boxes = [bounding_box(points) for points in others]
-    return adapter.plan(body, lambda card: clear_plan(card, body, cell), boxes, room)
+    return adapter.plan(body, lambda card: clear_plan(card, body, cell), others, room)
 
 
 def clear_plan(card: StoredGrasp, body: TableObject, cell: Cell) -> GraspPlan | None:

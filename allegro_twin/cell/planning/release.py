@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.other_objects import bounding_box
+from allegro_twin.cell.motion.other_objects import box_around
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.target import half_width
 from allegro_twin.cell.planning.reachability import far_path
@@ -53,10 +53,10 @@ def release_path(
 
     Raises ConfigError where the arm reaches none with nothing in the way.
     """
-    boxes = [bounding_box(points) for points in others]
+    boxes = [box_around(points) for points in others]
     cell.clearance.nothing()
     cell.clearance.beside(boxes)
-    highest = max([tray.height, *(float(extents[2]) for _, extents in boxes)])
+    highest = max([tray.height, *(each.extents[2] for each in boxes)])
     bottom = float(solid.position[2]) - half_width(solid, np.array([0.0, 0.0, 1.0]))
     low = grasped.position[2] - bottom + tray.height + tray.above
     high = min(max(low, grasped.position[2] - bottom + highest + _OVER, _LOW), max(_HIGH, low))

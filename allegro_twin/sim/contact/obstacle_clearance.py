@@ -32,6 +32,19 @@ _SHAPES = {
 """The geom of a kind of body, and which of its half extents are its sizes; of any other kind it is the box around."""
 
 
+class Obstacle(NamedTuple):
+    """What stands on the table."""
+
+    kind: str
+    """A shape, with `lying` before it where its axis is level."""
+    extents: tuple[float, float, float]
+    """In two level directions and upwards, m."""
+    position: Array
+    """Of its middle, (3,), m, world."""
+    yaw: float = 0.0
+    """Its turn about the vertical, rad."""
+
+
 class ClearanceViolation(NamedTuple):
     """What comes too near."""
 
@@ -76,29 +89,34 @@ class ObstacleClearance:
         self._data.qpos[self._place : self._place + 3] = _out(0)
         self.beside(())
 
-    def beside(self, boxes: Sequence[tuple[Array, Array]], clear: float = CLEAR) -> None:
-        """From now on these other objects stand on the table, at most `OTHERS`: the middle and the extents of the
-        upright box around each, (3,) each, m. `clear`: so much wider to every side, m."""
-        self.crowded = len(boxes) > 0
+    def beside(self, obstacles: Sequence[Obstacle], clear: float = CLEAR) -> None:
+        """From now on these other objects stand on the table, at most `OTHERS`. `clear`: each so much wider to every
+        side, m."""
+        self.crowded = len(obstacles) > 0
         for k, (number, place) in enumerate(zip(self._others, self._places, strict=True)):
-            self._data.qpos[place : place + 3] = boxes[k][0] if k < len(boxes) else _out(k + 1)
-            if k < len(boxes):
-                half = boxes[k][1] / 2.0 + np.array([clear, clear, 0.0])
-                self._model.geom_size[number] = half
-                self._model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
-                self._model.geom_rbound[number] = float(np.linalg.norm(half))
+            if k < len(obstacles):
+                one = obstacles[k]
+                up = 0.0 if one.kind in ("box", "cylinder") else clear
+                wider = np.array(one.extents) + 2.0 * np.array([clear, clear, up])
+                self._shape(number, place, one._replace(extents=tuple(wider.tolist())))
+            else:
+                self._data.qpos[place : place + 3] = _out(k + 1)
 
     def see(self, kind: str, extents: Sequence[float], position: Array, yaw: float) -> None:
         """From now on this stands on the table: a shape, with `lying` before it where its axis is level; how far it
         extends in two level directions and upwards, m; its middle, (3,), m; its turn about the vertical, rad."""
-        shape, which = _SHAPES.get(kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
-        half, place = np.array(extents) / 2.0, self._data.qpos[self._place : self._place + 7]
-        model, number = self._model, self._thing
+        self._shape(self._thing, self._place, Obstacle(kind, (extents[0], extents[1], extents[2]), position, yaw))
+
+    def _shape(self, number: int, place: int, one: Obstacle) -> None:
+        """Geom `number`, whose body's place is at `place` of the state, is this from now on."""
+        shape, which = _SHAPES.get(one.kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
+        half, pose = np.array(one.extents) / 2.0, self._data.qpos[place : place + 7]
+        model = self._model
         model.geom_type[number] = shape
         model.geom_size[number] = [*half[list(which)], 0.0, 0.0][:3]
         model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
         model.geom_rbound[number] = float(np.linalg.norm(half))
-        place[:3], place[3:] = position, standing_orientation("z", yaw)
+        pose[:3], pose[3:] = one.position, standing_orientation("z", one.yaw)
 
     def on_way(self, arm: Array, hand: Array) -> ClearanceViolation | None:
         """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
