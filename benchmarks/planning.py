@@ -44,7 +44,12 @@ def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]
     if found and unseen:
         drawn = sample_perturbations(SEARCHED, unseen, seed=UNSEEN, stream="judge")
         cases = [TrialCase(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
-        row["held"] = round(float(np.mean([v.held for v in TrialRunner(spec).verdicts(cases, stop_early=True)])), 3)
+        held = np.array([v.held for v in TrialRunner(spec).verdicts(cases, stop_early=True)]).reshape(len(found), -1)
+        row["held"], row["each"] = round(float(held.mean()), 3), held.mean(axis=1).round(3).tolist()
+    nominal = TrialRunner(spec).verdicts([TrialCase(each.scenario, each.grasp) for each in found])
+    reports = [v.report for v in nominal if v.report is not None]
+    row["sustained"] = [round(report.hottest[1], 3) for report in reports]
+    row["penetration_mm"] = [round(1000.0 * report.penetration, 2) for report in reports]
     return row
 
 

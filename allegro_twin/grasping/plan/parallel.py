@@ -42,7 +42,8 @@ def search_in_parallel(
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
         "hand": search.spec.model_reference, "side": search.spec.side, "kind": search.kind, "n": n,
         "budget": {key: value for key, value in asdict(budget).items() if math.isfinite(value)},
-        "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
+        "effort": None if search.effort is None else asdict(search.effort),
+        "region": None if search.region is None else asdict(search.region),
     }  # fmt: skip
     items = [{"seed": search.seed + number} for number in range(seeds)]
     table = run(Sweep(SEARCH, items, shared, unit=1), engine=engine, progress=progress).to_pylist()
@@ -52,6 +53,7 @@ def search_in_parallel(
     for number, row in enumerate(table):
         search.counts[search.seed + number] = row["closed"]
         search.ends.update(json.loads(row["ends"]))
+        search.cut |= row["cut"]
         search.closed, search.cpu = search.closed + row["closed"], search.cpu + row["cpu"]
     found = [planned_from_json(data, search.templates) for row in table for data in json.loads(row["found"])]
     return best_grasps(found, n, search_symmetry(search))
@@ -59,20 +61,21 @@ def search_in_parallel(
 
 def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON, how many candidates
-    were `closed`, and the `cpu` seconds that it took."""
+    were `closed`, the `cpu` seconds that it took, and whether its first round was `cut` short."""
     spec, asked = load_spec(shared["hand"], shared["side"]), shared["region"]
     rows = []
     for item in items:
         search = GraspSearch(
             Scenario.model_validate(shared["scenario"]), spec, grasp_templates(spec, shared["kind"]),
-            Path(shared["folder"]), seed=item["seed"], effort=RoundSize(**shared["effort"]),
+            Path(shared["folder"]), seed=item["seed"],
+            effort=None if shared["effort"] is None else RoundSize(**shared["effort"]),
             region=None if asked is None else GraspRegion(**asked), kind=shared["kind"], threads=1,
         )  # fmt: skip
         found = search.run(shared["n"], SearchBudget(**shared["budget"]))
         rows.append(
             {
                 "found": json.dumps([planned_to_json(each) for each in found]), "ends": json.dumps(search.ends),
-                "closed": search.closed, "cpu": search.cpu,
+                "closed": search.closed, "cpu": search.cpu, "cut": search.cut,
             }
         )  # fmt: skip
     return rows

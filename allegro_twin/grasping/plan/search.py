@@ -57,15 +57,47 @@ TRIES = 400
 """Batches of guesses for a round at most, of `poses.BATCH` each: where the object leaves the hand little room."""
 
 
+USUAL = 5
+"""Grasps for which a round is as large as `RoundSize` says; for fewer it is smaller in proportion, for then the first
+good one ends the search."""
+
+
 @dataclass(frozen=True, slots=True)
 class SearchBudget:
-    """How much a search may cost. It is looked at between rounds and decides nothing within one, so that a search that
-    ended after so many candidates finds the same as one that is told their number."""
+    """How much a search may cost. A round that time does not allow to end counts for nothing, so that a search that
+    ended after so many candidates finds the same as one that is told their number. The first round alone is cut short
+    where it would take longer than all the time: `GraspSearch.cut` says so, and nobody repeats that by a number."""
 
     candidates: float = math.inf
     """That physics closes."""
     cpu: float = math.inf
     """s of all processors together, without what judging costs afterwards."""
+
+
+EVOLVING = 0.4
+"""Of the time, that the first round proposes and evolves at most."""
+
+
+@dataclass(slots=True)
+class _Clock:
+    """CPU seconds of this process."""
+
+    budget: float
+    began: float
+    kept_back: float = 0.0
+    """s that what comes after evolution took in the longest round so far, and that settling would take."""
+
+    @property
+    def spent(self) -> float:
+        return time.process_time() - self.began
+
+    def over(self) -> bool:
+        """Whether no time is left but what is kept back."""
+        return self.spent + self.kept_back >= self.budget
+
+    def first_over(self) -> bool:
+        """Whether the first round has evolved for long enough."""
+        return self.spent >= EVOLVING * self.budget
 
 
 @dataclass(slots=True)
@@ -78,7 +110,8 @@ class GraspSearch:
     folder: Path = Path()
     seed: int = 0
     uncertainty: Uncertainty = SEARCHED
-    effort: RoundSize = RoundSize()
+    effort: RoundSize | None = None
+    """None: as large as the number of grasps needs, `RoundSize` for five and more."""
     region: GraspRegion | None = None
     """The part of the object by which it is to be held."""
     kind: int | str | None = None
@@ -92,6 +125,8 @@ class GraspSearch:
     """The same by seed, where several searches ran side by side."""
     cpu: float = 0.0
     """s that it took, of all processors together."""
+    cut: bool = False
+    """Whether its time did not suffice for one round: the same seed and as many candidates find something else."""
 
     def run(
         self,
@@ -103,7 +138,7 @@ class GraspSearch:
         fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent. Raises
         ConfigError for a hand of which the effort of a motor is unknown."""
         check_efforts(self.spec)
-        began = time.process_time()
+        clock, effort = _Clock(budget.cpu, time.process_time()), self.effort or _round_size(n)
         protocol = load_protocol(self.scenario.protocol)
         bench, random = self._bench(protocol), np.random.default_rng(self.seed)
         prover = self._prover(bench)
@@ -114,26 +149,33 @@ class GraspSearch:
         proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region, gains)
         proposed, elite = proposer.fresh(), list[Candidate]()
         population = (
-            None if proposer.gains is None else Population(proposer, prover.turns, max(4, 2 * self.effort.closed // 3))
+            None if proposer.gains is None else Population(proposer, prover.turns, max(4, 2 * effort.closed // 3))
         )
+        dearest = 0.0
         while sum(each.good for each in prover.best(n)) < n:
-            self.cpu = time.process_time() - began
-            if self.closed and (self.cpu >= budget.cpu or self.closed >= budget.candidates):
+            clock.kept_back = dearest + prover.settling_time(n)
+            if self.closed and (clock.over() or self.closed >= budget.candidates):
                 break
+            over = clock.over if self.closed else clock.first_over
             begun = population is not None and len(population.elite) >= population.kept // 2
-            guessed = _next(proposed, self.effort.guessed // 4 if begun else self.effort.guessed)
+            guessed = _next(proposed, effort.guessed // 4 if begun else effort.guessed, over)
+            ended = not over()
             if not guessed:
                 break
-            varied = proposer.near(elite, self.effort.closed // 2)
-            most = int(min(self.effort.closed, budget.candidates - self.closed))
+            varied = proposer.near(elite, effort.closed // 2)
+            most = int(min(effort.closed, budget.candidates - self.closed))
             if population is None:
                 ranked = sorted(guessed, key=lambda c: -c.score)
-                closed = [*varied, *ranked[: self.effort.closed - len(varied)]][:most]
+                closed = [*varied, *ranked[: effort.closed - len(varied)]][:most]
             else:
-                population.evolve([*guessed, *varied])
-                closed = population.take(min(most, max(1, self.effort.closed // 2)))
+                ended &= population.evolve([*guessed, *varied], over)
+                closed = population.take(min(most, max(1, effort.closed // 2)))
+            if not ended and self.closed:
+                break
+            self.cut |= not ended
             if not closed:
                 continue  # All that evolved has been closed before: begin anew.
+            evolved = clock.spent
             self.closed += len(closed)
             if protocol.floating:
                 validate_in_air(prover, self._apart(self._squeezed(closed, protocol, random), prover))
@@ -148,12 +190,15 @@ class GraspSearch:
                         each for each, end in zip(closed, outcomes, strict=True) if end.passed or each.score > -1.0
                     ]
                     population.drop(strong)
-                prover.add(self._apart(passed, prover)[: self.effort.drawn], n)
+                prover.add(self._apart(passed, prover)[: effort.drawn], n, clock.over if self.cut else lambda: False)
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
-            spent = max((time.process_time() - began) / budget.cpu, self.closed / budget.candidates)
-            tell([each for each in prover.ranked(prover.options, n) if each.good], spent)
+            dearest = max(dearest, clock.spent - evolved)
+            tell(
+                [each for each in prover.ranked(prover.options, n) if each.good],
+                max(clock.spent / budget.cpu, self.closed / budget.candidates),
+            )
         prover.settle(n)
-        self.cpu = time.process_time() - began
+        self.cpu = clock.spent
         best = prover.best(n)
         for each in best:
             each.seed, each.candidates = self.seed, self.closed
@@ -227,14 +272,21 @@ def _turns(protocol: TrialProtocol) -> list[float]:
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
 
 
-def _next(proposed: Iterator[Candidate | None], count: int) -> list[Candidate]:
-    """The next candidates, so many or as many as come in so many tries."""
+def _round_size(n: int) -> RoundSize:
+    """For so many grasps."""
+    usual, part = RoundSize(), min(1.0, n / USUAL)
+    return RoundSize(*(math.ceil(part * most) for most in (usual.guessed, usual.closed, usual.drawn)))
+
+
+def _next(proposed: Iterator[Candidate | None], count: int, over: Callable[[], bool]) -> list[Candidate]:
+    """The next candidates, so many or as many as come in so many tries; or, where time is `over`, as many as there
+    are."""
     found, tries = list[Candidate](), 0
     for candidate in proposed:
         if candidate is None:
             tries += 1
         else:
             found.append(candidate)
-        if len(found) == count or tries == TRIES:
+        if len(found) == count or tries == TRIES or (found and over()):
             break
     return found

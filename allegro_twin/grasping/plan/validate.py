@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,8 +32,8 @@ from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-FIRST, MORE, MOST = 2, 6, 26
-"""Draws that everybody gets, that the best get after them at a time, and that anybody gets at most."""
+RUNGS = (2, 4, 8, 14, 26)
+"""Draws: everybody gets the first so many, and the better half of those on a rung goes on to the next one."""
 GOOD, SURE = 0.88, 14
 """An expected share of draws with which a grasp is good enough, and the draws that it takes to say so: of many that
 hold in a few, some were lucky."""
@@ -50,11 +52,15 @@ AS_IT_IS = Squeeze()
 SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
 """Among which draws choose: little slips, much rolls the object out of the fingers."""
 SPARE = 3
-"""How many more than are asked for are looked at closely."""
+"""How many more than are asked for are varied."""
 SEARCHED = Uncertainty(position=0.005, torque=0.0)
 """What draws of a search vary unless something else is said."""
 JUDGED = 20
 """Draws on which what was chosen is judged afterwards: none of them was chosen on."""
+CHOSEN, SETTLING = 8, 3
+"""Draws that what is returned has had at least, and how often others may step forward for those that lose them."""
+WHOLE = 4.0
+"""Times as long as a draw a whole trial takes; assumed until one was made."""
 WHOLE_TRIALS = 2
 """For each grasp that is asked for, when the search is over: what holds in draws but not here gives way to others."""
 
@@ -120,21 +126,41 @@ class GraspValidator:
     threads: int = 0
     options: list[PlannedGrasp] = field(default_factory=list)
     ends: Counter[str] = field(default_factory=Counter)
+    drawn: Counter[str] = field(default_factory=Counter)
+    """Trials so far: of `draws`, and `whole` ones."""
+    cpu: dict[str, float] = field(default_factory=lambda: {"draws": 0.0, "whole": 0.0})
+    """s that they took."""
 
-    def add(self, candidates: Sequence[Candidate], n: int) -> None:
-        """Learn about some more, and about the best of all; `n`: how many are wanted in the end."""
+    def add(self, candidates: Sequence[Candidate], n: int, over: Callable[[], bool] = lambda: False) -> None:
+        """Learn about some more, and about the best of all: successive halving, rung by rung, among all that stand on
+        one; of those that have lost none as many as are wanted go on. `n`: how many are wanted in the end; `over`:
+        whether time is up, asked before each rung but the first."""
         new = [PlannedGrasp(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
-        self._draw(new, FIRST)
+        self._draw(new, RUNGS[0])
         self.options += new
-        self._draw([o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good], MORE)
-        self._draw([o for o in self.ranked(self.options, n) if o.expected >= GOOD and o.tried < SURE], MORE)
+        for below, rung in pairwise(RUNGS):
+            if over():
+                break
+            standing = [o for o in self.options if o.tried == below and o.confirmed is not False]
+            count = max(1, len(new) >> RUNGS.index(rung), min(n, sum(o.held == o.tried for o in standing)))
+            self._draw([o for o in self.ranked(standing, count) if not o.good], rung - below)
         self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
 
+    def settling_time(self, n: int) -> float:
+        """CPU seconds that `settle` would take, as trials have taken so far."""
+        best = self.ranked(self.options, n)
+        draw = self.cpu["draws"] / max(self.drawn["draws"], 1)
+        whole = self.cpu["whole"] / self.drawn["whole"] if self.drawn["whole"] else WHOLE * draw
+        lacking = sum(max(CHOSEN - option.tried, 0) for option in best if not option.sure)
+        return lacking * draw + sum(option.confirmed is None for option in best) * whole
+
     def settle(self, n: int) -> None:
-        """Draw for the best until each has had more than its first draws, which some hold by luck; and try them in the
-        whole trial, and others for those that do not hold there."""
-        for _ in range(WHOLE_TRIALS):
-            self._draw([o for o in self.ranked(self.options, n) if o.tried < FIRST + MORE and not o.sure], MORE)
+        """Draw for the best until each has had as many as it takes to choose, for some hold the first by luck; and try
+        them in the whole trial, and others for those that do not hold there."""
+        for _ in range(SETTLING):
+            few = [o for o in self.ranked(self.options, n) if o.tried < CHOSEN and not o.sure]
+            for tried in sorted({option.tried for option in few}):
+                self._draw([o for o in few if o.tried == tried], CHOSEN - tried)
         left = WHOLE_TRIALS * n
         while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
             self._confirm(unknown)
@@ -168,10 +194,15 @@ class GraspValidator:
             for option in options
             for draw in sample_perturbations(self.uncertainty, count, self.seed, option.tried, stream="search")
         ]
-        verdicts = bench.verdicts(trials, stop_early=True)
+        began, verdicts = time.process_time(), bench.verdicts(trials, stop_early=True)
         for option in options:
             option.held += sum(next(verdicts).held for _ in range(count))
             option.tried += count
+        self._spent("draws", len(trials), began)
+
+    def _spent(self, what: str, trials: int, began: float) -> None:
+        self.drawn[what] += trials
+        self.cpu[what] += time.process_time() - began
 
     @property
     def measure(self) -> Measure | None:
@@ -180,6 +211,7 @@ class GraspValidator:
 
     def _confirm(self, options: Sequence[PlannedGrasp]) -> None:
         """Try each in the whole trial."""
+        began = time.process_time()
         cases = [TrialCase(option.scenario, option.grasp, folder=self.folder) for option in options]
         verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure)
         for option, verdict in zip(options, verdicts, strict=True):
@@ -190,6 +222,7 @@ class GraspValidator:
                 option.show(verdict.report.observed)
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
                 option.sustained = verdict.report.hottest[1]
+        self._spent("whole", len(cases), began)
 
     def amiss(self, verdicts: Sequence[Verdict]) -> str:
         """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""

@@ -80,7 +80,8 @@ class PlanRecord(Settings):
 
     seed: Annotated[int, Field(ge=0)]
     candidates: Annotated[int, Field(ge=0)]
-    """How many physics closed in its search: the same seed and as many candidates find it again."""
+    """How many physics closed in its search: the same seed and as many candidates find it again, unless time cut its
+    first round short."""
     held: Annotated[int, Field(ge=0)]
     draws: Annotated[int, Field(ge=0)]
     low: Annotated[float, Field(ge=0, le=1)]

@@ -116,6 +116,8 @@ def search_summary(search: GraspSearch, seeds: int) -> str:
     again = f"--seed {search.seed} --candidates {closed} finds the same"
     if seeds > 1:
         again = "; ".join(f"seed {seed}: --candidates {count}" for seed, count in search.counts.items())
+    if search.cut:
+        again = "--time cut the first round short, so no number of candidates repeats it"
     return (
         f"Searched: {closed} candidates closed in physics, {times}; {again}. Judged afterwards on {JUDGED} draws of "
         "their own, in the whole trial."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,9 +21,8 @@ from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import (
-    FIRST,
+    CHOSEN,
     JUDGED,
-    MORE,
     SEARCHED,
     SURE,
     PlannedGrasp,
@@ -63,7 +63,7 @@ def found() -> tuple[GraspSearch, list[PlannedGrasp], int]:
 def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[GraspSearch, list[PlannedGrasp], int]) -> None:
     search, (planned,), _ = found
     assert planned.margin > 0.0
-    assert planned.tried >= FIRST + MORE
+    assert planned.tried >= CHOSEN
     assert planned.expected == (planned.held + 1) / (planned.tried + 2)
     assert search.ends["held"] >= 1
     closed = sum(search.ends[name] for name in search.ends if name not in ("held", "whole trial"))
@@ -123,20 +123,33 @@ def test_the_same_seed_and_as_many_candidates_write_the_same_files_bit_for_bit(
 
 
 @pytest.mark.slow
-def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) -> None:
-    """The budget is looked at between rounds only, and the last round counts as it was."""
+def test_a_search_that_ran_out_of_time_within_a_round_is_repeated_by_its_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That round counts for nothing."""
     timed, counted = (
         GraspSearch(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY)
         for _ in range(2)
     )
-    found = timed.run(2, SearchBudget(cpu=1e-9))
-    assert timed.closed == TINY.closed // 2, "half, where forces are reckoned"
-    assert timed.cpu > 0.0
+    readings = iter([0.0] * 4 + [1e9] * 10_000)
+    ended: list[float] = []
+    monkeypatch.setattr(time, "process_time", lambda: next(readings) if ended else 0.0)
+    found = timed.run(2, SearchBudget(cpu=100.0), lambda best, share: ended.append(share))
+    monkeypatch.undo()
+    assert (timed.closed, timed.cut, len(ended)) == (TINY.closed // 2, False, 1), "half, where forces are reckoned"
     again = counted.run(2, SearchBudget(timed.closed))
     assert counted.closed == timed.closed
     assert counted.ends == timed.ends
-    assert all(each.tried >= FIRST + MORE for each in found), "nobody is chosen for two draws that it was lucky in"
+    assert all(each.tried >= CHOSEN for each in found), "nobody is chosen for two draws that it was lucky in"
     assert files(found, tmp_path / "timed") == files(again, tmp_path / "counted")
+
+
+@pytest.mark.slow
+def test_a_search_without_time_for_one_round_says_that_it_was_cut() -> None:
+    search = GraspSearch(scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0)
+    search.run(1, SearchBudget(cpu=1e-9))
+    assert search.cut
+    assert 1 <= search.closed <= 5
 
 
 @pytest.mark.slow

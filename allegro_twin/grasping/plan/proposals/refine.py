@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,17 +39,21 @@ class Population:
     _closed: set[Candidate] = field(default_factory=set)
     """Those that physics has closed."""
 
-    def evolve(self, fresh: Sequence[Candidate]) -> None:
-        """Let a round of generations pass, with some more candidates."""
+    def evolve(self, fresh: Sequence[Candidate], over: Callable[[], bool] = lambda: False) -> bool:
+        """Let a round of generations pass, with some more candidates. `over`: whether time is up, asked before each.
+        Whether the round came to its end."""
         self._select([*self.elite, *fresh])
         history = [self._share()]
         for number in range(GENERATIONS):
             if not self.elite or history[-1] <= EASY:
                 break
+            if over():
+                return False
             self._select([*self.elite, *self.proposer.near(self.elite, VARIED * self.kept, _scale(number))])
             history.append(self._share())
             if number >= PATIENCE and history[-1] > (1.0 - PROGRESS) * history[-1 - PATIENCE]:
                 break
+        return True
 
     def take(self, count: int) -> list[Candidate]:
         """So many of the best for physics to close, none of them for a second time. Where none is left, the population
