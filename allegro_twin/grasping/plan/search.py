@@ -45,7 +45,7 @@ TIMESTEP = 0.002
 class RoundSize:
     """How much a round looks at."""
 
-    guessed: int = 192
+    guessed: int = 96
     """Proposals."""
     closed: int = 48
     """The best of them, which physics closes; half as many where forces are reckoned, for most of those hold."""
