@@ -159,15 +159,21 @@ class GraspValidator:
         lacking = sum(max(CHOSEN - option.tried, 0) for option in best if not option.sure)
         return lacking * draw + sum(option.confirmed is None for option in best) * whole
 
-    def settle(self, n: int) -> None:
+    def settle(self, n: int, over: Callable[[], bool] | None = None) -> None:
         """Draw for the best until each has had as many as it takes to choose, for some hold the first by luck; and try
-        them in the whole trial, and others for those that do not hold there."""
+        them in the whole trial, and others for those that do not hold there. `over`: whether time is up; then it ends
+        with the first that holds. None: time plays no part."""
         for _ in range(SETTLING):
             few = [o for o in self.ranked(self.options, n) if o.tried < CHOSEN and not o.sure]
             for tried in sorted({option.tried for option in few}):
-                self._draw([o for o in few if o.tried == tried], CHOSEN - tried)
+                if over is None or not over():
+                    self._draw([o for o in few if o.tried == tried], CHOSEN - tried)
         left = WHOLE_TRIALS * n
         while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
+            if over is not None:
+                if over() and self.best(1):
+                    break
+                unknown = unknown[:1]
             self._confirm(unknown)
             left -= len(unknown)
 
