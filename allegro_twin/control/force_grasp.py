@@ -1,4 +1,5 @@
-"""Grasps that control force: the centroid grasp with two to four fingertips, and the envelop grasp with all links.
+"""Grasps that control force: the centroid grasp with two to four fingertips, the envelop grasp with all links, and the
+latching grasp, whose squeeze begins where the object has stopped the fingers.
 
 The centroid grasp follows Bae et al., "A Grasp Strategy with the Geometric Centroid of a Groped Object Shape Derived
 from Contact Spots", ICRA 2012: fingertips press through the centroid of their contacts and hold it where it was found,
@@ -16,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import PD, GravityFeedforward, ReferenceMemory
-from allegro_twin.control.laws import known_rate
+from allegro_twin.control.laws import known_rate, pd
+from allegro_twin.control.trajectory import Path, Reference, SetPoint
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector
 
 
@@ -270,3 +272,98 @@ class EnvelopGrasp:
             rest, mine = rest.copy(), self.joints[new]
             rest[mine] = state.position[mine]
         return memory._replace(t=state.t, stall=stall, rest=rest)
+
+
+EARLY = 0.8
+"""Of the time for closing in which fingers go on beyond where they are expected to meet the object."""
+
+
+class LatchParameters(NamedTuple):
+    """Numbers of a latching grasp; of many, each with leading batch dimensions, times as (..., 1)."""
+
+    kp: Array
+    """(..., n), N·m/rad."""
+    kd: Array
+    """(..., n), N·m·s/rad."""
+    close_at: Array | float
+    """When the fingers begin to close, s since the controller began."""
+    squeeze_at: Array | float
+    """When they latch, s."""
+    ramp: Array | float
+    """From latching to the whole squeeze, s."""
+    limit: Array
+    """The most that a joint pushes while it closes, (..., n), N·m."""
+    damping: Array
+    """Of the joints themselves, (..., n), N·m·s/rad: what fast closing loses is no push."""
+    beyond: Array
+    """How far joints go on beyond where they are expected to meet the object, (..., n), rad."""
+    offset: Array
+    """Of the squeeze from where the joints have come to rest, (..., n), rad."""
+
+
+class LatchState(NamedTuple):
+    """Memory of the law, NaN before it latches, (..., n) each, rad."""
+
+    rest: Array
+    """Where the joints were when the squeeze began."""
+    pressed: Array
+    """The spring's deflection then."""
+
+
+def latch_torque(
+    wanted: SetPoint, position: Array, velocity: Array, since: float, parameters: LatchParameters, latch: LatchState
+) -> tuple[Array, LatchState]:
+    """Torques that close and squeeze, (..., n), N·m, without the hand's weight.
+
+    Until `squeeze_at`: τ = Kp (q* + β - q) + Kd (q̇* + β̇ - q̇) within ±(limit + damping |q̇*|), with β growing to
+    `beyond`, so that fingers stop at the object whatever its size and place. Then they latch at q_r with the deflection
+    e_r = τ/Kp, and τ = Kp (q_r + e_r + s (offset - e_r) - q) - Kd q̇, with s from 0 to 1 during `ramp`.
+    `wanted`: q* and q̇* on the way to the closed posture; `since` s since the controller began.
+    """
+    p = parameters
+    seconds = EARLY * np.maximum(p.squeeze_at - np.asarray(p.close_at), 1e-9)
+    part = np.minimum(np.maximum((since - p.close_at) / seconds, 0.0), 1.0)
+    rate = wanted.velocity + np.where((part > 0.0) & (part < 1.0), p.beyond / seconds, 0.0)
+    torque = pd(wanted.position + part * p.beyond - position, known_rate(rate - velocity), p.kp, p.kd)
+    most = np.where(since >= p.close_at, p.limit + p.damping * np.abs(rate), np.inf)
+    torque = np.minimum(np.maximum(torque, -most), most)
+    squeezes = since >= np.asarray(p.squeeze_at)
+    new = squeezes & np.isnan(latch.rest)
+    rest, pressed = np.where(new, position, latch.rest), np.where(new, torque / p.kp, latch.pressed)
+    done = np.minimum(np.maximum((since - p.squeeze_at) / p.ramp, 0.0), 1.0)
+    held = pd(rest + pressed + done * (p.offset - pressed) - position, -known_rate(velocity), p.kp, p.kd)
+    return np.where(squeezes, held, torque), LatchState(rest, pressed)
+
+
+class LatchMemory(NamedTuple):
+    """Memory of a latching grasp."""
+
+    path: Path
+    began: float
+    latch: LatchState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LatchGrasp:
+    """Reach the pre-shape, close with little torque until the object stops the fingers, then squeeze from there.
+
+    The squeeze is an offset from where the fingers have come to rest in this very close, so that its torque is the same
+    whatever the size and the place of the object.
+    """
+
+    reference: Reference
+    """Leads to the pre-shape, and on to the closed posture; where it leads afterwards does not matter."""
+    parameters: LatchParameters
+    gravity: GravityFeedforward
+
+    def start(self, state: HandState) -> LatchMemory:
+        self.gravity.check(state)
+        unknown = np.full(len(state.position), np.nan)
+        return LatchMemory(self.reference.begin(state.position), state.t, LatchState(unknown, unknown))
+
+    def __call__(self, state: HandState, memory: LatchMemory) -> tuple[TorqueCommand, LatchMemory]:
+        since = state.t - memory.began
+        torque, latch = latch_torque(
+            memory.path(since), state.position, state.velocity, since, self.parameters, memory.latch
+        )
+        return TorqueCommand(torque + self.gravity(state)), memory._replace(latch=latch)

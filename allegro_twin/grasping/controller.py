@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import PD, Gains, GravityFeedforward
-from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
+from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp, LatchGrasp, LatchParameters
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.hands.library.entries import CentroidGrip, EnvelopGrip
+from allegro_twin.hands.library.entries import CentroidGrip, EnvelopGrip, LatchGrip
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
@@ -62,7 +62,11 @@ def make_grasp_controller(
         raise ConfigError(f"grasp {grasp.name} asks nobody what its fingers touch; a centroid grasp does")
     if force is not None and not force > 0.0:
         raise ConfigError(f"grasp {grasp.name}: force must be positive, not {force}")
-    if force is not None and grasp.grip is not None and force > (most := max_grasp_force(grasp, spec, model)):
+    if (
+        force is not None
+        and isinstance(grasp.grip, CentroidGrip | EnvelopGrip)
+        and force > (most := max_grasp_force(grasp, spec, model))
+    ):
         unit = " N" if isinstance(grasp.grip, CentroidGrip) else " times its torques"
         raise ConfigError(f"grasp {grasp.name}: force is at most {most:.1f}{unit}, what the motors have; not {force:g}")
     reach = PD(timed.moves, gains, gravity)
@@ -74,6 +78,8 @@ def make_grasp_controller(
             return _envelop(grip, reach, timed, spec, gravity, force)
     if force is not None:
         raise ConfigError(f"grasp {grasp.name} controls position and takes no force; a centroid grasp does")
+    if isinstance(grasp.grip, LatchGrip):
+        return _latching(grasp, grasp.grip, timed, spec, gains, gravity)
     return reach
 
 
@@ -152,3 +158,22 @@ def _envelop(
         closing_scale=grip.closing,
         stiffness=grip.stiffness,
     )
+
+
+FREE, RAMP = 0.01, 0.25
+"""rad: a joint that closes by less does not go on beyond; and s, from latching to the whole squeeze."""
+
+
+def _latching(
+    grasp: Grasp, grip: LatchGrip, timed: TimedGrasp, spec: HandSpec, gains: Gains, gravity: GravityFeedforward
+) -> LatchGrasp:
+    ones, motors = np.ones(spec.n_joints), spec.actuation
+    travel = grasp.close - grasp.preshape
+    beyond = np.clip(grasp.close + np.where(np.abs(travel) > FREE, grip.beyond * np.sign(travel), 0.0), spec.lower,
+                     spec.upper) - grasp.close  # fmt: skip
+    parameters = LatchParameters(
+        gains.kp * ones, gains.kd * ones, timed.close_at, timed.squeeze_at, RAMP,
+        grip.closing * motors.torque_limit + motors.frictionloss, motors.damping * ones, beyond,
+        grasp.squeeze - grasp.close,
+    )  # fmt: skip
+    return LatchGrasp(timed.moves, parameters, gravity)

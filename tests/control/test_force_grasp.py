@@ -1,4 +1,5 @@
-"""The envelop grasp wraps with constant torques, and then holds on where the object stopped its fingers."""
+"""The envelop grasp wraps with constant torques, and then holds on where the object stopped its fingers; the latching
+grasp squeezes from there."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import PD
-from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
+from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp, LatchGrasp, LatchParameters
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
@@ -92,3 +93,44 @@ def test_a_centroid_grasp_that_asks_a_mirror_presses_once_every_finger_is_touche
     assert np.isnan(met(0.6, None))
     touched[1] = True
     assert met(0.6, lambda: touched) == pytest.approx(0.102)
+
+
+OFFSET = frozen(np.tile([0.0, 0.02, 0.02, 0.01], 4))
+
+
+def latching() -> LatchGrasp:
+    """It closes from 0.1 to 0.5 s and goes on by 0.1 rad, with 0.1 N·m at most."""
+    gains, ones = load_gains("default", SPEC), np.ones(16)
+    parameters = LatchParameters(
+        gains.kp * ones, gains.kd * ones, 0.1, 0.5, 0.2, 0.1 * ones, 0.0 * ones, 0.1 * ones, OFFSET
+    )
+    return LatchGrasp(Hold(REST), parameters, gravity_of(SPEC, np.zeros(3)))
+
+
+def latched(stopped: Vector, then: Vector, seconds: float = 1.0) -> Vector:
+    """The torque at `then`, after an object has stopped the fingers at `stopped` all the time."""
+    controller = latching()
+    memory = controller.start(still(0.0, stopped))
+    for t in np.arange(0.0, seconds, 0.003):
+        _, memory = controller(still(float(t), stopped), memory)
+    return controller(still(seconds, then), memory)[0].torque
+
+
+@pytest.mark.parametrize("off", [-0.05, 0.0, 0.05])
+def test_a_latching_grasp_squeezes_with_the_same_torque_wherever_the_object_stopped_it(off: float) -> None:
+    stopped = frozen(REST + off)
+    stiffness = load_gains("default", SPEC).kp
+    np.testing.assert_allclose(latched(stopped, stopped), stiffness * OFFSET, atol=1e-12)
+    yielded = frozen(stopped - 0.01)
+    np.testing.assert_allclose(latched(stopped, yielded), stiffness * (OFFSET + 0.01), atol=1e-12)
+
+
+def test_a_latching_grasp_closes_with_no_more_than_its_share_and_goes_on_beyond_its_close() -> None:
+    early = frozen(REST - 0.05)
+    np.testing.assert_allclose(latched(early, early, 0.45), 0.1, atol=1e-12)
+    np.testing.assert_allclose(latched(REST, frozen(REST + 0.095), 0.45), 12.0 * 0.005, atol=1e-9)
+
+
+def test_before_it_closes_a_latching_grasp_has_all_of_its_torque() -> None:
+    early = frozen(REST - 0.05)
+    np.testing.assert_allclose(latched(early, early, 0.06), 12.0 * 0.05, atol=1e-12)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import get_args
+from dataclasses import asdict, replace
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -11,13 +11,17 @@ import pytest
 from allegro_twin.app import assemble
 from allegro_twin.app.simulated import scenario_config
 from allegro_twin.control.controllers import PD
+from allegro_twin.controller import Controller
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
+from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
 from allegro_twin.grasping.scenario import Phase, TrialProtocol, load_protocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entries import LatchGrip
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 
@@ -33,7 +37,13 @@ def alone(case: TrialCase, bench: TrialRunner) -> Trial:
     trial = bench.trial(case)
     rig = assemble(scenario_config("lemon"))
     assert isinstance(rig.controller, PD)
-    controller = PD(trial.reference, rig.controller.gains, rig.controller.gravity)
+    assert rig.controller.gravity is not None
+    controller: Controller[Any] = PD(trial.reference, rig.controller.gains, rig.controller.gravity)
+    if trial.grasp.grip is not None:
+        timed = TimedGrasp(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
+        controller = make_grasp_controller(
+            trial.grasp, timed, bench.spec, rig.controller.gains, rig.controller.gravity, hand_kinematics(bench.spec)
+        )
     hand = Guard(trial.backend, hand_limits(LimitSettings(), bench.spec))
     for _ in trial.watched(until(trial.seconds, run(hand, controller))):
         pass
@@ -52,6 +62,7 @@ def bench() -> TrialRunner:
 def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Perturbation | None, bench: TrialRunner) -> None:
     cases = [load_case({"scenario": name, "draw": draw and asdict(draw)}, bench.spec) for name in ("lemon", "mug")]
     cases = [TrialCase(c.scenario, c.grasp, c.draw, SHORT, c.folder) for c in cases]
+    cases.append(replace(cases[0], grasp=replace(cases[0].grasp, grip=LatchGrip(kind="latch"))))
     for case, verdict in zip(cases, bench.verdicts(cases), strict=True):
         report, other = alone(case, bench).report(), verdict.report
         assert other is not None

@@ -10,7 +10,8 @@ import numpy as np
 
 from allegro_twin.backend import position_of, torque_of
 from allegro_twin.control import laws
-from allegro_twin.control.controllers import PD, Gains, GravityFeedforward, PositionControl
+from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
+from allegro_twin.control.force_grasp import LatchGrasp, LatchParameters, LatchState, latch_torque
 from allegro_twin.control.trajectory import BatchedTrajectories, Trajectory
 from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, bounded, clamp
@@ -27,27 +28,40 @@ class BatchedControllers:
     ) -> None:
         self._controllers, self._limits, self._sims, self._spec = controllers, limits, sims, sims.spec
         self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
-        self._gravity = next((each.gravity for each in controllers if isinstance(each, PD)), None)
+        self._gravity = next((each.gravity for each in controllers if isinstance(each, PD | LatchGrasp)), None)
         self._place = np.full(len(controllers), -1)
         """Of each controller among those along trajectories."""
         self._effort = np.tile(self._spec.actuation.torque_limit, (len(controllers), 1))
-        paths, gains = list[Trajectory](), list[Gains]()
+        paths, gains, latching = list[Trajectory](), list[tuple[Array, Array]](), list[LatchParameters]()
+        self._latching = np.full(len(controllers), -1)
+        """Of each controller among those that latch."""
         for row, (each, memory) in enumerate(zip(controllers, self._memory, strict=True)):
             alike = (
                 isinstance(each, PositionControl)
                 if sims.closes_loop
-                else isinstance(each, PD) and each.gravity is self._gravity
+                else isinstance(each, PD | LatchGrasp) and each.gravity is self._gravity
             )
             if not alike or not isinstance(memory.path, Trajectory):
                 continue
             self._place[row] = len(paths)
             paths.append(memory.path)
-            if isinstance(each, PD):
-                gains.append(each.gains)
+            if isinstance(each, LatchGrasp):
+                self._latching[row] = len(latching)
+                latching.append(each.parameters)
+                gains.append((each.parameters.kp, each.parameters.kd))
+            elif isinstance(each, PD):
+                gains.append((each.gains.kp, each.gains.kd))
             else:
                 self._effort[row] = self._bounded(row, states[row])[1]
         self._paths = BatchedTrajectories(paths) if paths else None
-        self._kp, self._kd = (np.array([getattr(each, name) for each in gains]) for name in ("kp", "kd"))
+        self._kp, self._kd = (np.array([each[k] for each in gains]) for k in (0, 1))
+        self._parameters = (
+            LatchParameters(*(np.array(field).reshape(len(latching), -1) for field in zip(*latching, strict=True)))
+            if latching
+            else None
+        )
+        unknown = np.full((len(latching), self._spec.n_joints), np.nan)
+        self._latch = LatchState(unknown, unknown.copy())
 
     def __call__(self, rows: Rows, t: float, state_of: Callable[[int], HandState]) -> Array:
         """What the motors of some rows are told at a time, s: (rows, joints), as of `SimBatch.advance`."""
@@ -55,16 +69,32 @@ class BatchedControllers:
 
     def _torques(self, rows: Rows, t: float, state_of: Callable[[int], HandState]) -> Array:
         torque, sims = np.empty((len(rows), self._spec.n_joints)), self._sims
-        along = self._place[rows] >= 0
+        latches = self._latching[rows] >= 0
+        if latches.any():
+            torque[latches] = self._latched(rows[latches], t)
+        along = (self._place[rows] >= 0) & ~latches
         if self._paths is not None and along.any():
             places = self._place[rows[along]]
             target, gains = self._paths(places, t), (self._kp[places], self._kd[places])
             torque[along] = pd_torque(sims, rows[along], target.position, target.velocity, gains, self._gravity)
-        for place in np.flatnonzero(~along).tolist():
+        for place in np.flatnonzero(~along & ~latches).tolist():
             row = int(rows[place])
             command, self._memory[row] = self._controllers[row](state_of(row), self._memory[row])
             torque[place] = torque_of(command, self._spec)
         return clamp_torques(torque, sims.position[rows], self._limits)
+
+    def _latched(self, rows: Rows, t: float) -> Array:
+        """Torques of those that latch, before the guard, (rows, joints), N·m."""
+        assert self._paths is not None
+        assert self._parameters is not None
+        mine, sims = self._latching[rows], self._sims
+        parameters = LatchParameters(*(np.asarray(each)[mine] for each in self._parameters))
+        torque, latch = latch_torque(
+            self._paths(self._place[rows], t), sims.position[rows], sims.velocity[rows], t, parameters,
+            LatchState(*(each[mine] for each in self._latch)),
+        )  # fmt: skip
+        self._latch.rest[mine], self._latch.pressed[mine] = latch
+        return torque + weight_torque(sims, rows, self._gravity)
 
     def _positions(self, rows: Rows, t: float, state_of: Callable[[int], HandState]) -> Array:
         position, duration = np.empty((len(rows), self._spec.n_joints)), np.zeros(len(rows))
@@ -96,11 +126,16 @@ def pd_torque(
 ) -> Array:
     """PD of some hands towards positions, rad, at speeds, rad/s, with their weight carried, (rows, joints), N·m.
     `gains`: kp and kd, (joints,) or (rows, joints)."""
-    now, feed = sims.position[rows], np.zeros(1)
-    if gravity is not None:
-        down = sims.gravity[rows] if gravity.vector is None else np.tile(gravity.vector, (len(rows), 1))
-        feed = gravity.torque_of(now, down)
-    return laws.pd(position - now, velocity - sims.velocity[rows], *gains, feed)
+    now = sims.position[rows]
+    return laws.pd(position - now, velocity - sims.velocity[rows], *gains, weight_torque(sims, rows, gravity))
+
+
+def weight_torque(sims: SimBatch, rows: Rows, gravity: GravityFeedforward | None) -> Array:
+    """What carries the weight of some hands, (rows, joints), N·m; zero, (1,), without `gravity`."""
+    if gravity is None:
+        return np.zeros(1)
+    down = sims.gravity[rows] if gravity.vector is None else np.tile(gravity.vector, (len(rows), 1))
+    return gravity.torque_of(sims.position[rows], down)
 
 
 def clamp_torques(torque: Array, position: Array, limits: Limits) -> Array:

@@ -12,6 +12,7 @@ from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, Wrist
 from allegro_twin.grasping.trial import Trial
+from allegro_twin.hands.library.entries import Grip, LatchGrip
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
@@ -122,12 +123,14 @@ def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenar
     return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference})
 
 
-def candidate_grasp(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:
+def candidate_grasp(
+    candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0, grip: Grip | None = None
+) -> Grasp:
     """The candidate's postures as a grasp, of its template's type. `squeeze`: factor on how far the fingers are told to
-    go beyond where they touch."""
+    go beyond where they touch. `grip`: how it controls force."""
     told = candidate.close + squeeze * (candidate.squeeze - candidate.close)
     preshape, close, told = (round_posture(each, spec) for each in (candidate.preshape, candidate.close, told))
-    return replace(template, preshape=preshape, close=close, squeeze=told, grip=None, observed=None)
+    return replace(template, preshape=preshape, close=close, squeeze=told, grip=grip, observed=None)
 
 
 def round_posture(posture: Vector, spec: HandSpec) -> Vector:
@@ -165,6 +168,7 @@ def rest_positions(trial: Trial, data: Any) -> Mapping[str, float]:
 
 def limit_squeeze(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:
     """The grasp with its squeeze no further from where its joints come to `rest` (n,), rad, than what `share` of their
-    torque limits makes: kp |squeeze - rest| ≤ share · limit."""
+    torque limits makes: kp |squeeze - rest| ≤ share · limit. One that latches squeezes from where it closes."""
+    rest = grasp.close if isinstance(grasp.grip, LatchGrip) else rest
     reach = share * spec.actuation.torque_limit / gains.kp
     return replace(grasp, squeeze=round_posture(np.clip(grasp.squeeze, rest - reach, rest + reach), spec))

@@ -19,6 +19,7 @@ from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import PlannedGrasp, best_grasps
 from allegro_twin.grasping.scenario import Scenario
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entries import LatchGrip
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.sweep.jobs import Sweep
@@ -86,7 +87,9 @@ def planned_to_json(planned: PlannedGrasp) -> dict[str, Any]:
     fields = {key: getattr(planned, key) for key in _FIELDS}
     observed = planned.grasp.observed
     candidate = {key: np.asarray(getattr(planned.candidate, key)).tolist() for key in Candidate.__slots__}
+    grip = planned.grasp.grip
     grasp = {key: getattr(planned.grasp, key).tolist() for key in _POSTURES}
+    grasp |= {} if grip is None else {"grip": grip.model_dump()}
     return fields | {"observed": None if observed is None else observed.model_dump(), "candidate": candidate,
                      "grasp": grasp, "scenario": planned.scenario.model_dump(mode="json")}  # fmt: skip
 
@@ -99,7 +102,8 @@ def planned_from_json(data: Any, known: Sequence[Grasp]) -> PlannedGrasp:
     candidate = Candidate(**values)
     template = next(grasp for grasp in known if grasp.name == candidate.template)
     preshape, close, squeeze = (np.array(data["grasp"][key]) for key in _POSTURES)
-    grasp = replace(template, grip=None, observed=None, preshape=preshape, close=close, squeeze=squeeze)
+    grip = LatchGrip(**data["grasp"]["grip"]) if "grip" in data["grasp"] else None
+    grasp = replace(template, grip=grip, observed=None, preshape=preshape, close=close, squeeze=squeeze)
     planned = PlannedGrasp(
         candidate, Scenario.model_validate(data["scenario"]), grasp, **{key: data[key] for key in _FIELDS}
     )

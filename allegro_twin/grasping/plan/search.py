@@ -45,7 +45,7 @@ TIMESTEP = 0.002
 class RoundSize:
     """How much a round looks at."""
 
-    guessed: int = 192
+    guessed: int = 96
     """Proposals."""
     closed: int = 48
     """The best of them, which physics closes; half as many where forces are reckoned, for most of those hold."""
@@ -71,7 +71,7 @@ class SearchBudget:
     candidates: float = math.inf
     """That physics closes."""
     cpu: float = math.inf
-    """s of all processors together, without what judging costs afterwards."""
+    """s of all processors together, without what it costs to cut a mesh into pieces, once, and to judge afterwards."""
 
 
 EVOLVING = 0.4
@@ -138,9 +138,9 @@ class GraspSearch:
         fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent. Raises
         ConfigError for a hand of which the effort of a motor is unknown."""
         check_efforts(self.spec)
-        clock, effort = _Clock(budget.cpu, time.process_time()), self.effort or _round_size(n)
-        protocol = load_protocol(self.scenario.protocol)
+        protocol, effort = load_protocol(self.scenario.protocol), self.effort or _round_size(n)
         bench, random = self._bench(protocol), np.random.default_rng(self.seed)
+        clock = _Clock(budget.cpu, time.process_time())
         prover = self._prover(bench)
         friction = protocol.friction or self.scenario.friction
         step = FINE if protocol.floating else COARSE
@@ -172,7 +172,8 @@ class GraspSearch:
                 closed = population.take(min(most, max(1, effort.closed // 2)))
             if not ended and self.closed:
                 break
-            self.cut |= not ended
+            if not ended:
+                self.cut, closed = True, closed[: 2 * n]
             if not closed:
                 continue  # All that evolved has been closed before: begin anew.
             evolved = clock.spent
@@ -190,14 +191,18 @@ class GraspSearch:
                         each for each, end in zip(closed, outcomes, strict=True) if end.passed or each.score > -1.0
                     ]
                     population.drop(strong)
-                prover.add(self._apart(passed, prover)[: effort.drawn], n, clock.over if self.cut else lambda: False)
+                prover.add(
+                    self._apart(passed, prover)[: n if self.cut else effort.drawn],
+                    n,
+                    clock.over if self.cut else lambda: False,
+                )
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
             dearest = max(dearest, clock.spent - evolved)
             tell(
                 [each for each in prover.ranked(prover.options, n) if each.good],
                 max(clock.spent / budget.cpu, self.closed / budget.candidates),
             )
-        prover.settle(n)
+        prover.settle(n, clock.over if self.cut else None)
         self.cpu = clock.spent
         best = prover.best(n)
         for each in best:

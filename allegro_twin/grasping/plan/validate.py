@@ -24,6 +24,7 @@ from allegro_twin.grasping.plan.candidate import (
 from allegro_twin.grasping.plan.region import GraspRegion, holds_in_region
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
+from allegro_twin.hands.library.entries import LatchGrip
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import is_of_type
@@ -46,11 +47,15 @@ class Squeeze(NamedTuple):
     """On what the quick test had."""
     share: float = math.inf
     """Of its torque limit that a joint holds with, at most."""
+    grip: LatchGrip | None = None
+    """None: at a fixed posture."""
 
 
 AS_IT_IS = Squeeze()
 SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
 """Among which draws choose: little slips, much rolls the object out of the fingers."""
+LATCHING = (Squeeze(1.2, 1.0, LatchGrip(kind="latch")), Squeeze(1.6, 0.7, LatchGrip(kind="latch")))
+"""The same where torques are reckoned and fingers latch, so that they press with what was reckoned."""
 SPARE = 3
 """How many more than are asked for are varied."""
 SEARCHED = Uncertainty(position=0.005, torque=0.0)
@@ -135,7 +140,7 @@ class GraspValidator:
         """Learn about some more, and about the best of all: successive halving, rung by rung, among all that stand on
         one; of those that have lost none as many as are wanted go on. `n`: how many are wanted in the end; `over`:
         whether time is up, asked before each rung but the first."""
-        new = [PlannedGrasp(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
+        new = [PlannedGrasp(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in self._squeezes(c)]
         self._draw(new, RUNGS[0])
         self.options += new
         for below, rung in pairwise(RUNGS):
@@ -154,15 +159,21 @@ class GraspValidator:
         lacking = sum(max(CHOSEN - option.tried, 0) for option in best if not option.sure)
         return lacking * draw + sum(option.confirmed is None for option in best) * whole
 
-    def settle(self, n: int) -> None:
+    def settle(self, n: int, over: Callable[[], bool] | None = None) -> None:
         """Draw for the best until each has had as many as it takes to choose, for some hold the first by luck; and try
-        them in the whole trial, and others for those that do not hold there."""
+        them in the whole trial, and others for those that do not hold there. `over`: whether time is up; then it ends
+        with the first that holds. None: time plays no part."""
         for _ in range(SETTLING):
             few = [o for o in self.ranked(self.options, n) if o.tried < CHOSEN and not o.sure]
             for tried in sorted({option.tried for option in few}):
-                self._draw([o for o in few if o.tried == tried], CHOSEN - tried)
+                if over is None or not over():
+                    self._draw([o for o in few if o.tried == tried], CHOSEN - tried)
         left = WHOLE_TRIALS * n
         while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
+            if over is not None:
+                if over() and self.best(1):
+                    break
+                unknown = unknown[:1]
             self._confirm(unknown)
             left -= len(unknown)
 
@@ -181,9 +192,12 @@ class GraspValidator:
     def as_files(self, candidate: Candidate, squeeze: Squeeze) -> tuple[Scenario, Grasp]:
         """What is played of a candidate."""
         template = next(grasp for grasp in self.templates if grasp.name == candidate.template)
-        grasp = candidate_grasp(candidate, template, self.spec, squeeze.factor)
+        grasp = candidate_grasp(candidate, template, self.spec, squeeze.factor, squeeze.grip)
         grasp = limit_squeeze(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
         return candidate_scenario(candidate, self.bench, self.scenario), grasp
+
+    def _squeezes(self, candidate: Candidate) -> Sequence[Squeeze]:
+        return LATCHING if candidate.torque is not None and "torque" in self.spec.commands else SQUEEZES
 
     def _draw(self, options: Sequence[PlannedGrasp], count: int) -> None:
         """Try each under the next draws that it has not seen."""

@@ -51,7 +51,18 @@ class EnvelopGrip(Settings):
     """Scale of the torques before the squeeze."""
 
 
-Grip: TypeAlias = Annotated[CentroidGrip | EnvelopGrip, Field(discriminator="kind")]
+class LatchGrip(Settings):
+    """Close with little torque until the object stops the fingers, then squeeze from where they are: by the difference
+    between the stored squeeze and close."""
+
+    kind: Literal["latch"]
+    closing: Annotated[float, Field(gt=0, le=1)] = 0.2
+    """The most that a joint pushes before it squeezes, as a fraction of its torque limit."""
+    beyond: Annotated[float, Field(ge=0, le=0.5)] = 0.12
+    """How far joints that close go on beyond the stored close if nothing stops them, rad."""
+
+
+Grip: TypeAlias = Annotated[CentroidGrip | EnvelopGrip | LatchGrip, Field(discriminator="kind")]
 
 
 Angles: TypeAlias = dict[str, list[float]]

@@ -66,7 +66,9 @@ def entry_from_grasp(grasp: Grasp, spec: HandSpec, description: str = "", eviden
 
 def _check_grip(grip: Grip | None, spec: HandSpec, where: str) -> None:
     """Raise ConfigError for fingers that the hand does not have, or torques that do not fit them."""
-    names = grip.fingers if isinstance(grip, CentroidGrip) else tuple(grip.torque) if grip is not None else ()
+    names: tuple[str, ...] = ()
+    if isinstance(grip, CentroidGrip | EnvelopGrip):
+        names = grip.fingers if isinstance(grip, CentroidGrip) else tuple(grip.torque)
     for name in names:
         finger = spec.finger(name)
         row = grip.torque[name] if isinstance(grip, EnvelopGrip) else [0.0] * len(finger.joints)

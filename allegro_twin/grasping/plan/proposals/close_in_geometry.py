@@ -51,7 +51,9 @@ def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE)
 
 def meet_exactly(bench: GraspScene, candidate: Candidate) -> tuple[Candidate, TouchPoints]:
     """The same within `EXACT`: coarse steps to where something is met, and fine ones over the last of them again."""
-    coarse, _ = close_fingers(bench, candidate, COARSE)
+    coarse, touch = close_fingers(bench, candidate, COARSE)
+    if len(set(touch.part.tolist())) < 2:
+        return coarse, touch  # A finger alone holds nothing, however exactly it touches.
     travel = candidate.closing * (coarse.close - candidate.preshape)
     short = candidate.preshape + candidate.closing * np.maximum(travel - 1.2 * COARSE, 0.0)
     fine, touch = close_fingers(bench, replace(candidate, preshape=short), EXACT)

@@ -74,6 +74,7 @@ def _load_start(scenario: str, grasp: str | None, thing: str | None) -> tuple[Sc
     """The scenario, the grasp to start from, the hand and the scenario's file. Raises ConfigError."""
     from allegro_twin.grasping.scenario import load_scenario, parse_object
     from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.hands.library.entries import LatchGrip
     from allegro_twin.hands.library.library import load_grasp
 
     settings, path = load_scenario(scenario)
@@ -81,7 +82,7 @@ def _load_start(scenario: str, grasp: str | None, thing: str | None) -> tuple[Sc
     if thing is not None:
         settings = settings.model_copy(update={"objects": (parse_object(thing), *settings.objects[1:])})
     begun = load_grasp(grasp or settings.grasp, spec)
-    if begun.grip is not None:
+    if not isinstance(begun.grip, LatchGrip | None):
         raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
     return settings, begun, spec, path
 
