@@ -47,6 +47,15 @@ def test_an_arm_that_is_off_by_a_tenth_of_a_millimetre_is_in_the_stated_error() 
     assert sum(errors(r)[0] <= r.position_error for r in rough) >= 4
 
 
+def test_the_arms_own_errors_are_estimated_and_weighed_so_that_they_cost_little() -> None:
+    arm = (1e-4, np.radians(0.02))
+    found = [calibrate_hand_eye(pattern_views(seed, arm=arm), LENS, at_the_wrist=True) for seed in range(6)]
+    assert np.mean([errors(each)[0] for each in found]) < 3e-4  # 0.16 mm; with an arm that is trusted 0.5 mm.
+    assert 3e-5 <= np.median([each.arm_position for each in found]) <= 3.2e-4  # The grid has steps of 3.2.
+    exact = calibrate_hand_eye(pattern_views(0), LENS, at_the_wrist=True)
+    assert exact.arm_position <= 3.2e-5
+
+
 def test_the_corners_are_as_far_off_as_they_were_drawn() -> None:
     found = calibrate_hand_eye(pattern_views(3, noise=0.1), LENS, at_the_wrist=True)
     assert found.residual == pytest.approx(0.1 * np.sqrt(2.0), rel=0.1)
