@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +23,8 @@ _TURNS = 24
 """Ways to turn what is held about the vertical."""
 _NEAR = 2e-3
 """m and rad."""
-_ROOM = 0.15
-"""rad, to the end of every joint."""
+_ROOMS = (0.15, 0.06)
+"""rad, to the end of every joint, and less where nothing else is reached."""
 _OVER = 0.03
 """m, between what is held and all that it passes over."""
 _LOW, _HIGH = 0.25, 0.45
@@ -61,17 +61,17 @@ def release_path(
     low = grasped.position[2] - bottom + tray.height + tray.above
     high = min(max(low, grasped.position[2] - bottom + highest + _OVER, _LOW), max(_HIGH, low))
     plans = list[tuple[float, tuple[Vector, ...], ReleasePath]]()
-    for angle in np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False):
-        turn = yaw_rotation(float(angle))
+    for room, turn in product(_ROOMS, [yaw_rotation(float(k)) for k in np.linspace(0.0, 2.0 * np.pi, _TURNS + 1)[:-1]]):
+        if plans and room != _ROOMS[0]:
+            break
         x, y = tray.at + (turn @ (grasped.position - solid.position))[:2]
         turned = turn @ grasped.rotation
         up = Pose(np.array([*grasped.position[:2], high]), grasped.rotation)
         over, there = (Pose(np.array([x, y, height]), turned) for height in (high, low))
-        postures = _postures([up, over, there], now, cell)
+        postures = _postures([up, over, there], now, room, cell)
         if postures:
-            plans.append(
-                (float(np.abs(np.stack(postures) - now).max()), postures, ReleasePath(up, postures[1], over, there))
-            )
+            far = float(np.abs(np.stack(postures) - now).max())
+            plans.append((far, postures, ReleasePath(up, postures[1], over, there)))
     hand, speed = way.card.grasp.squeeze, cell.settings.arm.joint_speed
     for _, plan, found in sorted(plans, key=lambda each: each[0]):
         arm = np.concatenate([far_path(begin, end, speed)[0] for begin, end in pairwise((now, *plan))])
@@ -83,15 +83,15 @@ def release_path(
     )
 
 
-def _postures(palms: Sequence[Pose], near: Vector, cell: Cell) -> tuple[Vector, ...]:
-    """Of the arm, one after the other; none where one of them is out of reach."""
+def _postures(palms: Sequence[Pose], near: Vector, room: float, cell: Cell) -> tuple[Vector, ...]:
+    """Of the arm, one after the other; none where one of them is out of reach, or has less `room`, rad, in a joint."""
     robot, spec, found = cell.robot, cell.robot.spec, list[Vector]()
     for palm in palms:
         try:
             near = robot.model.reach(robot.flange_for(palm), near, _NEAR)
         except ConfigError:
             return ()  # The answer, not an error.
-        if float(np.minimum(near - spec.lower, spec.upper - near).min()) < _ROOM:
+        if float(np.minimum(near - spec.lower, spec.upper - near).min()) < room:
             return ()
         found.append(near)
     return tuple(found)
