@@ -28,7 +28,13 @@ from allegro_twin.cell.checks.grasp_check import (
 from allegro_twin.cell.checks.motor_check import MotorCheck
 from allegro_twin.cell.checks.sensor_zero_check import check_drift, check_plausibility, with_uncertainty
 from allegro_twin.cell.motion.arm_motion import ArmGuide
-from allegro_twin.cell.motion.empty_grasp import empty_grasp, misread_positions, squeeze_speed, touching_joints
+from allegro_twin.cell.motion.empty_grasp import (
+    EmptyGrasp,
+    empty_grasp,
+    misread_positions,
+    squeeze_speed,
+    touching_joints,
+)
 from allegro_twin.cell.motion.finger_paths import OPENING
 from allegro_twin.cell.motion.other_objects import box_around, on_tray, other_objects
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age, position_text
@@ -113,7 +119,9 @@ class CellActions:
         t = now.since
         match now.state:
             case "ToSecurityPose":
-                if self._has_released(now) and self._release is not None:
+                released = now.released > self._released
+                self._remember(now)
+                if released and self._release is not None:
                     self._left = [self._release.over, self.cell.posture]
                     self._step(t, state)  # The fingers open wide once they are out of the tray.
                 else:
@@ -223,22 +231,25 @@ class CellActions:
             return Observation(state.t)
         if now.state == "ToTargetPose" and len(self._before) < self._tare:
             return Observation(state.t)  # The tare.
-        loose = _LOOSE if now.state in ("ToLiftedPose", "ToReleasePose") else 1.0
-        there = state.t >= self._there and (now.state == "OpeningHand" or self._arrived(state, loose))
-        lost = there and now.state == "ToReleasePose" and not self._between(state)
-        return Observation(state.t, done=there and not lost, held=False if lost else None)
+        match now.state:
+            case "ToReleasePose":
+                there = state.t >= self._there and (self._arrived(state, _LOOSE) or self._rests_on_something(state))
+                lost = there and not self._between(state)
+                return Observation(state.t, done=there and not lost, held=False if lost else None)
+            case "OpeningHand":
+                return Observation(state.t, done=state.t >= self._there)
+        loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
+        return Observation(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
-    def _has_released(self, now: MachineState) -> bool:
-        """Whether something was put away. What cannot be taken is left for later: then it may be in reach."""
+    def _remember(self, now: MachineState) -> None:
+        """What could not be taken is left for later; once something was put away it may be in reach."""
         if now.released > self._released:
             self._released = now.released
             self._avoided.clear()
             if self._adapter is not None:
                 self._adapter.forget_failures()
-            return True
-        if len(now.left) > len(self._avoided) and self.solid is not None:
+        elif len(now.left) > len(self._avoided) and self.solid is not None:
             self._avoided.append(self.solid.position)
-        return False
 
     def _release_path(self, state: HandState) -> ReleasePath | None:
         """The way to where the object is let go; where there is none, the run ends."""
@@ -255,17 +266,21 @@ class CellActions:
 
     def _between(self, state: HandState) -> bool:
         """Whether the fingers still press on something that is not there around nothing."""
-        hand, grasp, cell = self._hand, self._grasp, self.cell
-        if hand is None or grasp is None:
+        if self._hand is None or self._grasp is None:
             return True
-        palm = cell.robot.palm(state).rotation
-        nothing = empty_grasp(cell.settings.hand, grasp, palm)
+        nothing = empty_grasp(self.cell.settings.hand, self._grasp, self.cell.robot.palm(state).rotation)
+        _, _, between = self._torques(self._hand, nothing)
+        return between > _LOST * self.cell.settings.validation.torque
+
+    def _torques(self, hand: HandState, nothing: EmptyGrasp) -> tuple[Vector, Vector, float]:
+        """What the motors give and what gravity takes, (n,) each, and what is between the fingers, N·m."""
+        cell = self.cell
         gravity = cell.model.gravity_torque(hand.position, hand.gravity)
         torque = self._motors.given(hand, self.fingers(hand.t), gravity)
         friction = cell.hand.spec.actuation.frictionloss
         press = pressing_torque(hand.position, torque - gravity, nothing, cell.stiffness, friction)
         touching = touching_joints(cell.settings.hand, hand.position)
-        return torque_between_fingers(press, nothing, touching) > _LOST * cell.settings.validation.torque
+        return torque, gravity, torque_between_fingers(press, nothing, touching)
 
     def recheck(self, now: MachineState, state: HandState) -> Observation:
         """Whether what was said to be held after the lift still is, once there are as many samples and a picture again;
@@ -361,6 +376,14 @@ class CellActions:
             off < loose * decide.near
             and np.linalg.norm(rotation_between(pose.rotation, goal.rotation)) < loose * decide.turned
         )
+
+    def _rests_on_something(self, state: HandState) -> bool:
+        """Whether it came down where it was to, but not so far, and is still: a full tray is higher than an empty
+        one."""
+        base, pose, goal = self.cell.robot.base, self.cell.robot.model.pose(state.position), self.guide.target.pose
+        off = base.rotation @ (pose.position - goal.position)
+        near = float(np.hypot(off[0], off[1])) < _LOOSE * self.cell.settings.decide.near
+        return near and off[2] > 0.0 and float(np.abs(state.velocity).max()) < _STILL
 
     def _closed(self, t: float) -> bool:
         if t < self._there:
@@ -477,11 +500,8 @@ class CellActions:
         if dead is not None or sight is None:
             return Observation(state.t, fault=dead)
         axes = cell.robot.base.rotation @ cell.robot.model.pose(state.position).rotation
-        gravity = cell.model.gravity_torque(hand.position, hand.gravity)
-        torque = self._motors.given(hand, self.fingers(hand.t), gravity)
         nothing = empty_grasp(cell.settings.hand, self._grasp, self.way.palm.rotation)
-        press = pressing_torque(hand.position, torque - gravity, nothing, cell.stiffness, friction)
-        squeeze = torque_between_fingers(press, nothing, touching_joints(cell.settings.hand, hand.position))
+        torque, gravity, squeeze = self._torques(hand, nothing)
         stop, weight = stopping_torque(torque, gravity, friction), weigh(self._before, self._after, axes)
         told = detectable_weight(len(self._before), len(self._after), settings)
         found = check_grasp(weight, told, stop, squeeze, sight, settings)
