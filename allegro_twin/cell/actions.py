@@ -52,7 +52,7 @@ from allegro_twin.errors import ArmReflex, ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import CLEAR, Obstacle
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR
 from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
@@ -470,9 +470,7 @@ class CellActions:
         try:
             rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
             self.others = (*(each.points for each in known), *rest)
-            solids = [table_object(each.solid) for each in known]
-            obstacles = [Obstacle(body.kind, body.extents, body.position, body.yaw) for body in solids]
-            obstacles += [box_around(points) for points in rest]
+            obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
             best = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear)
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))

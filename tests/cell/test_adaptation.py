@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, detected_scenario
-from allegro_twin.cell.planning.stored_grasps import MIRROR, StoredGrasp, TableObject
+from allegro_twin.cell.planning.stored_grasps import MIRROR, StoredGrasp
 from allegro_twin.cell.settings import GraspPlanningSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.timeline import place_object
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.contact.obstacle_clearance import Obstacle
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.spec import Side
 
 FEW = GraspPlanningSettings(rounds=1, closed=2)
@@ -64,7 +64,9 @@ def test_what_the_arm_does_not_get_to_is_refused_with_what_became_of_it_and_not_
 
 
 def test_a_grasp_keeps_away_from_what_stands_beside() -> None:
-    wall = Obstacle("box", (0.3, 0.03, 0.12), np.array([0.0, 0.06, 0.06]))  # Along one side of the box, 22 mm from it.
+    wall = TableObject(
+        "box", (0.3, 0.03, 0.12), 0.0, np.array([0.0, 0.06, 0.06])
+    )  # Along one side of the box, 22 mm from it.
     cards = list[StoredGrasp]()
     mine = adapter()
     with pytest.raises(ConfigError):

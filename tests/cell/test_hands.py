@@ -7,12 +7,13 @@ import pytest
 
 from allegro_twin.cell.assembly import make_cell, with_objects
 from allegro_twin.cell.planning.reachability import nearest_grasp, reachable_grasps
-from allegro_twin.cell.planning.stored_grasps import TableObject, stored_grasps
+from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, TableObjectSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from tests.cell.test_run import cell_of
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")

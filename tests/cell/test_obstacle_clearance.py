@@ -12,7 +12,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.states import MachineState
-from allegro_twin.sim.contact.obstacle_clearance import NEAR, Obstacle, ObstacleClearance
+from allegro_twin.sim.contact.obstacle_clearance import NEAR, ObstacleClearance, TableObject
 from allegro_twin.types import Array, Vector
 from tests.cell.test_run import cell_of, states, still
 
@@ -55,12 +55,12 @@ def test_a_thing_that_stands_in_the_way_is_named_and_one_beside_it_is_none(
 ) -> None:
     palm = cell.robot.palm(cell.robot.arm.reset()).position
     way = through(cell, moved(cell, q0=-0.6), moved(cell, q0=0.6))
-    clearance.see(kind, (0.1, 0.1, 0.1), palm - np.array([0.0, 0.0, 0.05]), 0.3)
+    clearance.see(TableObject(kind, (0.1, 0.1, 0.1), 0.3, palm - np.array([0.0, 0.0, 0.05])))
     met = clearance.on_way(*way)
     assert met is not None
     assert met.other == "the thing"
     assert met.distance < NEAR
-    clearance.see(kind, (0.1, 0.1, 0.1), palm + np.array([0.5, 0.0, -0.05]), 0.3)
+    clearance.see(TableObject(kind, (0.1, 0.1, 0.1), 0.3, palm + np.array([0.5, 0.0, -0.05])))
     assert clearance.on_way(*way) is None
 
 
@@ -116,11 +116,11 @@ def test_every_fingertip_that_is_near_something_is_found_whatever_its_shapes(
     here = cell.posture[None], cell.open[None]
     clearance.nothing()
     assert clearance.of_others(*here) is None
-    clearance.beside([Obstacle("box", (0.02, 0.02, 0.1), tip - np.array([0.0, 0.0, 0.055]))])
+    clearance.beside([TableObject("box", (0.02, 0.02, 0.1), 0.0, tip - np.array([0.0, 0.0, 0.055]))])
     met = clearance.of_others(*here)
     assert met is not None
     assert met.other == "another object"
-    clearance.see("box", (0.02, 0.02, 0.1), tip - np.array([0.0, 0.0, 0.055]), 0.0)
+    clearance.see(TableObject("box", (0.02, 0.02, 0.1), 0.0, tip - np.array([0.0, 0.0, 0.055])))
     assert {other for _, other in clearance._near(cell.posture, cell.open)} >= {"the thing", "another object"}
     clearance.nothing()
     assert not clearance.crowded

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.planning.stored_grasps import TableObject, grasp_candidates, stored_grasps, table_object
+from allegro_twin.cell.planning.stored_grasps import grasp_candidates, stored_grasps, table_object
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import rotation_between
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import object_catalogue
 
 

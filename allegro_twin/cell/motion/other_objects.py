@@ -13,7 +13,7 @@ from allegro_twin.cell.perception.clusters import find_clusters
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.settings import TraySettings
-from allegro_twin.sim.contact.obstacle_clearance import Obstacle
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.types import Array
 
 _REACH = 0.6
@@ -66,10 +66,10 @@ def on_tray(points: Array, tray: TraySettings) -> Mask:
     return np.asarray((np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0 + _RIM).all(axis=-1))
 
 
-def box_around(points: Array) -> Obstacle:
+def box_around(points: Array) -> TableObject:
     """The upright box along the world's axes around points, (k, 3), m, down to the table."""
     middle, extents = bounding_box(points)
-    return Obstacle("box", (float(extents[0]), float(extents[1]), float(extents[2])), middle)
+    return TableObject("box", (float(extents[0]), float(extents[1]), float(extents[2])), 0.0, middle)
 
 
 def bounding_box(points: Array) -> tuple[Array, Array]:

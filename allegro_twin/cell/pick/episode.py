@@ -15,7 +15,6 @@ from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.cell.planning.reachability import nearest_grasp
 from allegro_twin.cell.planning.stored_grasps import (
     GraspCandidate,
-    TableObject,
     standing_object,
     table_object,
     yaw_rotation,
@@ -29,6 +28,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import object_catalogue
 from allegro_twin.types import Vector
 

@@ -18,7 +18,6 @@ import numpy as np
 from allegro_twin.cell.planning.stored_grasps import (
     MIRROR,
     StoredGrasp,
-    TableObject,
     body_text,
     extent_mismatch,
     stored_grasps,
@@ -49,7 +48,7 @@ from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_gra
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.grasp_scene import GraspScene
-from allegro_twin.sim.contact.obstacle_clearance import Obstacle
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.spec import HandSpec
 
 P = TypeVar("P")
@@ -120,14 +119,14 @@ class GraspAdapter:
         self,
         body: TableObject,
         feasible: Callable[[StoredGrasp], P | None],
-        others: Sequence[Obstacle] = (),
+        others: Sequence[TableObject] = (),
         room: float = 0.0,
     ) -> P:
         """What `feasible` makes of the best grasp for a body: a plan of the arm's, or None for one that it cannot get
-        to. `others`: what stands beside it; with
-        them each grasp counts as it is, without the turns that the body's symmetry leaves open; `room`: that is kept
-        to them, m: what failed with one may succeed with another. Where nothing lifts it, it is taken to be lighter.
-        Raises ConfigError where nothing is found, with what became of the candidates."""
+        to. `others`: what stands beside it; with them each grasp counts as it is, without the turns that the body's
+        symmetry leaves open. `room`: that is kept to them, m: what failed with one may succeed with another. Where
+        nothing lifts it, it is taken to be lighter. Raises ConfigError where nothing is found, with what became of the
+        candidates."""
         for known in [] if others else self.found:
             if known.card.body.kind == body.kind and extent_mismatch(known.card.body, body) < _SIMILAR:
                 plan = feasible(known.card)
@@ -169,7 +168,7 @@ class GraspAdapter:
 class AdaptationSearch:
     """Rounds of variations of stored grasps on one solid, and what has become of them."""
 
-    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[Obstacle], density: float) -> None:
+    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[TableObject], density: float) -> None:
         self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
         self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
         self._body, self._random = body, np.random.default_rng(adapter.seed)
@@ -325,7 +324,7 @@ def detected_object(
     return ScenarioObject(name=name, shape=kind, size=size, mass=mass, up=up, yaw=own + np.degrees(yaw))  # type: ignore[arg-type]
 
 
-def _beside(scenario: Scenario, body: TableObject, others: Sequence[Obstacle]) -> Scenario:
+def _beside(scenario: Scenario, body: TableObject, others: Sequence[TableObject]) -> Scenario:
     """The scenario with others beside the body, as they stand when the body lies along x."""
     back, objects = yaw_rotation(-body.yaw), list(scenario.objects)
     for number, other in enumerate(others):

@@ -17,7 +17,6 @@ from allegro_twin.cell.planning.stored_grasps import (
     MOST,
     GraspCandidate,
     StoredGrasp,
-    TableObject,
     extent_mismatch,
     grasp_candidates,
     nearest_stored,
@@ -27,7 +26,7 @@ from allegro_twin.cell.planning.stored_grasps import (
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import CLEAR, OTHERS, ClearanceViolation, Obstacle
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR, OTHERS, ClearanceViolation, TableObject
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -83,7 +82,7 @@ class GraspPlan(NamedTuple):
 def plan_grasp(
     solid: Solid,
     cell: Cell,
-    others: Sequence[Obstacle] = (),
+    others: Sequence[TableObject] = (),
     adapter: GraspAdapter | None = None,
     clear: float = CLEAR,
 ) -> GraspPlan:
@@ -99,7 +98,7 @@ def plan_grasp(
         raise ConfigError(
             f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
         )
-    cell.clearance.see(body.kind, body.extents, body.position, body.yaw)
+    cell.clearance.see(body)
     cell.clearance.beside(others, clear)
     if adapter is None:
         return _stored_plan(body, cell, others, MOST)
@@ -117,7 +116,7 @@ def plan_grasp(
         raise
 
 
-def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Obstacle], most: float) -> GraspPlan:
+def _stored_plan(body: TableObject, cell: Cell, others: Sequence[TableObject], most: float) -> GraspPlan:
     first = ""
     for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift, most=most):
         found = _clear_of_obstacles(one, cell)
@@ -133,7 +132,7 @@ def _stored_plan(body: TableObject, cell: Cell, others: Sequence[Obstacle], most
 
 
 def _adapted_plan(
-    body: TableObject, cell: Cell, others: Sequence[Obstacle], adapter: GraspAdapter, room: float
+    body: TableObject, cell: Cell, others: Sequence[TableObject], adapter: GraspAdapter, room: float
 ) -> GraspPlan:
     return adapter.plan(body, lambda card: clear_plan(card, body, cell), others, room)
 

@@ -23,6 +23,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import GraspObject, object_catalogue
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
@@ -36,20 +37,6 @@ _NEARLY = 1.3  # Ratio of level extents under which an egg is so nearly round th
 _LITTLE = np.radians([-10.0, 10.0, -20.0, 20.0])  # OWN: lemons were held by an Allegro Hand so in 40 of 40 trials.
 MOST = 0.25
 """Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TableObject:
-    """A solid on the table, whichever way it came to be known."""
-
-    kind: str
-    """Its shape; with `lying` before it where an axis of revolution is level."""
-    extents: tuple[float, float, float]
-    """The longer level one, the shorter level one, the height, m."""
-    yaw: float
-    """Of the longer level one in the world, rad."""
-    position: Array
-    """Of the middle, (3,), m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

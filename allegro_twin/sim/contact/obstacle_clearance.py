@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import mujoco
@@ -32,17 +33,18 @@ _SHAPES = {
 """The geom of a kind of body, and which of its half extents are its sizes; of any other kind it is the box around."""
 
 
-class Obstacle(NamedTuple):
-    """What stands on the table."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TableObject:
+    """A solid on the table, whichever way it came to be known."""
 
     kind: str
-    """A shape, with `lying` before it where its axis is level."""
+    """Its shape; with `lying` before it where an axis of revolution is level."""
     extents: tuple[float, float, float]
-    """In two level directions and upwards, m."""
+    """The longer level one, the shorter level one, the height, m."""
+    yaw: float
+    """Of the longer level one in the world, rad."""
     position: Array
-    """Of its middle, (3,), m, world."""
-    yaw: float = 0.0
-    """Its turn about the vertical, rad."""
+    """Of the middle, (3,), m."""
 
 
 class ClearanceViolation(NamedTuple):
@@ -89,7 +91,7 @@ class ObstacleClearance:
         self._data.qpos[self._place : self._place + 3] = _out(0)
         self.beside(())
 
-    def beside(self, obstacles: Sequence[Obstacle], clear: float = CLEAR) -> None:
+    def beside(self, obstacles: Sequence[TableObject], clear: float = CLEAR) -> None:
         """From now on these other objects stand on the table, at most `OTHERS`. `clear`: each so much wider to every
         side, m."""
         self.crowded = len(obstacles) > 0
@@ -98,16 +100,15 @@ class ObstacleClearance:
                 one = obstacles[k]
                 up = 0.0 if one.kind in ("box", "cylinder") else clear
                 wider = np.array(one.extents) + 2.0 * np.array([clear, clear, up])
-                self._shape(number, place, one._replace(extents=tuple(wider.tolist())))
+                self._shape(number, place, replace(one, extents=tuple(wider.tolist())))
             else:
                 self._data.qpos[place : place + 3] = _out(k + 1)
 
-    def see(self, kind: str, extents: Sequence[float], position: Array, yaw: float) -> None:
-        """From now on this stands on the table: a shape, with `lying` before it where its axis is level; how far it
-        extends in two level directions and upwards, m; its middle, (3,), m; its turn about the vertical, rad."""
-        self._shape(self._thing, self._place, Obstacle(kind, (extents[0], extents[1], extents[2]), position, yaw))
+    def see(self, body: TableObject) -> None:
+        """From now on this stands on the table."""
+        self._shape(self._thing, self._place, body)
 
-    def _shape(self, number: int, place: int, one: Obstacle) -> None:
+    def _shape(self, number: int, place: int, one: TableObject) -> None:
         """Geom `number`, whose body's place is at `place` of the state, is this from now on."""
         shape, which = _SHAPES.get(one.kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
         half, pose = np.array(one.extents) / 2.0, self._data.qpos[place : place + 7]
