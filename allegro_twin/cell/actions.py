@@ -43,8 +43,8 @@ from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
 from allegro_twin.cell.planning.adaptation import GraspAdapter
-from allegro_twin.cell.planning.reachability import far_path, plan_grasp
-from allegro_twin.cell.planning.release import ReleasePath, release_path
+from allegro_twin.cell.planning.reachability import GraspPlan, far_path, plan_grasp
+from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate, table_object
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
@@ -91,7 +91,9 @@ class CellActions:
         self._refused: CellOutcome | None = None
         self._avoided = list[Array]()  # Places of objects that are left for later, world, m.
         self._released = 0
-        self._release: ReleasePath | None = None
+        self._above: Pose | None = None  # The palm above where something is to be let go, and
+        self._over: Pose | None = None  # where something has been.
+        self._no_way: CellOutcome | None = None  # To the tray.
         self._track: TargetTrack | None = None
         self._blocked: CellOutcome | None = None
         self._reflex: CellOutcome | None = None
@@ -119,10 +121,12 @@ class CellActions:
         t = now.since
         match now.state:
             case "ToSecurityPose":
-                released = now.released > self._released
+                if self._adapter is not None and self.way is not None and now.released == self._released:
+                    self._adapter.give_up(self.way.card)
                 self._remember(now)
-                if released and self._release is not None:
-                    self._left = [self._release.over, self.cell.posture]
+                over, self._over = self._over, None
+                if over is not None:
+                    self._left = [over, self.cell.posture]
                     self._step(t, state)  # The fingers open wide once they are out of the tray.
                 else:
                     self._head_for(t, self.cell.open, OPENING)
@@ -158,12 +162,16 @@ class CellActions:
             case "Validate":
                 self._look_again(state)
             case "ToReleasePose":
-                self._release = self._release_path(state)
-                if self._release is not None:
-                    self._left = [self._release.up, self._release.across, self._release.palm]
+                path = self._release_path(now, state)
+                if path is not None:
+                    self._above, self._left = path.over, [path.up, path.across, path.palm]
                     self._step(t, state)
+            case "PutBack":
+                self._above = self.cell.robot.palm(state)
+                self._go(t, self._grasped, self.cell.settings.arm.lift)
             case "OpeningHand":
                 assert self._grasp is not None
+                self._over = self._above
                 self._head_for(t, self._grasp.preshape, OPENING)
             case "Retreat":
                 palm = self.cell.robot.palm(state)
@@ -224,6 +232,9 @@ class CellActions:
                 return Observation(state.t, done=self._closed(state.t))
             case "Validate":
                 return self._check(state)
+        if now.state == "ToReleasePose" and self._no_way is not None:
+            refused, self._no_way = self._no_way, None
+            return Observation(state.t, refused=refused)
         if now.state in _FAR and self._left and state.t >= self._there:
             if now.state == "ToSecurityPose":
                 self._head_for(state.t, self.cell.open, OPENING)
@@ -232,6 +243,9 @@ class CellActions:
         if now.state == "ToTargetPose" and len(self._before) < self._tare:
             return Observation(state.t)  # The tare.
         match now.state:
+            case "PutBack":
+                there = state.t >= self._there and (self._arrived(state, _LOOSE) or self._rests_on_something(state))
+                return Observation(state.t, done=there)
             case "ToReleasePose":
                 there = state.t >= self._there and (self._arrived(state, _LOOSE) or self._rests_on_something(state))
                 lost = there and not self._between(state)
@@ -251,17 +265,18 @@ class CellActions:
         elif len(now.left) > len(self._avoided) and self.solid is not None:
             self._avoided.append(self.solid.position)
 
-    def _release_path(self, state: HandState) -> ReleasePath | None:
-        """The way to where the object is let go; where there is none, the run ends."""
+    def _release_path(self, now: MachineState, state: HandState) -> ReleasePath | None:
+        """The way to where the object is let go; where there is none, the next observation says so."""
         tray, way = self.cell.settings.tray, self.way
         assert tray is not None
         assert way is not None
         assert self.solid is not None
         try:
-            return release_path(tray, way, self._grasped, self.solid, self.others, state.position, self.cell)
+            return release_path(
+                tray, way, self._grasped, self.solid, self.others, state.position, self.cell, now.released
+            )
         except ConfigError as error:
-            self._blocked = CellOutcome("fault", "in the way", str(error))
-            self.stand_still(state)
+            self._no_way = CellOutcome("refused", "in the way", str(error))
             return None
 
     def _between(self, state: HandState) -> bool:
@@ -471,12 +486,19 @@ class CellActions:
             rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
             self.others = (*(each.points for each in known), *rest)
             obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
-            best = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear)
+            best = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear, self._deliverable(seen.solid))
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))
         self.way, self._through = best.way, best.through
         self.solid, self._found = seen.solid, seen
         return None
+
+    def _deliverable(self, solid: Solid) -> Callable[[GraspPlan], bool]:
+        """Whether the arm gets to the tray with what a plan takes; without a tray every plan will do."""
+        tray, cell = self.cell.settings.tray, self.cell
+        if tray is None:
+            return lambda plan: True
+        return lambda plan: reaches_tray(tray, plan.way.palm, solid, plan.there[1], cell)
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:
         """The detection, once its target stands still where the settings ask for that; until then why it does not."""

@@ -19,6 +19,7 @@ from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.planning.release import check_tray
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import (
     CellOutcome,
@@ -86,8 +87,11 @@ def perform(
     `on_prepare` of the run's memory before anything moves.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
-    state has its longest time, and so has the run, by the periods of arm and hand.
+    state has its longest time, and so has the run, by the periods of arm and hand. Raises ConfigError for a tray out of
+    reach.
     """
+    if cell.settings.tray is not None:
+        check_tray(cell.settings.tray, cell)
     work, now = CellActions(cell), initial_state(0.0)
     seen = _Story(cell, work)
     on_prepare(work)
@@ -152,7 +156,8 @@ def state_rules(settings: LabSettings) -> StateRules:
     return StateRules(
         {"ToSecurityPose": most.security, "Look": most.look, "ToTargetPose": most.target, "Approach": most.approach,
          "ClosingHand": most.close, "ToLiftedPose": most.lift, "Validate": most.check,
-         "Retreat": most.retreat, "ToReleasePose": most.release, "OpeningHand": most.open},
+         "Retreat": most.retreat, "ToReleasePose": most.release, "PutBack": most.lift,
+         "OpeningHand": most.open},
         settings.decide.retries,
         0 if settings.tray is None else settings.tray.objects,
     )  # fmt: skip

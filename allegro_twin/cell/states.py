@@ -5,7 +5,8 @@ report has four of them; looking, the last stretch and the check stand in states
 An arm that stopped by itself is led away from what it met, Retreat, and then all begins anew, or ends.
 
 Where a table is to be cleared, what is held goes on to ToReleasePose → OpeningHand and the next look; what was missed
-as often as the rules say is left for later, until a look finds nothing, or only what was left.
+as often as the rules say is left for later, until a look finds nothing, or only what was left. What there is no way to
+the tray for is put back where it stood, PutBack, and left for later.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Literal
 
 StateName = Literal[
     "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "ToReleasePose",
-    "OpeningHand", "Retreat", "Done"
+    "PutBack", "OpeningHand", "Retreat", "Done"
 ]  # fmt: skip
 OutcomeKind = Literal["held", "cleared", "missed", "refused", "fault"]
 _NEXT: dict[StateName, StateName] = {
@@ -24,6 +25,7 @@ _NEXT: dict[StateName, StateName] = {
     "Approach": "ClosingHand",
     "ClosingHand": "ToLiftedPose",
     "ToReleasePose": "OpeningHand",
+    "PutBack": "OpeningHand",
     "ToLiftedPose": "Validate",
 }
 
@@ -57,7 +59,7 @@ class MachineState:
     """Counting this one."""
     end: CellOutcome | None = None
     cause: CellOutcome | None = None
-    """Of a retreat: what the arm met."""
+    """Of a retreat: what the arm met; of putting back: why there is no way to the tray."""
     released: int = 0
     """Objects that were put where they belong."""
     left: tuple[CellOutcome, ...] = ()
@@ -77,7 +79,7 @@ class Observation:
     doubt: str = ""
     """What is told with it: of a sensor that does not decide."""
     refused: CellOutcome | None = None
-    """Why there is nothing to grasp, by the newest picture."""
+    """Why there is nothing to grasp, by the newest picture, or no way to the tray."""
     fault: CellOutcome | None = None
     reflex: CellOutcome | None = None
     """Why the arm has stopped by itself; it takes commands again."""
@@ -96,7 +98,7 @@ class StateRules:
     def longest(self) -> float:
         """s that a run may last in all, whatever its states do: every state at its latest, in every try for every
         object that may be on the table or be left for later, and the check after the end."""
-        last = () if self.objects else ("ToReleasePose", "OpeningHand")
+        last = () if self.objects else ("ToReleasePose", "PutBack", "OpeningHand")
         each = sum(most + _LATE for name, most in self.timeouts.items() if name not in last)
         objects = max(self.objects * (self.objects + 1) // 2, 1)
         return objects * (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
@@ -148,6 +150,10 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             return _again(now, seen.t, rules, CellOutcome("missed", "", said))
         case "ToReleasePose" if seen.held is False:
             return _again(now, seen.t, rules, CellOutcome("missed", "", "it was lost on the way to the tray"))
+        case "ToReleasePose" if seen.refused is not None:
+            return replace(now, state="PutBack", since=seen.t, cause=seen.refused)
+        case "OpeningHand" if seen.done and now.cause is not None:
+            return _later(now, seen.t, rules, now.cause)
         case "OpeningHand" if seen.done:
             if now.released + 1 == rules.objects:
                 end = CellOutcome("cleared", "", f"{rules.objects} objects were put away, as many as may be")
@@ -178,6 +184,11 @@ def _again(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
     """The next try, or the end; of a table that is cleared, the next object."""
     if now.tries <= rules.retries:
         return replace(now, state="ToSecurityPose", since=t, tries=now.tries + 1, cause=None)
+    return _later(now, t, rules, end)
+
+
+def _later(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> MachineState:
+    """The next object of a table that is cleared, or the end."""
     if len(now.left) + 1 < rules.objects:
         return MachineState("ToSecurityPose", t, released=now.released, left=(*now.left, end))
     return _over(now, t, end)

@@ -9,8 +9,8 @@ import pytest
 
 from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.planning.reachability import nearest_grasp
-from allegro_twin.cell.planning.release import release_path
+from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
+from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import table_object
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
@@ -62,9 +62,29 @@ def test_the_hand_opens_above_the_tray_with_the_object_in_its_middle() -> None:
     np.testing.assert_allclose(turn[2], [0.0, 0.0, 1.0], atol=1e-9)  # What is held stays upright.
     reached = cell.robot.base.rotation @ cell.robot.model.pose(path.across).position + cell.robot.base.position
     assert np.linalg.norm(reached[:2] - TRAY.at) < 0.3
+    second = release_path(TRAY, way, way.palm, BALL, (), lifted, cell, used=1)
+    assert np.hypot(*(second.palm.position - path.palm.position)[:2]) > 0.03  # Not on top of the first.
     tower = (np.array([[0.1, 0.1, 0.0], [0.14, 0.14, 0.3]]),)
     high = release_path(TRAY, way, way.palm, BALL, tower, lifted, cell).over.position[2]
     assert high - way.palm.position[2] > 0.3  # Over all that stands on the table.
+
+
+@pytest.mark.slow
+def test_what_has_no_way_to_the_tray_is_put_back_where_it_stood_and_the_run_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_way(*_: object) -> ReleasePath:
+        raise ConfigError("fer does not get to the tray")
+
+    monkeypatch.setattr("allegro_twin.cell.actions.release_path", no_way)
+    cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "foam_brick", "at": [0.0, 0.0]}])
+    before = cell.robot.thing("foam_brick").position
+    report = perform(cell)
+    states = [state for _, state in report.events]
+    assert states[states.index("ToReleasePose") :][:4] == ["ToReleasePose", "PutBack", "OpeningHand", "ToSecurityPose"]
+    assert (str(report.end), report.released, report.in_tray) == ("missed: left", 0, ())
+    assert "fer does not get to the tray" in report.end.sentence
+    assert np.linalg.norm((cell.robot.thing("foam_brick").position - before)[:2]) < 0.01
 
 
 def test_a_tray_out_of_reach_is_refused_with_its_place() -> None:
@@ -73,6 +93,30 @@ def test_a_tray_out_of_reach_is_refused_with_its_place() -> None:
     far = TRAY.model_copy(update={"at": (1.5, 0.3)})
     with pytest.raises(ConfigError, match=r"does not get to the tray at \(1.5, 0.3\) with the sphere"):
         release_path(far, plan.way, plan.way.palm, BALL, (), plan.there[1], cell)
+    assert reaches_tray(TRAY, plan.way.palm, BALL, plan.there[1], cell)
+    assert not reaches_tray(far, plan.way.palm, BALL, plan.there[1], cell)
+
+
+def test_a_tray_out_of_reach_is_refused_before_anything_moves() -> None:
+    cell = cell_of(tray=TRAY.model_dump() | {"at": [1.5, 0.3]}, objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    with pytest.raises(ConfigError, match=r"tray.at: fer does not reach above \(1.5, 0.3\)"):
+        perform(cell)
+
+
+def test_what_cannot_be_brought_to_the_tray_is_not_taken() -> None:
+    cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    asked = list[GraspPlan]()
+
+    def never(plan: GraspPlan) -> bool:
+        asked.append(plan)
+        return False
+
+    with pytest.raises(ConfigError, match="from where it would hold it, it does not get to the tray"):
+        plan_grasp(BALL, cell, accept=never)
+    assert len(asked) > 1
+    first = asked[0].way.palm.position
+    chosen = plan_grasp(BALL, cell, accept=lambda plan: not np.allclose(plan.way.palm.position, first))
+    assert not np.allclose(chosen.way.palm.position, first)
 
 
 def test_what_is_in_the_tray_is_not_on_the_table() -> None:

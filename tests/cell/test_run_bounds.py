@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -32,12 +32,17 @@ class Hang(Exception):
     """A run that should be over by the count of its periods."""
 
 
-def watched(samples: Iterable[Sample]) -> Iterator[Sample]:
-    """A stage that knows nothing of states: at most 20 s of samples."""
-    for count, sample in enumerate(samples):
-        if count > 20.0 / 0.003:
-            raise Hang
-        yield sample
+def bounded(cell: Cell) -> Callable[[Iterable[Sample]], Iterator[Sample]]:
+    """A stage that knows nothing of states: a little more samples than the longest run has."""
+    most = round((state_rules(cell.settings).longest + 1.0) / min(cell.arm.period, cell.hand.period))
+
+    def stage(samples: Iterable[Sample]) -> Iterator[Sample]:
+        for count, sample in enumerate(samples):
+            if count > most:
+                raise Hang
+            yield sample
+
+    return stage
 
 
 class Standing(SilentBackend):
@@ -59,20 +64,21 @@ def test_a_clock_that_stands_still_ends_in_a_fault_by_its_name(device: str) -> N
     cell = cell_of(**SHORT)
     stopped = Standing(cell.arm if device == "arm" else cell.hand, 20)
     cell = replace(cell, arm=stopped) if device == "arm" else replace(cell, hand=stopped)
-    report = perform(cell, arm=watched, hand=watched)
+    stage = bounded(cell)
+    report = perform(cell, arm=stage, hand=stage)
     assert str(report.end) == "fault: endless"
     assert f"of the {device}'s periods" in report.end.sentence
 
 
 def test_a_clock_that_stands_still_does_not_hold_up_the_end_after_the_other_has_fallen_silent() -> None:
     cell = cell_of(**SHORT)
-    report = perform(replace(cell, arm=SilentBackend(cell.arm, 0.1), hand=Standing(cell.hand, 40)), hand=watched)
+    report = perform(replace(cell, arm=SilentBackend(cell.arm, 0.1), hand=Standing(cell.hand, 40)), hand=bounded(cell))
     assert str(report.end) == "fault: arm silent"
 
 
 def test_a_run_may_last_as_long_as_all_its_states_in_every_try() -> None:
     rules = state_rules(SETTINGS)
-    once = sum(most for name, most in rules.timeouts.items() if name not in ("ToReleasePose", "OpeningHand"))
+    once = sum(most for name, most in rules.timeouts.items() if name not in ("ToReleasePose", "PutBack", "OpeningHand"))
     assert rules.longest > (rules.retries + 1) * once + rules.timeouts["Validate"]
 
 
@@ -135,7 +141,8 @@ QUICK = 3
 def ends(cell: Cell, runner: ModuleType) -> None:
     """It ends, whichever way, and says nothing false."""
     try:
-        report = runner.perform(cell, arm=watched, hand=watched)
+        stage = bounded(cell)
+        report = runner.perform(cell, arm=stage, hand=stage)
     except Hang:
         raise
     except Exception:  # noqa: BLE001  # Whatever a mutant breaks down with is a failure too.

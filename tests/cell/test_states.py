@@ -104,7 +104,9 @@ def test_after_the_retries_a_reflex_is_the_end_and_so_is_one_on_the_way_back() -
     assert next_state(first, Observation(0.1, reflex=other), RULES) == MachineState("Done", 0.1, 1, other, REFLEX)
 
 
-CLEARING = replace(RULES, objects=3, timeouts=RULES.timeouts | {"ToReleasePose": 12.0, "OpeningHand": 4.0})
+CLEARING = replace(
+    RULES, objects=3, timeouts=RULES.timeouts | {"ToReleasePose": 12.0, "PutBack": 4.0, "OpeningHand": 4.0}
+)
 MISSED = Observation(1.0, held=False)
 
 
@@ -119,6 +121,18 @@ def test_on_a_table_that_is_cleared_what_is_held_goes_to_the_tray_and_the_next_l
 def test_what_is_lost_on_the_way_to_the_tray_is_a_miss() -> None:
     lost = next_state(MachineState("ToReleasePose", 0.0), MISSED, CLEARING)
     assert (lost.state, lost.tries, lost.released) == ("ToSecurityPose", 2, 0)
+
+
+def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_left_for_later() -> None:
+    no_way = CellOutcome("refused", "in the way", "fer does not get to the tray")
+    now = next_state(MachineState("ToReleasePose", 0.0, released=1), Observation(1.0, refused=no_way), CLEARING)
+    assert (now.state, now.cause) == ("PutBack", no_way)
+    now = next_state(now, Observation(2.0, done=True), CLEARING)
+    assert (now.state, now.cause) == ("OpeningHand", no_way)
+    now = next_state(now, Observation(3.0, done=True), CLEARING)
+    assert now == MachineState("ToSecurityPose", 3.0, released=1, left=(no_way,))  # Not released, nor tried again.
+    second = replace(now, state="OpeningHand", cause=no_way, left=(no_way, no_way))
+    assert next_state(second, Observation(4.0, done=True), CLEARING).end == no_way  # As many as may be were tried.
 
 
 def test_what_was_missed_as_often_as_may_be_is_left_for_later_and_looked_for_again_once_something_is_put_away() -> None:

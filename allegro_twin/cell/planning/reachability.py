@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,8 +55,9 @@ _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
 """m: not worth a way of its own."""
-_ROOM = 0.08
-"""rad: to the end of every joint."""
+_ROOM, _MORE_ROOM = 0.08, 0.16
+"""rad: to the end of every joint, and of an adapted grasp: the spring and the way of the elbow take some, and there are
+other grasps."""
 _STEP = 0.02
 """rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
@@ -77,6 +78,8 @@ class GraspPlan(NamedTuple):
     """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
     there: tuple[Vector, Vector]
     """Those of the grasp and of the end of the lift."""
+    room: float
+    """The least to the end of a joint, rad, at the begin of the approach, the grasp, and the end of the lift."""
 
 
 def plan_grasp(
@@ -85,11 +88,12 @@ def plan_grasp(
     others: Sequence[TableObject] = (),
     adapter: GraspAdapter | None = None,
     clear: float = CLEAR,
+    accept: Callable[[GraspPlan], bool] = lambda plan: True,
 ) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
     which it comes near to nothing: neither to the table nor to `others`. With
     a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen. `clear`: other
-    objects may be so much wider than they were seen, m.
+    objects may be so much wider than they were seen, m. `accept`: whether a plan will do for what comes after it.
 
     Raises ConfigError where no grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
@@ -101,28 +105,32 @@ def plan_grasp(
     cell.clearance.see(body)
     cell.clearance.beside(others, clear)
     if adapter is None:
-        return _stored_plan(body, cell, others, MOST)
+        return _stored_plan(body, cell, others, MOST, accept)
     spec, same = cell.hand.spec, adapter.settings.same
     stored = nearest_stored(body, spec.model, spec.side)
     if stored is None or extent_mismatch(stored.body, body) > same:
-        return _adapted_plan(body, cell, others, adapter, clear)
+        return _adapted_plan(body, cell, others, adapter, clear, accept)
     try:
-        return _stored_plan(body, cell, others, same)
+        return _stored_plan(body, cell, others, same, accept)
     except ConfigError:
         try:
-            return _adapted_plan(body, cell, others, adapter, clear)
+            return _adapted_plan(body, cell, others, adapter, clear, accept)
         except ConfigError:
             pass
         raise
 
 
-def _stored_plan(body: TableObject, cell: Cell, others: Sequence[TableObject], most: float) -> GraspPlan:
+def _stored_plan(
+    body: TableObject, cell: Cell, others: Sequence[TableObject], most: float, accept: Callable[[GraspPlan], bool]
+) -> GraspPlan:
     first = ""
     for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift, most=most):
         found = _clear_of_obstacles(one, cell)
-        if isinstance(found, GraspPlan):
+        if not isinstance(found, GraspPlan):
+            first = first or f"{found} on the way to its {one.way.card.name} grasp"
+        elif accept(found):
             return found
-        first = first or f"{found} on the way to its {one.way.card.name} grasp"
+    first = first or "from where it would hold it, it does not get to the tray"
     where = ", ".join(position_text(each.position) for each in others)
     beside = f", and so may be the other objects at {where}" if others else ""
     raise ConfigError(
@@ -132,18 +140,23 @@ def _stored_plan(body: TableObject, cell: Cell, others: Sequence[TableObject], m
 
 
 def _adapted_plan(
-    body: TableObject, cell: Cell, others: Sequence[TableObject], adapter: GraspAdapter, room: float
-) -> GraspPlan:
-    return adapter.plan(body, lambda card: clear_plan(card, body, cell), others, room)
+    body: TableObject, cell: Cell, others: Sequence[TableObject], adapter: GraspAdapter, room: float,
+    accept: Callable[[GraspPlan], bool],
+) -> GraspPlan:  # fmt: skip
+    return adapter.plan(body, lambda card: clear_plan(card, body, cell, accept), others, room)
 
 
-def clear_plan(card: StoredGrasp, body: TableObject, cell: Cell) -> GraspPlan | None:
-    """The way to take a body with a grasp that the arm reaches with nothing near; None where there is none. What is in
-    the way is what `cell.clearance` knows of; with other objects there the grasp is not turned."""
+def clear_plan(
+    card: StoredGrasp, body: TableObject, cell: Cell, accept: Callable[[GraspPlan], bool] = lambda plan: True
+) -> GraspPlan | None:
+    """The way to take a body with a grasp that the arm reaches with nothing near, and that is accepted; None where
+    there is none. What is in the way is what `cell.clearance` knows of; with other objects there the grasp is not
+    turned."""
     ways = turned_candidates(card, body)[: 1 if cell.clearance.crowded else None]
-    for one in _reached(ways, body, cell.robot, cell.posture, cell.settings.lift, _PLAIN.near)[:_LOOKED]:
+    reached = _reached(ways, body, cell.robot, cell.posture, cell.settings.lift, _PLAIN.near)
+    for one in [each for each in reached if each.room > _MORE_ROOM][:_LOOKED]:
         found = _clear_of_obstacles(one, cell)
-        if isinstance(found, GraspPlan):
+        if isinstance(found, GraspPlan) and accept(found):
             return found
     return None
 
@@ -241,10 +254,11 @@ def _from(
         except ConfigError:
             return None  # The answer, not an error.
         postures.append(at)
-    if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
+    room = min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures)
+    if room < _ROOM:
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
-    return GraspPlan(far, way, (*_over(way, top, robot, postures[0]), postures[0]), (postures[1], postures[2]))
+    return GraspPlan(far, way, (*_over(way, top, robot, postures[0]), postures[0]), (postures[1], postures[2]), room)
 
 
 def _over(way: GraspCandidate, top: float, robot: ArmWithHand, at: Vector) -> tuple[Vector, ...]:

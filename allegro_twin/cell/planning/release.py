@@ -1,8 +1,8 @@
-"""The way of what is held to the tray: up over all that stands on the table, across, and down to its rim."""
+"""Where what is held is let go: in the tray, over all that stands on the table, or where it stood."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from allegro_twin.cell.planning.stored_grasps import GraspCandidate, yaw_rotatio
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.types import Array, Vector
 
 _TURNS = 24
@@ -29,6 +30,8 @@ _OVER = 0.03
 """m, between what is held and all that it passes over."""
 _LOW, _HIGH = 0.25, 0.45
 """m: the palm is carried at the first height at least, and at the second at most."""
+_PLACES = np.array([[0.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) / 6.0
+"""Where objects are let go, in edges of the tray from its middle."""
 
 
 class ReleasePath(NamedTuple):
@@ -44,43 +47,90 @@ class ReleasePath(NamedTuple):
     """where the hand opens, straight below."""
 
 
+class _ArmPath(NamedTuple):
+    """A path, the arm's postures on it, and the largest turn of a joint, rad."""
+
+    far: float
+    postures: tuple[Vector, ...]
+    path: ReleasePath
+
+
 def release_path(
     tray: TraySettings, way: GraspCandidate, grasped: Pose, solid: Solid, others: Sequence[Array], now: Vector,
-    cell: Cell,
+    cell: Cell, used: int = 0,
 ) -> ReleasePath:  # fmt: skip
     """The path from a posture of the arm, `now` (n,), rad. `grasped`: the palm when the object, `solid`, stood on the
-    table; `others`: points of what stands there still, (k, 3), m.
+    table; `others`: points of what stands there still, (k, 3), m; `used`: so many objects are in the tray, and the next
+    one is let go at the next of its places.
 
     Raises ConfigError where the arm reaches none with nothing in the way.
     """
     boxes = [box_around(points) for points in others]
     cell.clearance.nothing()
     cell.clearance.beside(boxes)
-    highest = max([tray.height, *(each.extents[2] for each in boxes)])
+    hand, speed, reached = way.card.grasp.squeeze, cell.settings.arm.joint_speed, 0
+    for place in np.roll(_PLACES, -used, axis=0):
+        plans = sorted(_reached(tray, place, grasped, solid, boxes, now, cell), key=lambda each: each.far)
+        reached += len(plans)
+        for plan in plans:
+            postures = pairwise((now, *plan.postures))
+            arm = np.concatenate([far_path(begin, end, speed)[0] for begin, end in postures])
+            if cell.clearance.on_way(arm, np.tile(hand, (len(arm), 1))) is None:
+                return plan.path
+    raise ConfigError(
+        f"{cell.robot.spec.name} does not get to the tray at ({tray.at[0]:g}, {tray.at[1]:g}) with the {solid.shape}: "
+        f"of {len(_PLACES) * _TURNS} poses above it the arm reaches {reached}, and something is in the way of all; "
+        "move the tray (`tray.at`)"
+    )
+
+
+def reaches_tray(tray: TraySettings, grasped: Pose, solid: Solid, lifted: Vector, cell: Cell) -> bool:
+    """Whether the arm, lifted to a posture (n,), rad, would get to the middle of the tray with what it holds, if
+    nothing were in the way."""
+    return next(_reached(tray, _PLACES[0], grasped, solid, (), lifted, cell), None) is not None
+
+
+def check_tray(tray: TraySettings, cell: Cell) -> None:
+    """Raises ConfigError for a tray that is out of the arm's reach, however the hand is turned over it."""
+    palm = cell.security
+    for height, turn in product((_LOW, _HIGH), _turns()):
+        above = Pose(np.array([*tray.at, height]), turn @ palm.rotation)
+        if _postures([above], cell.posture, _ROOMS[-1], cell):
+            return
+    raise ConfigError(
+        f"tray.at: {cell.robot.spec.name} does not reach above ({tray.at[0]:g}, {tray.at[1]:g}), however it turns the "
+        "hand; put the tray nearer to the arm"
+    )
+
+
+def _turns() -> list[Array]:
+    """About the vertical, (3, 3) each."""
+    return [yaw_rotation(float(angle)) for angle in np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)]
+
+
+def _reached(
+    tray: TraySettings, place: Array, grasped: Pose, solid: Solid, others: Sequence[TableObject], now: Vector,
+    cell: Cell,
+) -> Iterator[_ArmPath]:  # fmt: skip
+    """Paths to one of the tray's places that the arm reaches, those with less room in the joints where there are no
+    others."""
+    highest = max([tray.height, *(each.extents[2] for each in others)])
     bottom = float(solid.position[2]) - half_width(solid, np.array([0.0, 0.0, 1.0]))
     low = grasped.position[2] - bottom + tray.height + tray.above
     high = min(max(low, grasped.position[2] - bottom + highest + _OVER, _LOW), max(_HIGH, low))
-    plans = list[tuple[float, tuple[Vector, ...], ReleasePath]]()
-    for room, turn in product(_ROOMS, [yaw_rotation(float(k)) for k in np.linspace(0.0, 2.0 * np.pi, _TURNS + 1)[:-1]]):
-        if plans and room != _ROOMS[0]:
+    up = Pose(np.array([*grasped.position[:2], high]), grasped.rotation)
+    some = False
+    for room, turn in product(_ROOMS, _turns()):
+        if some and room != _ROOMS[0]:
             break
-        x, y = tray.at + (turn @ (grasped.position - solid.position))[:2]
+        x, y = tray.at + place * tray.size + (turn @ (grasped.position - solid.position))[:2]
         turned = turn @ grasped.rotation
-        up = Pose(np.array([*grasped.position[:2], high]), grasped.rotation)
         over, there = (Pose(np.array([x, y, height]), turned) for height in (high, low))
         postures = _postures([up, over, there], now, room, cell)
         if postures:
+            some = True
             far = float(np.abs(np.stack(postures) - now).max())
-            plans.append((far, postures, ReleasePath(up, postures[1], over, there)))
-    hand, speed = way.card.grasp.squeeze, cell.settings.arm.joint_speed
-    for _, plan, found in sorted(plans, key=lambda each: each[0]):
-        arm = np.concatenate([far_path(begin, end, speed)[0] for begin, end in pairwise((now, *plan))])
-        if cell.clearance.on_way(arm, np.tile(hand, (len(arm), 1))) is None:
-            return found
-    raise ConfigError(
-        f"{cell.robot.spec.name} does not get to the tray at ({tray.at[0]:g}, {tray.at[1]:g}) with the {solid.shape}: "
-        f"of {_TURNS} turns it reaches {len(plans)}, and something is in the way of all; move the tray (`tray.at`)"
-    )
+            yield _ArmPath(far, postures, ReleasePath(up, postures[1], over, there))
 
 
 def _postures(palms: Sequence[Pose], near: Vector, room: float, cell: Cell) -> tuple[Vector, ...]:
