@@ -36,7 +36,7 @@ from allegro_twin.cell.motion.empty_grasp import (
     touching_joints,
 )
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import box_around, on_tray, other_objects
+from allegro_twin.cell.motion.other_objects import box_around, on_tray, other_objects, stray_objects, tray_height
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age, position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
@@ -61,6 +61,7 @@ _RETREATS = 0.8  # s. Away from what the arm met.
 WATCHED = 0.5
 """s. How long arm and hand are watched after the end, and what is held is then looked at again."""
 _FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose")  # States that may have several far ways.
+_SLOWLY = 0.15  # m/s, on average, on a straight way.
 _LOST = 0.25  # Of the torque between fingers that says that something is there: with less nothing is, any more.
 _TIGHT = 0.005  # m. Less room to other objects than that of `CLEAR`, where nothing can be taken otherwise.
 _SAME = 0.03  # m. What is seen so near to where something was left is the same.
@@ -91,6 +92,10 @@ class CellActions:
         self._refused: CellOutcome | None = None
         self._avoided = list[Array]()  # Places of objects that are left for later, world, m.
         self._released = 0
+        self._doubt = ""
+        self._filled = 0.0  # Height of what is in the tray, m.
+        self._most = 0  # Objects that were on the table and in the tray at a time.
+        self._down = self.guide.target.pose  # The flange where something is to be let go, base's frame.
         self._above: Pose | None = None  # The palm above where something is to be let go, and
         self._over: Pose | None = None  # where something has been.
         self._no_way: CellOutcome | None = None  # To the tray.
@@ -164,10 +169,11 @@ class CellActions:
             case "ToReleasePose":
                 path = self._release_path(now, state)
                 if path is not None:
+                    self._down = self.cell.robot.flange_for(path.palm)
                     self._above, self._left = path.over, [path.up, path.across, path.palm]
                     self._step(t, state)
             case "PutBack":
-                self._above = self.cell.robot.palm(state)
+                self._above, self._down = self.cell.robot.palm(state), self.cell.robot.flange_for(self._grasped)
                 self._go(t, self._grasped, self.cell.settings.arm.lift)
             case "OpeningHand":
                 assert self._grasp is not None
@@ -215,7 +221,8 @@ class CellActions:
         """What the state machine has to know of this moment; pictures are taken here."""
         reflex, self._reflex = self._reflex, None
         if reflex is not None:
-            return Observation(state.t, reflex=reflex)
+            down = now.state in ("ToReleasePose", "PutBack") and not self._left and self._comes_down(state)
+            return Observation(state.t, done=True) if down else Observation(state.t, reflex=reflex)
         full = at_limit(state, self.cell.robot.spec, self.cell.robot.limits)
         if full is not None:
             return Observation(state.t, fault=CellOutcome("fault", "arm at a limit", full))
@@ -227,7 +234,7 @@ class CellActions:
         match now.state:
             case "Look":
                 self._look(state)
-                return Observation(state.t, done=self.way is not None, refused=self._refused)
+                return Observation(state.t, done=self.way is not None, refused=self._refused, doubt=self._doubt)
             case "ClosingHand":
                 return Observation(state.t, done=self._closed(state.t))
             case "Validate":
@@ -273,7 +280,7 @@ class CellActions:
         assert self.solid is not None
         try:
             return release_path(
-                tray, way, self._grasped, self.solid, self.others, state.position, self.cell, now.released
+                tray, way, self._grasped, self.solid, self.others, state.position, self.cell, now.released, self._filled
             )
         except ConfigError as error:
             self._no_way = CellOutcome("refused", "in the way", str(error))
@@ -348,7 +355,10 @@ class CellActions:
         return self._sight
 
     def _go(self, t: float, palm: Pose, seconds: float) -> None:
-        self._there = max(self._there, self.guide.straight(t, self.cell.robot.flange_for(palm), seconds))
+        """Straight there, in so much time at least, s, and not too fast."""
+        flange = self.cell.robot.flange_for(palm)
+        seconds = max(seconds, float(np.linalg.norm(flange.position - self.guide.target.pose.position)) / _SLOWLY)
+        self._there = max(self._there, self.guide.straight(t, flange, seconds))
 
     def _step(self, t: float, state: HandState) -> None:
         """Head for the next of what is left: a posture through the joints, a pose of the palm straight."""
@@ -393,12 +403,15 @@ class CellActions:
         )
 
     def _rests_on_something(self, state: HandState) -> bool:
-        """Whether it came down where it was to, but not so far, and is still: a full tray is higher than an empty
-        one."""
-        base, pose, goal = self.cell.robot.base, self.cell.robot.model.pose(state.position), self.guide.target.pose
+        """Whether it is still where it came down: a full tray is higher than an empty one."""
+        return self._comes_down(state) and float(np.abs(state.velocity).max()) < _STILL
+
+    def _comes_down(self, state: HandState) -> bool:
+        """Whether it is above where it is to come down."""
+        base, pose, goal = self.cell.robot.base, self.cell.robot.model.pose(state.position), self._down
         off = base.rotation @ (pose.position - goal.position)
-        near = float(np.hypot(off[0], off[1])) < _LOOSE * self.cell.settings.decide.near
-        return near and off[2] > 0.0 and float(np.abs(state.velocity).max()) < _STILL
+        most = _LOOSE * self.cell.settings.decide.near
+        return float(np.hypot(off[0], off[1])) < most and off[2] > -most
 
     def _closed(self, t: float) -> bool:
         if t < self._there:
@@ -428,6 +441,7 @@ class CellActions:
         )
         cloud = self._without_tray(alone if cell.settings.at_the_wrist else frame.cloud, frame)
         if cell.settings.tray is not None:
+            self._filled = tray_height(frame.pose.world(alone.astype(np.float64)), cell.settings.tray)
             self._choose(cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation), frame, alone)
             return
         seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
@@ -449,7 +463,11 @@ class CellActions:
     def _choose(self, seen: list[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud) -> None:
         """Of all that stands on the table the first that can be taken, with room to all others or, where nothing can,
         with less; else why nothing can."""
+        tray = self.cell.settings.tray
+        assert tray is not None
         refused: dict[int, CellOutcome] = {}
+        on_table = sum(isinstance(each, Detection) or each.reason != "no_object" for each in seen)
+        self._most = max(self._most, self._released + on_table)
         for clear in (CLEAR, _TIGHT):
             for number, each in enumerate(seen):
                 if isinstance(each, PerceptionRefusal):
@@ -468,6 +486,16 @@ class CellActions:
             if len(seen) == 1:
                 break
         self.on_detection(frame, seen[0])
+        strays = stray_objects(frame, alone, self.cell.settings.perception, tray)
+        for number, place in enumerate(strays):
+            said = (
+                f"something at {position_text(place)} stands outside perception's `region`; put it nearer to the middle"
+            )
+            refused[-1 - number] = CellOutcome("refused", "outside", said)
+        if strays and isinstance(seen[0], PerceptionRefusal) and seen[0].reason == "no_object":
+            del refused[0]
+        gone = self._most - self._released
+        self._doubt = f"{self._most} were seen: see what has become of {gone}" if not on_table and gone > 0 else ""
         reasons = {each.reason for each in refused.values()}
         said = "; ".join(dict.fromkeys(each.sentence for each in refused.values()))
         self._refused = CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)

@@ -6,7 +6,9 @@ An arm that stopped by itself is led away from what it met, Retreat, and then al
 
 Where a table is to be cleared, what is held goes on to ToReleasePose → OpeningHand and the next look; what was missed
 as often as the rules say is left for later, until a look finds nothing, or only what was left. What there is no way to
-the tray for is put back where it stood, PutBack, and left for later.
+the tray for, or of what nobody can say whether it is in the hand, is put back where it stood, PutBack, and left for
+later. While something is carried the hand does not open elsewhere: what goes wrong there begins anew with
+ToReleasePose, or ends with it in the hand.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ _NEXT: dict[StateName, StateName] = {
 }
 
 
+_UNSURE = ("not confirmed", "checks disagree")
+"""Faults of a check, not of a device: nobody knows whether it is in the hand."""
 _LATE = 0.2
 """s. A machine that is asked by a slow clock leaves a state so much later."""
 
@@ -64,6 +68,8 @@ class MachineState:
     """Objects that were put where they belong."""
     left: tuple[CellOutcome, ...] = ()
     """Why objects were left for later, since something was put away last."""
+    carries: bool = False
+    """What was checked is on its way to the tray, or back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +129,8 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
     if now.state == "Done":
         return now
     if seen.fault is not None:
+        if now.state == "Validate" and rules.objects and seen.fault.reason in _UNSURE:
+            return replace(now, state="PutBack", since=seen.t, cause=seen.fault, carries=True)
         return _over(now, seen.t, seen.fault)
     if seen.reflex is not None:
         if now.state == "Retreat":
@@ -135,7 +143,7 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
                 refused = seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
-                return _over(now, seen.t, _cleared(now, refused) if rules.objects else refused)
+                return _over(now, seen.t, _cleared(now, refused, seen.doubt) if rules.objects else refused)
             return now
         case "Retreat" if now.cause is not None:
             return _again(now, seen.t, rules, now.cause) if seen.done or late else now
@@ -143,15 +151,18 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             if seen.held is None and not late:
                 return now
             if seen.held and rules.objects:
-                return replace(now, state="ToReleasePose", since=seen.t)
+                return replace(now, state="ToReleasePose", since=seen.t, carries=True)
             if seen.held:
                 return _over(now, seen.t, CellOutcome("held", "", seen.doubt))
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
             return _again(now, seen.t, rules, CellOutcome("missed", "", said))
         case "ToReleasePose" if seen.held is False:
-            return _again(now, seen.t, rules, CellOutcome("missed", "", "it was lost on the way to the tray"))
+            lost = CellOutcome("missed", "", "it was lost on the way to the tray")
+            return _again(replace(now, carries=False), seen.t, rules, lost)
         case "ToReleasePose" if seen.refused is not None:
             return replace(now, state="PutBack", since=seen.t, cause=seen.refused)
+        case "PutBack" if late:
+            return replace(now, state="OpeningHand", since=seen.t)
         case "OpeningHand" if seen.done and now.cause is not None:
             return _later(now, seen.t, rules, now.cause)
         case "OpeningHand" if seen.done:
@@ -183,7 +194,10 @@ def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> Ma
 def _again(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> MachineState:
     """The next try, or the end; of a table that is cleared, the next object."""
     if now.tries <= rules.retries:
-        return replace(now, state="ToSecurityPose", since=t, tries=now.tries + 1, cause=None)
+        first: StateName = "ToReleasePose" if now.carries else "ToSecurityPose"
+        return replace(now, state=first, since=t, tries=now.tries + 1, cause=None)
+    if now.carries:
+        return _over(now, t, end)
     return _later(now, t, rules, end)
 
 
@@ -194,11 +208,11 @@ def _later(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
     return _over(now, t, end)
 
 
-def _cleared(now: MachineState, refused: CellOutcome) -> CellOutcome:
-    """What it comes to when a look finds nothing more to take."""
+def _cleared(now: MachineState, refused: CellOutcome, doubt: str) -> CellOutcome:
+    """What it comes to when a look finds nothing more to take. `doubt`: of what is no longer there."""
     if refused.word == "fault" or (not now.released and not now.left):
         return refused
-    count = f"{now.released} object{'' if now.released == 1 else 's'} put away"
+    count = "; ".join(filter(None, (f"{now.released} object{'' if now.released == 1 else 's'} put away", doubt)))
     if refused.reason == "no_object" and not now.left:
         return CellOutcome("cleared", "", count)
     why = dict.fromkeys(each.sentence for each in (*now.left, refused))

@@ -29,6 +29,11 @@ def minimum_jerk(s: float) -> tuple[float, float]:
     return s**3 * (10.0 + s * (6.0 * s - 15.0)), 30.0 * s**2 * (1.0 - s) ** 2
 
 
+def minimum_jerk_curvature(s: float) -> float:
+    """The second derivative of that polynomial by `s`."""
+    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
 def leg_timing(profile: Profile, distance: float, speed: float, acceleration: float) -> tuple[float, TimeScaling]:
     """Seconds that a joint takes for a distance (rad), and its time scaling: with `speed` (rad/s) as its peak and,
     where the profile is `time_optimal`, at most `acceleration` (rad/s²). Raises ConfigError without its library."""

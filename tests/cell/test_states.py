@@ -112,7 +112,7 @@ MISSED = Observation(1.0, held=False)
 
 def test_on_a_table_that_is_cleared_what_is_held_goes_to_the_tray_and_the_next_look_follows() -> None:
     now = next_state(MachineState("Validate", 0.0, 2), Observation(1.0, held=True), CLEARING)
-    assert (now.state, now.tries) == ("ToReleasePose", 2)
+    assert (now.state, now.tries, now.carries) == ("ToReleasePose", 2, True)
     now = next_state(now, Observation(2.0, done=True), CLEARING)
     assert now.state == "OpeningHand"
     assert next_state(now, Observation(3.0, done=True), CLEARING) == MachineState("ToSecurityPose", 3.0, released=1)
@@ -133,6 +133,41 @@ def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_left_for_later() -
     assert now == MachineState("ToSecurityPose", 3.0, released=1, left=(no_way,))  # Not released, nor tried again.
     second = replace(now, state="OpeningHand", cause=no_way, left=(no_way, no_way))
     assert next_state(second, Observation(4.0, done=True), CLEARING).end == no_way  # As many as may be were tried.
+
+
+CARRIES = MachineState("ToReleasePose", 0.0, released=1, carries=True)
+
+
+def test_what_is_carried_is_not_let_go_where_the_arm_meets_something_or_is_late_but_led_on_or_held() -> None:
+    back = next_state(CARRIES, Observation(1.0, reflex=REFLEX), CLEARING)
+    again = next_state(back, Observation(2.0, done=True), CLEARING)
+    assert (back.state, again.state, again.tries, again.carries) == ("Retreat", "ToReleasePose", 2, True)
+    end = next_state(replace(again, state="Retreat", cause=REFLEX), Observation(3.0, done=True), CLEARING)
+    assert (end.state, end.end) == ("Done", REFLEX)  # With it in the hand.
+    late = next_state(CARRIES, Observation(12.0), CLEARING)
+    assert (late.state, late.tries) == ("ToReleasePose", 2)
+    lost = next_state(CARRIES, Observation(1.0, held=False), CLEARING)
+    assert (lost.state, lost.carries) == ("ToSecurityPose", False)
+
+
+@pytest.mark.parametrize("reason", ["not confirmed", "checks disagree"])
+def test_of_what_nobody_knows_whether_it_is_held_is_put_back_and_left_and_a_single_one_is_a_fault(reason: str) -> None:
+    unsure = Observation(1.0, fault=CellOutcome("fault", reason, "the fingers press, and nothing confirms that"))
+    assert next_state(MachineState("Validate", 0.0), unsure, RULES).end == unsure.fault
+    back = next_state(MachineState("Validate", 0.0), unsure, CLEARING)
+    assert (back.state, back.cause) == ("PutBack", unsure.fault)
+    opened = next_state(back, Observation(6.0), CLEARING)
+    assert opened.state == "OpeningHand"  # Late: it rests on something.
+    assert next_state(opened, Observation(7.0, done=True), CLEARING).left == (unsure.fault,)
+    power = Observation(1.0, fault=CellOutcome("fault", "hand without torque", "joint 3"))
+    assert next_state(MachineState("Validate", 0.0), power, CLEARING).end == power.fault
+
+
+def test_a_cleared_table_on_which_more_was_seen_than_was_put_away_is_told_with_it() -> None:
+    nothing = CellOutcome("refused", "no_object", "nothing stands on the table")
+    seen = Observation(1.0, refused=nothing, doubt="3 were seen: see what has become of 1")
+    end = next_state(MachineState("Look", 0.0, released=2), seen, CLEARING).end
+    assert end == CellOutcome("cleared", "", "2 objects put away; 3 were seen: see what has become of 1")
 
 
 def test_what_was_missed_as_often_as_may_be_is_left_for_later_and_looked_for_again_once_something_is_put_away() -> None:

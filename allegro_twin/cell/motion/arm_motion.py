@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.cell.arm.impedance import ImpedanceState, hung, smoothed_wrench
+from allegro_twin.cell.arm.impedance import ImpedanceState, SetpointMotion, hung, smoothed_wrench
 from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
-from allegro_twin.control.time_scaling import minimum_jerk
+from allegro_twin.control.time_scaling import minimum_jerk, minimum_jerk_curvature
 from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
@@ -32,10 +32,23 @@ class Straight(NamedTuple):
 
     def at(self, t: float) -> Pose:
         """At a time, s."""
-        part, _ = minimum_jerk(min(max((t - self.since) / self.seconds, 0.0), 1.0))
-        left = rotation_between(self.begin.rotation, self.end.rotation)
-        way = self.end.position - self.begin.position
-        return Pose(self.begin.position + part * way, rotate(self.begin.rotation, part * left))
+        part, _ = minimum_jerk(self._part(t))
+        way = part * self._whole()
+        return Pose(self.begin.position + way[:3], rotate(self.begin.rotation, way[3:]))
+
+    def motion(self, t: float) -> SetpointMotion:
+        """How it moves at a time, s."""
+        s, whole = self._part(t), self._whole()
+        twist = minimum_jerk(s)[1] / self.seconds * whole
+        return SetpointMotion(twist, minimum_jerk_curvature(s) / self.seconds**2 * whole)
+
+    def _part(self, t: float) -> float:
+        return min(max((t - self.since) / self.seconds, 0.0), 1.0)
+
+    def _whole(self) -> Vector:
+        """The way and the turn, (6,), m and rad, in the axes that the poses are in."""
+        turn = rotation_between(self.begin.rotation, self.end.rotation)
+        return np.concatenate([self.end.position - self.begin.position, turn])
 
 
 class ArmGuide:
@@ -94,7 +107,8 @@ class GuidedImpedance:
         if path is None:
             goal, dt = self.guide.target.pose, state.t - memory.t
             setpoint = line.at(state.t) if line is not None else approach(memory.setpoint, goal, dt, self.smoothing)
-            torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null, felt)
+            motion = None if line is None else line.motion(state.t)
+            torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null, felt, motion)
             return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, felt)
         point = path(state.t)
         wanted = _QUICK**2 * (point.position - state.position) + 2.0 * _QUICK * (point.velocity - state.velocity)

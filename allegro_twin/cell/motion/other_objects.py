@@ -28,6 +28,10 @@ _RIM = 0.03
 """m: what is seen so near to the tray is in it, or the tray itself."""
 _DEEP = 0.12
 """m."""
+_STRAY = 0.02
+"""m: what is outside of perception's region is seen from further away, and is an object from this height on."""
+_ALMOST_ALL = 0.995
+"""Of the points of a tray: the rest are strays."""
 _FEW = 12
 """Thinned points of an object; fewer are strays."""
 
@@ -61,9 +65,35 @@ def other_objects(
     return tuple(_deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW))
 
 
+def stray_objects(
+    frame: CameraFrame, cloud: Cloud, settings: PerceptionSettings, tray: TraySettings
+) -> tuple[Array, ...]:
+    """The middle, (3,), world, m, of each thing that stands on the table outside perception's region and the tray.
+    `cloud`: of `frame`, without arm and hand."""
+    thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
+    world = frame.pose.world(thin[finite(thin)].astype(np.float64))
+    region = settings.region
+    inside = ((world > region.lower) & (world < region.upper)).all(axis=1)
+    mine = (world[:, 2] > _STRAY) & (world[:, 2] < _TOP) & (np.abs(world[:, :2]).max(axis=1) < _REACH)
+    world = world[mine & ~inside & ~on_tray(world, tray)]
+    if len(world) < _FEW:
+        return ()
+    grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
+    labels = grid.of(world[:, :2])
+    clusters = (world[labels == label + 1] for label in np.flatnonzero(sizes >= _FEW))
+    return tuple((points.min(axis=0) + points.max(axis=0)) / 2.0 for points in clusters)
+
+
 def on_tray(points: Array, tray: TraySettings) -> Mask:
     """Which points, (..., 3), m, world, are of a tray or of what is in it, (...)."""
     return np.asarray((np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0 + _RIM).all(axis=-1))
+
+
+def tray_height(points: Array, tray: TraySettings) -> float:
+    """How high what is in a tray reaches, m, by points of it and of all else, (..., 3), world, m; 0 where none are."""
+    inside = (np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0).all(axis=-1)
+    heights = points[..., 2][inside & (points[..., 2] < _TOP)]
+    return float(np.quantile(heights, _ALMOST_ALL)) if len(heights) else 0.0
 
 
 def box_around(points: Array) -> TableObject:

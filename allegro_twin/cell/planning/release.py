@@ -57,17 +57,18 @@ class _ArmPath(NamedTuple):
 
 def release_path(
     tray: TraySettings, way: GraspCandidate, grasped: Pose, solid: Solid, others: Sequence[Array], now: Vector,
-    cell: Cell, used: int = 0,
+    cell: Cell, used: int = 0, filled: float = 0.0,
 ) -> ReleasePath:  # fmt: skip
     """The path from a posture of the arm, `now` (n,), rad. `grasped`: the palm when the object, `solid`, stood on the
     table; `others`: points of what stands there still, (k, 3), m; `used`: so many objects are in the tray, and the next
-    one is let go at the next of its places.
+    one is let go at the next of its places; `filled`: they reach so high, m.
 
     Raises ConfigError where the arm reaches none with nothing in the way.
     """
     boxes = [box_around(points) for points in others]
     cell.clearance.nothing()
     cell.clearance.beside(boxes)
+    tray = tray.model_copy(update={"height": max(tray.height, filled)})
     hand, speed, reached = way.card.grasp.squeeze, cell.settings.arm.joint_speed, 0
     for place in np.roll(_PLACES, -used, axis=0):
         plans = sorted(_reached(tray, place, grasped, solid, boxes, now, cell), key=lambda each: each.far)
