@@ -8,8 +8,11 @@ import pytest
 from allegro_twin.cell.arm.faults import DisturbedBackend
 from allegro_twin.cell.arm.impedance import Stiffness
 from allegro_twin.cell.arm.target import SMOOTH
-from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance
+from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance, Straight
+from allegro_twin.kinematics.arm import rotation_between
+from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
+from allegro_twin.types import Array
 from tests.cell.arm.rigs import rig
 from tests.cell.arm.test_control import BARE
 
@@ -25,3 +28,41 @@ def test_a_push_moves_the_cells_arm_as_its_spring_says_in_spite_of_friction_and_
     noisy = DisturbedBackend(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
     *_, last = until(2.5, run(noisy, law))
     assert arm.moved(last.state)[0] == pytest.approx(-0.01, rel=0.03)
+
+
+def test_a_straight_way_is_followed_to_a_centimetre_and_ends_without_going_further() -> None:
+    arm = rig("fer", np.zeros((1, 3)))
+    guide = ArmGuide(arm.model.spec.ready, arm.model)
+    begin = guide.target.pose
+    end = Pose(begin.position + np.array([0.05, 0.0, -0.15]), begin.rotation @ about_x(0.4))
+    law = GuidedImpedance(arm.model, guide, Stiffness(1000.0, 50.0).diagonal(), SMOOTH, BARE)
+    guide.straight(0.0, end, 1.2)
+    off, turned = [], []
+    for sample in until(2.0, run(arm.guard, law)):
+        pose, setpoint = arm.model.pose(sample.state.position), guide.line.at(sample.state.t)  # type: ignore[union-attr]
+        off.append(pose.position - setpoint.position)
+        turned.append(float(np.linalg.norm(rotation_between(pose.rotation, setpoint.rotation))))
+    assert np.linalg.norm(off, axis=1).max() < 0.01  # It was 24 mm behind where only the place was told.
+    assert max(turned) < 0.03
+    assert min(each[2] for each in off) > -0.001  # And then 7 mm too deep.
+
+
+def test_the_motion_of_a_straight_way_is_the_derivative_of_its_poses() -> None:
+    line = Straight(Pose(np.zeros(3), np.eye(3)), Pose(np.array([0.1, -0.2, 0.3]), about_x(0.7)), 0.5, 1.3)
+    step = 1e-5
+    for t in (0.7, 1.0, 1.5):
+        before, now, after = (line.at(t + each) for each in (-step, 0.0, step))
+        motion = line.motion(t)
+        np.testing.assert_allclose((after.position - before.position) / (2.0 * step), motion.twist[:3], rtol=1e-6)
+        turn = rotation_between(before.rotation, after.rotation)
+        np.testing.assert_allclose(turn / (2.0 * step), motion.twist[3:], rtol=1e-4, atol=1e-9)
+        second = (after.position - 2.0 * now.position + before.position) / step**2
+        np.testing.assert_allclose(second, motion.acceleration[:3], rtol=1e-3, atol=1e-4)
+    for t in (0.0, 2.0):
+        np.testing.assert_array_equal(line.motion(t).twist, np.zeros(6))
+        np.testing.assert_array_equal(line.motion(t).acceleration, np.zeros(6))
+
+
+def about_x(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

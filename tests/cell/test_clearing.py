@@ -64,6 +64,8 @@ def test_the_hand_opens_above_the_tray_with_the_object_in_its_middle() -> None:
     assert np.linalg.norm(reached[:2] - TRAY.at) < 0.3
     second = release_path(TRAY, way, way.palm, BALL, (), lifted, cell, used=1)
     assert np.hypot(*(second.palm.position - path.palm.position)[:2]) > 0.03  # Not on top of the first.
+    full = release_path(TRAY, way, way.palm, BALL, (), lifted, cell, filled=0.1)
+    assert full.palm.position[2] - path.palm.position[2] == pytest.approx(0.1 - TRAY.height)
     tower = (np.array([[0.1, 0.1, 0.0], [0.14, 0.14, 0.3]]),)
     high = release_path(TRAY, way, way.palm, BALL, tower, lifted, cell).over.position[2]
     assert high - way.palm.position[2] > 0.3  # Over all that stands on the table.

@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.other_objects import bounding_box, box_around, other_objects
+from allegro_twin.cell.motion.other_objects import bounding_box, box_around, other_objects, stray_objects, tray_height
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
+from allegro_twin.cell.settings import TraySettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.contact.obstacle_clearance import OTHERS
 from allegro_twin.types import Array
 from tests.cell.test_run import cell_of
 
 APPLE = {"name": "apple", "at": [0.0, 0.03]}
+
+
+TRAY = TraySettings()
 
 
 def looked(cell: Cell) -> tuple[Detection, tuple[Array, ...]]:
@@ -45,6 +49,27 @@ def test_objects_beside_it_are_found_wherever_they_stand_on_the_table() -> None:
 
 
 @pytest.mark.slow
+def test_what_stands_outside_the_region_is_found_and_neither_arm_nor_tray_is() -> None:
+    ball: dict[str, object] = {"name": "tennis_ball", "at": [0.0, 0.03]}
+    can = {"name": "tomato_soup_can", "at": [0.05, -0.4]}
+    for objects, places in (([ball], []), ([ball, can], [(0.05, -0.4)])):
+        cell = cell_of(tray=TRAY.model_dump(), objects=objects)
+        cell.arm.reset(), cell.hand.reset()
+        frame = cell.camera.capture(cell.robot.world.data)
+        alone = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
+        strays = stray_objects(frame, alone, cell.settings.perception, TRAY)
+        assert len(strays) == len(places)
+        for stray, place in zip(strays, places, strict=True):
+            assert np.hypot(*(stray[:2] - place)) < 0.04  # Its far side is not seen.
+        assert tray_height(frame.pose.world(alone.astype(float)), TRAY) == pytest.approx(TRAY.height, abs=0.004)
+
+
+def test_a_tray_is_as_high_as_what_is_in_it_and_no_points_have_no_height() -> None:
+    inside, beside = [[*TRAY.at, 0.01 * k] for k in range(12)], [[0.0, 0.0, 0.3]]
+    assert tray_height(np.array(inside + beside), TRAY) == pytest.approx(0.11, abs=0.001)
+    assert tray_height(np.array(beside), TRAY) == 0.0
+
+
 def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_and_the_other_stays() -> None:
     report = perform(cell_of(objects=[{"name": "golf_ball", "at": [0.12, 0.12]}, {"name": "tomato_soup_can"}]))
     assert (str(report.end), report.thing, report.grasp) == ("held", "tomato_soup_can", "tomato_soup_can")
