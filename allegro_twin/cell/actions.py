@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -36,23 +36,22 @@ from allegro_twin.cell.motion.empty_grasp import (
     touching_joints,
 )
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import box_around, on_tray, other_objects, stray_objects, tray_height
-from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age, position_text
+from allegro_twin.cell.motion.other_objects import on_tray, tray_height
+from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
-from allegro_twin.cell.planning.adaptation import GraspAdapter
-from allegro_twin.cell.planning.reachability import GraspPlan, far_path, plan_grasp
-from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
-from allegro_twin.cell.planning.stored_grasps import GraspCandidate, table_object
+from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
+from allegro_twin.cell.planning.reachability import far_path
+from allegro_twin.cell.planning.release import ReleasePath, release_path
+from allegro_twin.cell.planning.stored_grasps import GraspCandidate
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ArmReflex, ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import CLEAR
 from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
@@ -63,8 +62,6 @@ WATCHED = 0.5
 _FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose")  # States that may have several far ways.
 _SLOWLY = 0.15  # m/s, on average, on a straight way.
 _LOST = 0.25  # Of the torque between fingers that says that something is there: with less nothing is, any more.
-_TIGHT = 0.005  # m. Less room to other objects than that of `CLEAR`, where nothing can be taken otherwise.
-_SAME = 0.03  # m. What is seen so near to where something was left is the same.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
 
@@ -81,20 +78,12 @@ class CellActions:
         self.checked: GraspCheck | None = None
         self.on_detection: Callable[[CameraFrame, Detection | PerceptionRefusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
-        settings = cell.settings
-        self._adapter = (
-            None
-            if settings.planning is None
-            else GraspAdapter(cell.hand.spec, settings.planning, settings.hand.gains, settings.seed)
-        )
+        self._selector = ObjectSelector(cell)
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
-        self._avoided = list[Array]()  # Places of objects that are left for later, world, m.
         self._released = 0
-        self._doubt = ""
         self._filled = 0.0  # Height of what is in the tray, m.
-        self._most = 0  # Objects that were on the table and in the tray at a time.
         self._down = self.guide.target.pose  # The flange where something is to be let go, base's frame.
         self._above: Pose | None = None  # The palm above where something is to be let go, and
         self._over: Pose | None = None  # where something has been.
@@ -126,8 +115,6 @@ class CellActions:
         t = now.since
         match now.state:
             case "ToSecurityPose":
-                if self._adapter is not None and self.way is not None and now.released == self._released:
-                    self._adapter.give_up(self.way.card)
                 self._remember(now)
                 over, self._over = self._over, None
                 if over is not None:
@@ -234,7 +221,9 @@ class CellActions:
         match now.state:
             case "Look":
                 self._look(state)
-                return Observation(state.t, done=self.way is not None, refused=self._refused, doubt=self._doubt)
+                return Observation(
+                    state.t, done=self.way is not None, refused=self._refused, doubt=self._selector.doubt
+                )
             case "ClosingHand":
                 return Observation(state.t, done=self._closed(state.t))
             case "Validate":
@@ -263,14 +252,12 @@ class CellActions:
         return Observation(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
     def _remember(self, now: MachineState) -> None:
-        """What could not be taken is left for later; once something was put away it may be in reach."""
+        """What came of the last try."""
         if now.released > self._released:
             self._released = now.released
-            self._avoided.clear()
-            if self._adapter is not None:
-                self._adapter.forget_failures()
-        elif len(now.left) > len(self._avoided) and self.solid is not None:
-            self._avoided.append(self.solid.position)
+            self._selector.put_away()
+        elif self.way is not None and self.solid is not None:
+            self._selector.missed(self.way.card, self.solid, leave=now.tries == 1)
 
     def _release_path(self, now: MachineState, state: HandState) -> ReleasePath | None:
         """The way to where the object is let go; where there is none, the next observation says so."""
@@ -442,7 +429,10 @@ class CellActions:
         cloud = self._without_tray(alone if cell.settings.at_the_wrist else frame.cloud, frame)
         if cell.settings.tray is not None:
             self._filled = tray_height(frame.pose.world(alone.astype(np.float64)), cell.settings.tray)
-            self._choose(cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation), frame, alone)
+            every = cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
+            chosen = self._selector.first(every, frame, alone)
+            self._take(chosen)
+            self.on_detection(frame, chosen.found if isinstance(chosen, SelectedObject) else every[0])
             return
         seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         self.on_detection(frame, seen)
@@ -450,7 +440,15 @@ class CellActions:
         if isinstance(seen, PerceptionRefusal):
             self._refused = CellOutcome("refused", seen.reason, seen.sentence)
             return
-        self._refused = self._planned(seen, frame, alone)
+        self._take(self._selector.one(seen, frame, alone))
+
+    def _take(self, chosen: SelectedObject | CellOutcome) -> None:
+        """Go for it, or remember why that cannot be."""
+        if isinstance(chosen, CellOutcome):
+            self._refused = chosen
+            return
+        self._refused, self.others, self._found = None, chosen.others, chosen.found
+        self.way, self._through, self.solid = chosen.plan.way, chosen.plan.through, chosen.found.solid
 
     def _without_tray(self, cloud: Cloud, frame: CameraFrame) -> Cloud:
         """A cloud in which the tray and what is in it are unknown."""
@@ -459,74 +457,6 @@ class CellActions:
             return cloud
         there = on_tray(frame.pose.world(cloud.astype(np.float64)), tray)
         return np.where(there[..., None], np.float32(np.nan), cloud)
-
-    def _choose(self, seen: list[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud) -> None:
-        """Of all that stands on the table the first that can be taken, with room to all others or, where nothing can,
-        with less; else why nothing can."""
-        tray = self.cell.settings.tray
-        assert tray is not None
-        refused: dict[int, CellOutcome] = {}
-        on_table = sum(isinstance(each, Detection) or each.reason != "no_object" for each in seen)
-        self._most = max(self._most, self._released + on_table)
-        for clear in (CLEAR, _TIGHT):
-            for number, each in enumerate(seen):
-                if isinstance(each, PerceptionRefusal):
-                    refused[number] = CellOutcome("refused", each.reason, each.sentence)
-                    continue
-                if any(np.linalg.norm(each.solid.position - place) < _SAME for place in self._avoided):
-                    said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
-                    refused[number] = CellOutcome("refused", "no_grasp", said)
-                    continue
-                known = [one for one in seen if one is not each and isinstance(one, Detection)]
-                failed = self._planned(each, frame, alone, clear, known)
-                if failed is None:
-                    self.on_detection(frame, each)
-                    return
-                refused[number] = failed
-            if len(seen) == 1:
-                break
-        self.on_detection(frame, seen[0])
-        strays = stray_objects(frame, alone, self.cell.settings.perception, tray)
-        for number, place in enumerate(strays):
-            said = (
-                f"something at {position_text(place)} stands outside perception's `region`; put it nearer to the middle"
-            )
-            refused[-1 - number] = CellOutcome("refused", "outside", said)
-        if strays and isinstance(seen[0], PerceptionRefusal) and seen[0].reason == "no_object":
-            del refused[0]
-        gone = self._most - self._released
-        self._doubt = f"{self._most} were seen: see what has become of {gone}" if not on_table and gone > 0 else ""
-        reasons = {each.reason for each in refused.values()}
-        said = "; ".join(dict.fromkeys(each.sentence for each in refused.values()))
-        self._refused = CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
-
-    def _planned(
-        self,
-        seen: Detection,
-        frame: CameraFrame,
-        alone: Cloud,
-        clear: float = CLEAR,
-        known: Sequence[Detection] = (),
-    ) -> CellOutcome | None:
-        """Go for it, or why that cannot be. `known`: other objects that were detected."""
-        cell = self.cell
-        try:
-            rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
-            self.others = (*(each.points for each in known), *rest)
-            obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
-            best = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear, self._deliverable(seen.solid))
-        except ConfigError as error:
-            return CellOutcome("refused", "no_grasp", str(error))
-        self.way, self._through = best.way, best.through
-        self.solid, self._found = seen.solid, seen
-        return None
-
-    def _deliverable(self, solid: Solid) -> Callable[[GraspPlan], bool]:
-        """Whether the arm gets to the tray with what a plan takes; without a tray every plan will do."""
-        tray, cell = self.cell.settings.tray, self.cell
-        if tray is None:
-            return lambda plan: True
-        return lambda plan: reaches_tray(tray, plan.way.palm, solid, plan.there[1], cell)
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:
         """The detection, once its target stands still where the settings ask for that; until then why it does not."""

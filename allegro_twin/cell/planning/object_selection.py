@@ -1,0 +1,130 @@
+"""Which of the things on a table is taken next, and how: the first that a grasp and a path of the arm are for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.camera.camera import CameraFrame
+from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.motion.other_objects import box_around, other_objects, stray_objects
+from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
+from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.planning.adaptation import GraspAdapter
+from allegro_twin.cell.planning.reachability import GraspPlan, plan_grasp
+from allegro_twin.cell.planning.release import reaches_tray
+from allegro_twin.cell.planning.stored_grasps import StoredGrasp, table_object
+from allegro_twin.cell.states import CellOutcome
+from allegro_twin.errors import ConfigError
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR
+from allegro_twin.types import Array
+
+_TIGHT = 0.005
+"""m: less room to other objects than `CLEAR`, where nothing can be taken otherwise."""
+_SAME = 0.03
+"""m: what is seen so near to where something was left is the same."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SelectedObject:
+    """What is taken."""
+
+    found: Detection
+    plan: GraspPlan
+    others: tuple[Array, ...]
+    """Points of each other object on the table, (k, 3), world, m."""
+
+
+class ObjectSelector:
+    """Chooses, and remembers what was put away, missed and left."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._cell, settings = cell, cell.settings
+        self._adapter = (
+            None
+            if settings.planning is None
+            else GraspAdapter(cell.hand.spec, settings.planning, settings.hand.gains, settings.seed)
+        )
+        self._left = list[Array]()  # Places, world, m.
+        self._put_away = 0
+        self._most = 0  # Things that were on the table and in the tray at a time.
+        self.doubt = ""
+        """What has become of things that were seen and are neither put away nor on the table; empty where all are."""
+
+    def put_away(self) -> None:
+        """One more is in the tray: what was left may be in reach now."""
+        self._put_away += 1
+        self._left.clear()
+        if self._adapter is not None:
+            self._adapter.forget_failures()
+
+    def missed(self, card: StoredGrasp, solid: Solid, *, leave: bool) -> None:
+        """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
+        if self._adapter is not None:
+            self._adapter.give_up(card)
+        if leave:
+            self._left.append(solid.position)
+
+    def first(
+        self, seen: Sequence[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud
+    ) -> SelectedObject | CellOutcome:
+        """Of all that was seen in a picture the first that can be taken, with room to all others or, where nothing can,
+        with less; else why nothing can. `alone`: its cloud without arm and hand."""
+        refused = dict[int, CellOutcome]()
+        on_table = sum(isinstance(each, Detection) or each.reason != "no_object" for each in seen)
+        self._most = max(self._most, self._put_away + on_table)
+        for clear in (CLEAR, _TIGHT):
+            for number, each in enumerate(seen):
+                if isinstance(each, PerceptionRefusal):
+                    refused[number] = CellOutcome("refused", each.reason, each.sentence)
+                    continue
+                if any(np.linalg.norm(each.solid.position - place) < _SAME for place in self._left):
+                    said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
+                    refused[number] = CellOutcome("refused", "no_grasp", said)
+                    continue
+                known = [one for one in seen if one is not each and isinstance(one, Detection)]
+                chosen = self.one(each, frame, alone, clear, known)
+                if isinstance(chosen, SelectedObject):
+                    return chosen
+                refused[number] = chosen
+            if len(seen) == 1:
+                break
+        gone = self._most - self._put_away
+        self.doubt = f"{self._most} were seen: see what has become of {gone}" if not on_table and gone > 0 else ""
+        strays = self._strays(frame, alone)
+        causes = [*(refused.values() if on_table or not strays else ()), *strays]
+        reasons = {each.reason for each in causes}
+        said = "; ".join(dict.fromkeys(each.sentence for each in causes))
+        return CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
+
+    def one(
+        self, seen: Detection, frame: CameraFrame, alone: Cloud, clear: float = CLEAR, known: Sequence[Detection] = ()
+    ) -> SelectedObject | CellOutcome:
+        """How one is taken, or why it cannot be. `clear`: room to the others, m; `known`: those that were detected."""
+        cell = self._cell
+        try:
+            rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
+            obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
+            plan = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear, self._deliverable(seen.solid))
+        except ConfigError as error:
+            return CellOutcome("refused", "no_grasp", str(error))
+        return SelectedObject(seen, plan, (*(each.points for each in known), *rest))
+
+    def _deliverable(self, solid: Solid) -> Callable[[GraspPlan], bool]:
+        """Whether the arm gets to the tray with what a plan takes; without a tray every plan will do."""
+        tray, cell = self._cell.settings.tray, self._cell
+        if tray is None:
+            return lambda plan: True
+        return lambda plan: reaches_tray(tray, plan.way.palm, solid, plan.there[1], cell)
+
+    def _strays(self, frame: CameraFrame, alone: Cloud) -> list[CellOutcome]:
+        settings = self._cell.settings
+        if settings.tray is None:
+            return []
+        said = "something at {} stands outside perception's `region`; put it nearer to the middle"
+        places = stray_objects(frame, alone, settings.perception, settings.tray)
+        return [CellOutcome("refused", "outside", said.format(position_text(place))) for place in places]
