@@ -6,9 +6,10 @@ An arm that stopped by itself is led away from what it met, Retreat, and then al
 
 Where a table is to be cleared, what is held goes on to ToReleasePose → OpeningHand and the next look; what was missed
 as often as the rules say is left for later, until a look finds nothing, or only what was left. What there is no way to
-the tray for, or of what nobody can say whether it is in the hand, is put back where it stood, PutBack, and left for
-later. While something is carried the hand does not open elsewhere: what goes wrong there begins anew with
-ToReleasePose, or ends with it in the hand.
+the tray for, or of what nobody can say whether it is in the hand, is put back where it stood, PutBack, and so is, on
+every table, what was missed while something is felt to hang on the hand. Then all begins anew. While something is
+carried the hand does not open elsewhere: what goes wrong there begins anew with ToReleasePose, or ends with it in the
+hand.
 """
 
 from __future__ import annotations
@@ -82,6 +83,8 @@ class Observation:
     """What the state was for has happened: the arm is there, the hand is closed, there is a grasp."""
     held: bool | None = None
     """What the check says, once it has enough samples."""
+    loaded: bool = False
+    """Whether something seems to be in the hand that is not held by that check."""
     doubt: str = ""
     """What is told with it: of a sensor that does not decide."""
     refused: CellOutcome | None = None
@@ -104,7 +107,7 @@ class StateRules:
     def longest(self) -> float:
         """s that a run may last in all, whatever its states do: every state at its latest, in every try for every
         object that may be on the table or be left for later, and the check after the end."""
-        last = () if self.objects else ("ToReleasePose", "PutBack", "OpeningHand")
+        last = () if self.objects else ("ToReleasePose",)
         each = sum(most + _LATE for name, most in self.timeouts.items() if name not in last)
         objects = max(self.objects * (self.objects + 1) // 2, 1)
         return objects * (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
@@ -155,7 +158,10 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             if seen.held:
                 return _over(now, seen.t, CellOutcome("held", "", seen.doubt))
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
-            return _again(now, seen.t, rules, CellOutcome("missed", "", said))
+            missed = CellOutcome("missed", "", said)
+            if seen.loaded:
+                return replace(now, state="PutBack", since=seen.t, cause=missed, carries=True)
+            return _again(now, seen.t, rules, missed)
         case "ToReleasePose" if seen.held is False:
             lost = CellOutcome("missed", "", "it was lost on the way to the tray")
             return _again(replace(now, carries=False), seen.t, rules, lost)
@@ -164,7 +170,7 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
         case "PutBack" if late:
             return replace(now, state="OpeningHand", since=seen.t)
         case "OpeningHand" if seen.done and now.cause is not None:
-            return _later(now, seen.t, rules, now.cause)
+            return _again(replace(now, carries=False), seen.t, rules, now.cause)
         case "OpeningHand" if seen.done:
             if now.released + 1 == rules.objects:
                 end = CellOutcome("cleared", "", f"{rules.objects} objects were put away, as many as may be")

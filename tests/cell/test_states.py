@@ -18,7 +18,7 @@ from allegro_twin.cell.states import (
 
 RULES = StateRules(
     {"ToSecurityPose": 6.0, "Look": 1.0, "ToTargetPose": 6.0, "Approach": 4.0, "ClosingHand": 6.0, "ToLiftedPose": 4.0,
-     "Validate": 3.0, "Retreat": 2.0},
+     "Validate": 3.0, "Retreat": 2.0, "PutBack": 4.0, "OpeningHand": 4.0},
     retries=1,
 )  # fmt: skip
 ORDER: list[StateName] = [
@@ -104,9 +104,7 @@ def test_after_the_retries_a_reflex_is_the_end_and_so_is_one_on_the_way_back() -
     assert next_state(first, Observation(0.1, reflex=other), RULES) == MachineState("Done", 0.1, 1, other, REFLEX)
 
 
-CLEARING = replace(
-    RULES, objects=3, timeouts=RULES.timeouts | {"ToReleasePose": 12.0, "PutBack": 4.0, "OpeningHand": 4.0}
-)
+CLEARING = replace(RULES, objects=3, timeouts=RULES.timeouts | {"ToReleasePose": 12.0})
 MISSED = Observation(1.0, held=False)
 
 
@@ -123,16 +121,32 @@ def test_what_is_lost_on_the_way_to_the_tray_is_a_miss() -> None:
     assert (lost.state, lost.tries, lost.released) == ("ToSecurityPose", 2, 0)
 
 
-def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_left_for_later() -> None:
+def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_tried_again_and_left_for_later() -> None:
     no_way = CellOutcome("refused", "in the way", "fer does not get to the tray")
     now = next_state(MachineState("ToReleasePose", 0.0, released=1), Observation(1.0, refused=no_way), CLEARING)
     assert (now.state, now.cause) == ("PutBack", no_way)
     now = next_state(now, Observation(2.0, done=True), CLEARING)
     assert (now.state, now.cause) == ("OpeningHand", no_way)
     now = next_state(now, Observation(3.0, done=True), CLEARING)
-    assert now == MachineState("ToSecurityPose", 3.0, released=1, left=(no_way,))  # Not released, nor tried again.
-    second = replace(now, state="OpeningHand", cause=no_way, left=(no_way, no_way))
-    assert next_state(second, Observation(4.0, done=True), CLEARING).end == no_way  # As many as may be were tried.
+    assert now == MachineState("ToSecurityPose", 3.0, 2, released=1)  # Not released.
+    second = replace(now, state="OpeningHand", cause=no_way)
+    left = next_state(second, Observation(4.0, done=True), CLEARING)
+    assert left == MachineState("ToSecurityPose", 4.0, released=1, left=(no_way,))
+    last = replace(second, left=(no_way, no_way))
+    assert next_state(last, Observation(4.0, done=True), CLEARING).end == no_way  # As many as may be were tried.
+
+
+@pytest.mark.parametrize("rules", ["RULES", "CLEARING"])
+def test_what_was_missed_while_something_hangs_on_the_hand_is_put_back_before_the_hand_opens(rules: str) -> None:
+    going = {"RULES": RULES, "CLEARING": CLEARING}[rules]
+    now = next_state(MachineState("Validate", 0.0), Observation(1.0, held=False, loaded=True), going)
+    assert (now.state, str(now.cause)) == ("PutBack", "missed")
+    now = next_state(now, Observation(2.0, done=True), going)
+    assert now.state == "OpeningHand"
+    again = next_state(now, Observation(3.0, done=True), going)
+    assert (again.state, again.tries, again.carries) == ("ToSecurityPose", 2, False)
+    last = next_state(replace(now, tries=2), Observation(3.0, done=True), going)
+    assert [str(each) for each in (*last.left, last.end) if each] == ["missed"]
 
 
 CARRIES = MachineState("ToReleasePose", 0.0, released=1, carries=True)
@@ -158,7 +172,7 @@ def test_of_what_nobody_knows_whether_it_is_held_is_put_back_and_left_and_a_sing
     assert (back.state, back.cause) == ("PutBack", unsure.fault)
     opened = next_state(back, Observation(6.0), CLEARING)
     assert opened.state == "OpeningHand"  # Late: it rests on something.
-    assert next_state(opened, Observation(7.0, done=True), CLEARING).left == (unsure.fault,)
+    assert next_state(opened, Observation(7.0, done=True), CLEARING).tries == 2
     power = Observation(1.0, fault=CellOutcome("fault", "hand without torque", "joint 3"))
     assert next_state(MachineState("Validate", 0.0), power, CLEARING).end == power.fault
 

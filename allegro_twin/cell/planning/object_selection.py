@@ -20,11 +20,13 @@ from allegro_twin.cell.planning.release import reaches_tray
 from allegro_twin.cell.planning.stored_grasps import StoredGrasp, table_object
 from allegro_twin.cell.states import CellOutcome
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.contact.obstacle_clearance import CLEAR
+from allegro_twin.sim.contact.obstacle_clearance import CLEAR, TableObject
 from allegro_twin.types import Array
 
 _TIGHT = 0.005
 """m: less room to other objects than `CLEAR`, where nothing can be taken otherwise."""
+_ALIKE = 0.01
+"""m, of every edge of what is alike."""
 _SAME = 0.03
 """m: what is seen so near to where something was left is the same."""
 
@@ -50,6 +52,7 @@ class ObjectSelector:
             else GraspAdapter(cell.hand.spec, settings.planning, settings.hand.gains, settings.seed)
         )
         self._left = list[Array]()  # Places, world, m.
+        self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.
         self._put_away = 0
         self._most = 0  # Things that were on the table and in the tray at a time.
         self.doubt = ""
@@ -66,6 +69,7 @@ class ObjectSelector:
         """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
         if self._adapter is not None:
             self._adapter.give_up(card)
+        self._failed.append((card.name, solid))
         if leave:
             self._left.append(solid.position)
 
@@ -109,10 +113,25 @@ class ObjectSelector:
         try:
             rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
             obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
-            plan = plan_grasp(seen.solid, cell, obstacles, self._adapter, clear, self._deliverable(seen.solid))
+            plan = self._plan(seen.solid, obstacles, clear)
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))
         return SelectedObject(seen, plan, (*(each.points for each in known), *rest))
+
+    def _plan(self, solid: Solid, obstacles: Sequence[TableObject], clear: float) -> GraspPlan:
+        """With a grasp that has not failed with something alike, or with any. Raises ConfigError."""
+        deliverable = self._deliverable(solid)
+        failed = {name for name, other in self._failed if _alike(other, solid)}
+
+        def other(plan: GraspPlan) -> bool:
+            return plan.way.card.name not in failed and deliverable(plan)
+
+        try:
+            return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, other)
+        except ConfigError:
+            if not failed:
+                raise
+        return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, deliverable)
 
     def _deliverable(self, solid: Solid) -> Callable[[GraspPlan], bool]:
         """Whether the arm gets to the tray with what a plan takes; without a tray every plan will do."""
@@ -128,3 +147,7 @@ class ObjectSelector:
         said = "something at {} stands outside perception's `region`; put it nearer to the middle"
         places = stray_objects(frame, alone, settings.perception, settings.tray)
         return [CellOutcome("refused", "outside", said.format(position_text(place))) for place in places]
+
+
+def _alike(one: Solid, other: Solid) -> bool:
+    return one.shape == other.shape and bool(np.abs(np.subtract(one.size, other.size)).max() < _ALIKE)
