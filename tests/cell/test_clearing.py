@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.planning.object_selection import is_told_by_fingers
 from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
 from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import table_object
@@ -119,6 +122,24 @@ def test_what_cannot_be_brought_to_the_tray_is_not_taken() -> None:
     first = asked[0].way.palm.position
     chosen = plan_grasp(BALL, cell, accept=lambda plan: not np.allclose(plan.way.palm.position, first))
     assert not np.allclose(chosen.way.palm.position, first)
+
+
+def test_a_grasp_that_is_preferred_comes_first_and_any_will_do_where_none_is() -> None:
+    cell = cell_of()
+    first = plan_grasp(BALL, cell).way.palm.position
+    other = plan_grasp(BALL, cell, prefer=lambda plan: not np.allclose(plan.way.palm.position, first))
+    assert not np.allclose(other.way.palm.position, first)
+    np.testing.assert_array_equal(plan_grasp(BALL, cell, prefer=lambda plan: False).way.palm.position, first)
+
+
+def test_fingers_tell_a_grasp_that_rests_far_from_where_it_would_close_on_nothing() -> None:
+    cell = cell_of()
+    way = plan_grasp(BALL, cell).way
+    nothing = empty_grasp(cell.settings.hand, way.card.grasp, way.palm.rotation).position
+    closing = np.sign(way.card.grasp.squeeze - way.card.grasp.preshape)
+    for rest, told in ((None, True), (nothing, False), (nothing - 0.3 * closing, True)):
+        one = replace(way, card=replace(way.card, rest=rest))
+        assert is_told_by_fingers(one, cell) == told
 
 
 def test_what_is_in_the_tray_is_not_on_the_table() -> None:

@@ -50,6 +50,7 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
 
 P = TypeVar("P")
 _PROTOCOL = "lift"
@@ -133,23 +134,24 @@ class GraspAdapter:
         feasible: Callable[[StoredGrasp], P | None],
         others: Sequence[TableObject] = (),
         room: float = 0.0,
+        prefer: Callable[[P], bool] = lambda plan: True,
     ) -> P:
         """What `feasible` makes of the best grasp for a body: a plan of the arm's, or None for one that it cannot get
         to. `others`: what stands beside it; with them each grasp counts as it is, without the turns that the body's
-        symmetry leaves open. `room`: that is kept to them, m: what failed with one may succeed with another. Where
-        nothing lifts it, it is taken to be lighter. Raises ConfigError where nothing is found, with what became of the
-        candidates."""
+        symmetry leaves open. `room`: that is kept to them, m: what failed with one may succeed with another. `prefer`:
+        whether a plan is taken before others that are good enough. Where nothing lifts it, it is taken to be lighter.
+        Raises ConfigError where nothing is found, with what became of the candidates."""
         for known in [] if others else self.found:
             if known.card.body.kind == body.kind and extent_mismatch(known.card.body, body) < _SIMILAR:
                 plan = feasible(known.card)
-                if plan is not None:
+                if plan is not None and prefer(plan):
                     return plan
         for other, kept, error in self._failed:
             if _is_same(other, body) and kept == room:
                 raise error
         for density in (self.settings.density, _LIGHTER * self.settings.density):
             search = AdaptationSearch(self, body, others, density)
-            found = self._searched(search, feasible)
+            found = self._searched(search, feasible, prefer)
             if found is not None:
                 option, plan = found
                 if not others:
@@ -165,16 +167,19 @@ class GraspAdapter:
         raise failure
 
     def _searched(
-        self, search: AdaptationSearch, feasible: Callable[[StoredGrasp], P | None]
+        self, search: AdaptationSearch, feasible: Callable[[StoredGrasp], P | None], prefer: Callable[[P], bool]
     ) -> tuple[AdaptedGrasp, P] | None:
         """The best that a search finds and the arm gets to, and the arm's plan."""
+        found = list[tuple[AdaptedGrasp, P]]()
         for enough in [_GOOD] * (self.settings.rounds - 1) + [_ENOUGH]:
             search.round(lambda card: feasible(card) is not None)
-            for option in sorted(search.options, key=lambda each: -each.share):
-                plan = feasible(option.card) if option.share >= enough else None
-                if plan is not None:
+            plans = ((option, feasible(option.card)) for option in search.options if option.share >= enough)
+            found = [(option, plan) for option, plan in plans if plan is not None]
+            found.sort(key=lambda each: -each[0].share)
+            for option, plan in found:
+                if prefer(plan):
                     return option, plan
-        return None
+        return found[0] if found else None
 
 
 class AdaptationSearch:
@@ -268,7 +273,11 @@ class AdaptationSearch:
         best = [k for k in best if held[k] > 0]
         more = self._held([candidates[k] for k in best], [grasps[k] for k in best], _FIRST, _MORE)
         return [
-            AdaptedGrasp(self._card(candidates[k], grasps[k]), held[k] + extra, _FIRST + _MORE)
+            AdaptedGrasp(
+                replace(self._card(candidates[k], grasps[k]), rest=self._rest(candidates[k])),
+                held[k] + extra,
+                _FIRST + _MORE,
+            )
             for k, extra in zip(best, more, strict=True)
         ]
 
@@ -287,6 +296,9 @@ class AdaptationSearch:
         squeeze = SQUEEZES[-1]
         grasp = candidate_grasp(candidate, self._template(candidate), self._spec, squeeze.factor)
         return limit_squeeze(grasp, candidate.rest, self._gains, self._spec, squeeze.share)
+
+    def _rest(self, candidate: Candidate) -> Vector | None:
+        return candidate.rest if self._own.side == self._spec.side else None
 
     def _template(self, candidate: Candidate) -> Grasp:
         return self._templates[candidate.template]

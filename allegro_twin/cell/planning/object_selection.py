@@ -10,6 +10,8 @@ import numpy as np
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.checks.grasp_check import pressing_torque, torque_between_fingers
+from allegro_twin.cell.motion.empty_grasp import empty_grasp, touching_joints
 from allegro_twin.cell.motion.other_objects import box_around, other_objects, stray_objects
 from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid
@@ -17,7 +19,7 @@ from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.planning.adaptation import GraspAdapter
 from allegro_twin.cell.planning.reachability import GraspPlan, plan_grasp
 from allegro_twin.cell.planning.release import reaches_tray
-from allegro_twin.cell.planning.stored_grasps import StoredGrasp, table_object
+from allegro_twin.cell.planning.stored_grasps import GraspCandidate, StoredGrasp, table_object
 from allegro_twin.cell.states import CellOutcome
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.contact.obstacle_clearance import CLEAR, TableObject
@@ -25,6 +27,8 @@ from allegro_twin.types import Array
 
 _TIGHT = 0.005
 """m: less room to other objects than `CLEAR`, where nothing can be taken otherwise."""
+_SPARE = 1.5
+"""Times the torque from which fingers say that something is there."""
 _ALIKE = 0.01
 """m, of every edge of what is alike."""
 _SAME = 0.03
@@ -119,19 +123,14 @@ class ObjectSelector:
         return SelectedObject(seen, plan, (*(each.points for each in known), *rest))
 
     def _plan(self, solid: Solid, obstacles: Sequence[TableObject], clear: float) -> GraspPlan:
-        """With a grasp that has not failed with something alike, or with any. Raises ConfigError."""
-        deliverable = self._deliverable(solid)
+        """First with a grasp that has not failed with something alike, and that the fingers will tell. Raises
+        ConfigError."""
         failed = {name for name, other in self._failed if _alike(other, solid)}
 
-        def other(plan: GraspPlan) -> bool:
-            return plan.way.card.name not in failed and deliverable(plan)
+        def prefer(plan: GraspPlan) -> bool:
+            return plan.way.card.name not in failed and is_told_by_fingers(plan.way, self._cell)
 
-        try:
-            return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, other)
-        except ConfigError:
-            if not failed:
-                raise
-        return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, deliverable)
+        return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, self._deliverable(solid), prefer)
 
     def _deliverable(self, solid: Solid) -> Callable[[GraspPlan], bool]:
         """Whether the arm gets to the tray with what a plan takes; without a tray every plan will do."""
@@ -151,3 +150,17 @@ class ObjectSelector:
 
 def _alike(one: Solid, other: Solid) -> bool:
     return one.shape == other.shape and bool(np.abs(np.subtract(one.size, other.size)).max() < _ALIKE)
+
+
+def is_told_by_fingers(way: GraspCandidate, cell: Cell) -> bool:
+    """Whether the grasp check would see by the fingers that something is between them, with some to spare, where they
+    rest as planned; a grasp of which nobody knows where will do."""
+    grasp, rest, spec = way.card.grasp, way.card.rest, cell.hand.spec
+    if rest is None:
+        return True
+    limit = spec.actuation.torque_limit
+    torque = np.clip(cell.stiffness * (grasp.squeeze - rest), -limit, limit)
+    nothing = empty_grasp(cell.settings.hand, grasp, way.palm.rotation)
+    press = pressing_torque(rest, torque, nothing, cell.stiffness, spec.actuation.frictionloss)
+    between = torque_between_fingers(press, nothing, touching_joints(cell.settings.hand, rest))
+    return between > _SPARE * cell.settings.validation.torque

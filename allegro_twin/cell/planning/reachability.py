@@ -89,11 +89,13 @@ def plan_grasp(
     adapter: GraspAdapter | None = None,
     clear: float = CLEAR,
     accept: Callable[[GraspPlan], bool] = lambda plan: True,
+    prefer: Callable[[GraspPlan], bool] = lambda plan: True,
 ) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
     which it comes near to nothing: neither to the table nor to `others`. With
     a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen. `clear`: other
-    objects may be so much wider than they were seen, m. `accept`: whether a plan will do for what comes after it.
+    objects may be so much wider than they were seen, m. `accept`: whether a plan will do for what comes after it;
+    `prefer`: whether it is taken before others that do.
 
     Raises ConfigError where no grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
@@ -105,31 +107,41 @@ def plan_grasp(
     cell.clearance.see(body)
     cell.clearance.beside(others, clear)
     if adapter is None:
-        return _stored_plan(body, cell, others, MOST, accept)
+        return _stored_plan(body, cell, others, MOST, accept, prefer)
     spec, same = cell.hand.spec, adapter.settings.same
     stored = nearest_stored(body, spec.model, spec.side)
     if stored is None or extent_mismatch(stored.body, body) > same:
-        return _adapted_plan(body, cell, others, adapter, clear, accept)
+        return _adapted_plan(body, cell, others, adapter, clear, accept, prefer)
+    first: ConfigError | None = None
     try:
-        return _stored_plan(body, cell, others, same, accept)
+        plan = _stored_plan(body, cell, others, same, accept, prefer)
+        if prefer(plan):
+            return plan
+    except ConfigError as error:
+        first = error
+    try:
+        return _adapted_plan(body, cell, others, adapter, clear, accept, prefer)
     except ConfigError:
-        try:
-            return _adapted_plan(body, cell, others, adapter, clear, accept)
-        except ConfigError:
-            pass
-        raise
+        if first is not None:
+            raise first from None
+    return plan
 
 
 def _stored_plan(
-    body: TableObject, cell: Cell, others: Sequence[TableObject], most: float, accept: Callable[[GraspPlan], bool]
-) -> GraspPlan:
-    first = ""
+    body: TableObject, cell: Cell, others: Sequence[TableObject], most: float, accept: Callable[[GraspPlan], bool],
+    prefer: Callable[[GraspPlan], bool],
+) -> GraspPlan:  # fmt: skip
+    first, other = "", None
     for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift, most=most):
         found = _clear_of_obstacles(one, cell)
         if not isinstance(found, GraspPlan):
             first = first or f"{found} on the way to its {one.way.card.name} grasp"
         elif accept(found):
-            return found
+            if prefer(found):
+                return found
+            other = other or found
+    if other is not None:
+        return other
     first = first or "from where it would hold it, it does not get to the tray"
     where = ", ".join(position_text(each.position) for each in others)
     beside = f", and so may be the other objects at {where}" if others else ""
@@ -141,9 +153,9 @@ def _stored_plan(
 
 def _adapted_plan(
     body: TableObject, cell: Cell, others: Sequence[TableObject], adapter: GraspAdapter, room: float,
-    accept: Callable[[GraspPlan], bool],
+    accept: Callable[[GraspPlan], bool], prefer: Callable[[GraspPlan], bool],
 ) -> GraspPlan:  # fmt: skip
-    return adapter.plan(body, lambda card: clear_plan(card, body, cell, accept), others, room)
+    return adapter.plan(body, lambda card: clear_plan(card, body, cell, accept), others, room, prefer)
 
 
 def clear_plan(

@@ -26,7 +26,7 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import GraspObject, object_catalogue
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
 """Of vectors of a right hand, for a left one."""
@@ -49,6 +49,8 @@ class StoredGrasp:
     palm: Pose
     retreat: Array
     """(3,), m."""
+    rest: Vector | None = None
+    """Where the joints came to rest on the thing in physics, (n,), rad; None: nobody knows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
