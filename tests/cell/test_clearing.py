@@ -92,6 +92,7 @@ def test_what_has_no_way_to_the_tray_is_put_back_where_it_stood_and_the_run_goes
     assert np.linalg.norm((cell.robot.thing("foam_brick").position - before)[:2]) < 0.01
 
 
+@pytest.mark.slow
 def test_a_tray_out_of_reach_is_refused_with_its_place() -> None:
     cell = cell_of(tray=TRAY.model_dump())
     plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)

@@ -39,6 +39,7 @@ def test_pixel_noise_costs_tenths_of_a_millimetre_and_the_stated_error_covers_it
     assert covered >= 9
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_off_by_a_tenth_of_a_millimetre_is_in_the_stated_error() -> None:
     exact = [calibrate_hand_eye(pattern_views(seed), LENS, at_the_wrist=True) for seed in range(5)]
     arm = (1e-4, np.radians(0.02))
@@ -47,6 +48,7 @@ def test_an_arm_that_is_off_by_a_tenth_of_a_millimetre_is_in_the_stated_error() 
     assert sum(errors(r)[0] <= r.position_error for r in rough) >= 4
 
 
+@pytest.mark.slow
 def test_the_arms_own_errors_are_estimated_and_weighed_so_that_they_cost_little() -> None:
     arm = (1e-4, np.radians(0.02))
     found = [calibrate_hand_eye(pattern_views(seed, arm=arm), LENS, at_the_wrist=True) for seed in range(6)]
@@ -92,11 +94,13 @@ def mixed(views: list[PatternView]) -> list[PatternView]:
     return [view._replace(arm=views[k - 1].arm) for k, view in enumerate(views)]
 
 
+@pytest.mark.slow
 def test_poses_in_another_order_than_the_pictures_are_refused() -> None:
     with pytest.raises(ConfigError, match="arm and pictures disagree by .* pixels, more than 3"):
         calibrate_hand_eye(mixed(pattern_views(1)), LENS, at_the_wrist=True)
 
 
+@pytest.mark.slow
 def test_poses_of_the_base_in_the_flange_are_refused() -> None:
     views = [view._replace(arm=Pose(view.arm.rotation.T @ -view.arm.position, view.arm.rotation.T))
              for view in pattern_views(1)]  # fmt: skip
@@ -104,6 +108,7 @@ def test_poses_of_the_base_in_the_flange_are_refused() -> None:
         calibrate_hand_eye(views, LENS, at_the_wrist=True)
 
 
+@pytest.mark.slow
 def test_a_camera_at_the_wrist_is_not_taken_for_one_that_stands_still() -> None:
     with pytest.raises(ConfigError, match="disagree"):
         calibrate_hand_eye(pattern_views(1), LENS, at_the_wrist=False)
