@@ -234,7 +234,9 @@ class CellActions:
         if now.state in _FAR and self._left and state.t >= self._there:
             if now.state == "ToSecurityPose":
                 self._head_for(state.t, self.cell.open, OPENING)
-            self._step(state.t, state)
+                self._back(state.t, state)
+            else:
+                self._step(state.t, state)
             return Observation(state.t)
         if now.state == "ToTargetPose" and len(self._before) < self._tare:
             return Observation(state.t)  # The tare.

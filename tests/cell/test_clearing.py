@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.planning.object_selection import is_told_by_fingers
+from allegro_twin.cell.planning.object_selection import shows_at_fingers
 from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
 from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import table_object
@@ -140,7 +140,7 @@ def test_fingers_tell_a_grasp_that_rests_far_from_where_it_would_close_on_nothin
     closing = np.sign(way.card.grasp.squeeze - way.card.grasp.preshape)
     for rest, told in ((None, True), (nothing, False), (nothing - 0.3 * closing, True)):
         one = replace(way, card=replace(way.card, rest=rest))
-        assert is_told_by_fingers(one, cell) == told
+        assert shows_at_fingers(one, cell) == told
 
 
 def test_what_is_in_the_tray_is_not_on_the_table() -> None:

@@ -128,7 +128,7 @@ class ObjectSelector:
         failed = {name for name, other in self._failed if _alike(other, solid)}
 
         def prefer(plan: GraspPlan) -> bool:
-            return plan.way.card.name not in failed and is_told_by_fingers(plan.way, self._cell)
+            return plan.way.card.name not in failed and shows_at_fingers(plan.way, self._cell)
 
         return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, self._deliverable(solid), prefer)
 
@@ -152,7 +152,7 @@ def _alike(one: Solid, other: Solid) -> bool:
     return one.shape == other.shape and bool(np.abs(np.subtract(one.size, other.size)).max() < _ALIKE)
 
 
-def is_told_by_fingers(way: GraspCandidate, cell: Cell) -> bool:
+def shows_at_fingers(way: GraspCandidate, cell: Cell) -> bool:
     """Whether the grasp check would see by the fingers that something is between them, with some to spare, where they
     rest as planned; a grasp of which nobody knows where will do."""
     grasp, rest, spec = way.card.grasp, way.card.rest, cell.hand.spec
