@@ -58,11 +58,7 @@ def other_objects(
         mine &= ~on_tray(world, tray)
     world = world[mine]
     world = world[~near_points(world, own, _OWN)]
-    if len(world) < _FEW:
-        return ()
-    grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
-    labels = grid.of(world[:, :2])
-    return tuple(_deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW))
+    return tuple(_deepened(points, frame.pose.position) for points in _clusters(world, settings))
 
 
 def stray_objects(
@@ -75,13 +71,17 @@ def stray_objects(
     region = settings.region
     inside = ((world > region.lower) & (world < region.upper)).all(axis=1)
     mine = (world[:, 2] > _STRAY) & (world[:, 2] < _TOP) & (np.abs(world[:, :2]).max(axis=1) < _REACH)
-    world = world[mine & ~inside & ~on_tray(world, tray)]
-    if len(world) < _FEW:
-        return ()
-    grid, sizes = find_clusters(world[:, :2], 2.0 * settings.object.gap)
-    labels = grid.of(world[:, :2])
-    clusters = (world[labels == label + 1] for label in np.flatnonzero(sizes >= _FEW))
+    clusters = _clusters(world[mine & ~inside & ~on_tray(world, tray)], settings)
     return tuple((points.min(axis=0) + points.max(axis=0)) / 2.0 for points in clusters)
+
+
+def _clusters(points: Array, settings: PerceptionSettings) -> list[Array]:
+    """Those of each thing, (k, 3), seen from above; strays are left out."""
+    if len(points) < _FEW:
+        return []
+    grid, sizes = find_clusters(points[:, :2], 2.0 * settings.object.gap)
+    labels = grid.of(points[:, :2])
+    return [points[labels == label + 1] for label in np.flatnonzero(sizes >= _FEW)]
 
 
 def on_tray(points: Array, tray: TraySettings) -> Mask:

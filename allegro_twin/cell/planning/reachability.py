@@ -88,14 +88,14 @@ def plan_grasp(
     others: Sequence[TableObject] = (),
     adapter: GraspAdapter | None = None,
     clear: float = CLEAR,
-    accept: Callable[[GraspPlan], bool] = lambda plan: True,
+    deliverable: Callable[[GraspPlan], bool] = lambda plan: True,
     prefer: Callable[[GraspPlan], bool] = lambda plan: True,
 ) -> GraspPlan:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
     which it comes near to nothing: neither to the table nor to `others`. With
     a stored grasp of such a thing or, with an `adapter`, with one that is adapted to what was seen. `clear`: other
-    objects may be so much wider than they were seen, m. `accept`: whether a plan will do for what comes after it;
-    `prefer`: whether it is taken before others that do.
+    objects may be so much wider than they were seen, m. `deliverable`: whether the arm gets from a
+    plan's lift to the tray; `prefer`: whether it is taken before others that do.
 
     Raises ConfigError where no grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
@@ -107,28 +107,28 @@ def plan_grasp(
     cell.clearance.see(body)
     cell.clearance.beside(others, clear)
     if adapter is None:
-        return _stored_plan(body, cell, others, MOST, accept, prefer)
+        return _stored_plan(body, cell, others, MOST, deliverable, prefer)
     spec, same = cell.hand.spec, adapter.settings.same
     stored = nearest_stored(body, spec.model, spec.side)
     if stored is None or extent_mismatch(stored.body, body) > same:
-        return _adapted_plan(body, cell, others, adapter, clear, accept, prefer)
-    first: ConfigError | None = None
+        return _adapted_plan(body, cell, others, adapter, clear, deliverable, prefer)
+    kept: GraspPlan | ConfigError
     try:
-        plan = _stored_plan(body, cell, others, same, accept, prefer)
-        if prefer(plan):
-            return plan
+        kept = _stored_plan(body, cell, others, same, deliverable, prefer)
     except ConfigError as error:
-        first = error
+        kept = error
+    if isinstance(kept, GraspPlan) and prefer(kept):
+        return kept
     try:
-        return _adapted_plan(body, cell, others, adapter, clear, accept, prefer)
+        return _adapted_plan(body, cell, others, adapter, clear, deliverable, prefer)
     except ConfigError:
-        if first is not None:
-            raise first from None
-    return plan
+        if isinstance(kept, GraspPlan):
+            return kept
+        raise kept from None
 
 
 def _stored_plan(
-    body: TableObject, cell: Cell, others: Sequence[TableObject], most: float, accept: Callable[[GraspPlan], bool],
+    body: TableObject, cell: Cell, others: Sequence[TableObject], most: float, deliverable: Callable[[GraspPlan], bool],
     prefer: Callable[[GraspPlan], bool],
 ) -> GraspPlan:  # fmt: skip
     first, other = "", None
@@ -136,7 +136,7 @@ def _stored_plan(
         found = _clear_of_obstacles(one, cell)
         if not isinstance(found, GraspPlan):
             first = first or f"{found} on the way to its {one.way.card.name} grasp"
-        elif accept(found):
+        elif deliverable(found):
             if prefer(found):
                 return found
             other = other or found
@@ -153,22 +153,22 @@ def _stored_plan(
 
 def _adapted_plan(
     body: TableObject, cell: Cell, others: Sequence[TableObject], adapter: GraspAdapter, room: float,
-    accept: Callable[[GraspPlan], bool], prefer: Callable[[GraspPlan], bool],
+    deliverable: Callable[[GraspPlan], bool], prefer: Callable[[GraspPlan], bool],
 ) -> GraspPlan:  # fmt: skip
-    return adapter.plan(body, lambda card: clear_plan(card, body, cell, accept), others, room, prefer)
+    return adapter.plan(body, lambda card: clear_plan(card, body, cell, deliverable), others, room, prefer)
 
 
 def clear_plan(
-    card: StoredGrasp, body: TableObject, cell: Cell, accept: Callable[[GraspPlan], bool] = lambda plan: True
+    card: StoredGrasp, body: TableObject, cell: Cell, deliverable: Callable[[GraspPlan], bool] = lambda plan: True
 ) -> GraspPlan | None:
-    """The way to take a body with a grasp that the arm reaches with nothing near, and that is accepted; None where
+    """The way to take a body with a grasp that the arm reaches with nothing near, and that is deliverable; None where
     there is none. What is in the way is what `cell.clearance` knows of; with other objects there the grasp is not
     turned."""
     ways = turned_candidates(card, body)[: 1 if cell.clearance.crowded else None]
     reached = _reached(ways, body, cell.robot, cell.posture, cell.settings.lift, _PLAIN.near)
     for one in [each for each in reached if each.room > _MORE_ROOM][:_LOOKED]:
         found = _clear_of_obstacles(one, cell)
-        if isinstance(found, GraspPlan) and accept(found):
+        if isinstance(found, GraspPlan) and deliverable(found):
             return found
     return None
 
