@@ -59,8 +59,9 @@ _REST = 0.2  # s. After a motion, until what hangs on the flange has come to res
 _RETREATS = 0.8  # s. Away from what the arm met.
 WATCHED = 0.5
 """s. How long arm and hand are watched after the end, and what is held is then looked at again."""
-_FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose")  # States that may have several far ways.
+_FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose", "PutBack")  # States that may have several far ways.
 _SLOWLY = 0.15  # m/s, on average, on a straight way.
+_ASIDE = 0.03  # m. So far from above where it grasped the palm does not go straight down.
 _LOST = 0.25  # Of the torque between fingers that says that something is there: with less nothing is, any more.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
@@ -82,7 +83,6 @@ class CellActions:
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
-        self._released = 0
         self._filled = 0.0  # Height of what is in the tray, m.
         self._down = self.guide.target.pose  # The flange where something is to be let go, base's frame.
         self._above: Pose | None = None  # The palm above where something is to be let go, and
@@ -160,8 +160,9 @@ class CellActions:
                     self._above, self._left = path.over, [path.up, path.across, path.palm]
                     self._step(t, state)
             case "PutBack":
-                self._above, self._down = self.cell.robot.palm(state), self.cell.robot.flange_for(self._grasped)
-                self._go(t, self._grasped, self.cell.settings.arm.lift)
+                self._down = self.cell.robot.flange_for(self._grasped)
+                self._above, self._left = self._way_back(state)
+                self._step(t, state)
             case "OpeningHand":
                 assert self._grasp is not None
                 self._over = self._above
@@ -208,8 +209,7 @@ class CellActions:
         """What the state machine has to know of this moment; pictures are taken here."""
         reflex, self._reflex = self._reflex, None
         if reflex is not None:
-            down = now.state in ("ToReleasePose", "PutBack") and not self._left and self._comes_down(state)
-            return Observation(state.t, done=True) if down else Observation(state.t, reflex=reflex)
+            return self._met(now, state, reflex)
         full = at_limit(state, self.cell.robot.spec, self.cell.robot.limits)
         if full is not None:
             return Observation(state.t, fault=CellOutcome("fault", "arm at a limit", full))
@@ -253,10 +253,17 @@ class CellActions:
         loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
         return Observation(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
+    def _met(self, now: MachineState, state: HandState, reflex: CellOutcome) -> Observation:
+        """The arm has met something. What comes down where it is to be let go has arrived, and a hand that opens there
+        goes on to open."""
+        if now.state == "OpeningHand":
+            return Observation(state.t, done=state.t >= self._there)
+        down = now.state in ("ToReleasePose", "PutBack") and not self._left and self._comes_down(state)
+        return Observation(state.t, done=True) if down else Observation(state.t, reflex=reflex)
+
     def _remember(self, now: MachineState) -> None:
         """What came of the last try."""
-        if now.released > self._released:
-            self._released = now.released
+        if now.released > self._selector.released:
             self._selector.put_away()
         elif self.way is not None and self.solid is not None:
             self._selector.missed(self.way.card, self.solid, leave=now.tries == 1)
@@ -274,6 +281,15 @@ class CellActions:
         except ConfigError as error:
             self._no_way = CellOutcome("refused", "in the way", str(error))
             return None
+
+    def _way_back(self, state: HandState) -> tuple[Pose, list[Vector | Pose]]:
+        """The palm above where it grasped, and straight ways there: up, across, turned back, and down."""
+        here, there = self.cell.robot.palm(state), self._grasped
+        high = max(here.position[2], there.position[2] + self.cell.settings.lift)
+        above = Pose(np.array([*there.position[:2], high]), there.rotation)
+        aside = float(np.linalg.norm((here.position - there.position)[:2])) > _ASIDE
+        up = Pose(np.array([*here.position[:2], high]), here.rotation)
+        return above, [up, above, there] if aside else [there]
 
     def _between(self, state: HandState) -> bool:
         """Whether the fingers still press on something that is not there around nothing."""

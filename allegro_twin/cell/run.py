@@ -156,7 +156,7 @@ def state_rules(settings: LabSettings) -> StateRules:
     return StateRules(
         {"ToSecurityPose": most.security, "Look": most.look, "ToTargetPose": most.target, "Approach": most.approach,
          "ClosingHand": most.close, "ToLiftedPose": most.lift, "Validate": most.check,
-         "Retreat": most.retreat, "ToReleasePose": most.release, "PutBack": most.lift,
+         "Retreat": most.retreat, "ToReleasePose": most.release, "PutBack": most.release,
          "OpeningHand": most.open},
         settings.decide.retries,
         0 if settings.tray is None else settings.tray.objects,

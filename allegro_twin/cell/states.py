@@ -8,8 +8,8 @@ Where a table is to be cleared, what is held goes on to ToReleasePose → Openin
 as often as the rules say is left for later, until a look finds nothing, or only what was left. What there is no way to
 the tray for, or of what nobody can say whether it is in the hand, is put back where it stood, PutBack, and so is, on
 every table, what was missed while something is felt to hang on the hand. Then all begins anew. While something is
-carried the hand does not open elsewhere: what goes wrong there begins anew with ToReleasePose, or ends with it in the
-hand.
+carried the hand does not open elsewhere: what goes wrong there begins anew with ToReleasePose or PutBack, or ends with
+it in the hand.
 """
 
 from __future__ import annotations
@@ -64,13 +64,15 @@ class MachineState:
     """Counting this one."""
     end: CellOutcome | None = None
     cause: CellOutcome | None = None
-    """Of a retreat: what the arm met; of putting back: why there is no way to the tray."""
+    """Of a retreat: what the arm met."""
     released: int = 0
     """Objects that were put where they belong."""
     left: tuple[CellOutcome, ...] = ()
     """Why objects were left for later, since something was put away last."""
     carries: bool = False
     """What was checked is on its way to the tray, or back."""
+    put_back: CellOutcome | None = None
+    """Why it is on its way back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +135,7 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
         return now
     if seen.fault is not None:
         if now.state == "Validate" and rules.objects and seen.fault.reason in _UNSURE:
-            return replace(now, state="PutBack", since=seen.t, cause=seen.fault, carries=True)
+            return _put_back(now, seen.t, seen.fault)
         return _over(now, seen.t, seen.fault)
     if seen.reflex is not None:
         if now.state == "Retreat":
@@ -160,17 +162,15 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
             missed = CellOutcome("missed", "", said)
             if seen.loaded:
-                return replace(now, state="PutBack", since=seen.t, cause=missed, carries=True)
+                return _put_back(now, seen.t, missed)
             return _again(now, seen.t, rules, missed)
         case "ToReleasePose" if seen.held is False:
             lost = CellOutcome("missed", "", "it was lost on the way to the tray")
             return _again(replace(now, carries=False), seen.t, rules, lost)
         case "ToReleasePose" if seen.refused is not None:
-            return replace(now, state="PutBack", since=seen.t, cause=seen.refused)
-        case "PutBack" if late:
-            return replace(now, state="OpeningHand", since=seen.t)
-        case "OpeningHand" if seen.done and now.cause is not None:
-            return _again(replace(now, carries=False), seen.t, rules, now.cause)
+            return _put_back(now, seen.t, seen.refused)
+        case "OpeningHand" if seen.done and now.put_back is not None:
+            return _again(replace(now, carries=False, put_back=None), seen.t, rules, now.put_back)
         case "OpeningHand" if seen.done:
             if now.released + 1 == rules.objects:
                 end = CellOutcome("cleared", "", f"{rules.objects} objects were put away, as many as may be")
@@ -201,10 +201,16 @@ def _again(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
     """The next try, or the end; of a table that is cleared, the next object."""
     if now.tries <= rules.retries:
         first: StateName = "ToReleasePose" if now.carries else "ToSecurityPose"
+        if now.put_back is not None:
+            first = "PutBack"
         return replace(now, state=first, since=t, tries=now.tries + 1, cause=None)
     if now.carries:
         return _over(now, t, end)
     return _later(now, t, rules, end)
+
+
+def _put_back(now: MachineState, t: float, why: CellOutcome) -> MachineState:
+    return replace(now, state="PutBack", since=t, carries=True, put_back=why)
 
 
 def _later(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> MachineState:

@@ -8,16 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.camera.camera import CameraFrame
+from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.planning.object_selection import shows_at_fingers
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, shows_at_fingers
 from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
 from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
-from allegro_twin.cell.planning.stored_grasps import table_object
+from allegro_twin.cell.planning.stored_grasps import stored_grasps, table_object
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
+from allegro_twin.cell.states import CellOutcome, MachineState
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.pose import Pose
 from tests.cell.test_run import SETTINGS, cell_of
 
 TRAY = TraySettings()
@@ -118,10 +126,10 @@ def test_what_cannot_be_brought_to_the_tray_is_not_taken() -> None:
         return False
 
     with pytest.raises(ConfigError, match="from where it would hold it, it does not get to the tray"):
-        plan_grasp(BALL, cell, accept=never)
+        plan_grasp(BALL, cell, deliverable=never)
     assert len(asked) > 1
     first = asked[0].way.palm.position
-    chosen = plan_grasp(BALL, cell, accept=lambda plan: not np.allclose(plan.way.palm.position, first))
+    chosen = plan_grasp(BALL, cell, deliverable=lambda plan: not np.allclose(plan.way.palm.position, first))
     assert not np.allclose(chosen.way.palm.position, first)
 
 
@@ -141,6 +149,93 @@ def test_fingers_tell_a_grasp_that_rests_far_from_where_it_would_close_on_nothin
     for rest, told in ((None, True), (nothing, False), (nothing - 0.3 * closing, True)):
         one = replace(way, card=replace(way.card, rest=rest))
         assert shows_at_fingers(one, cell) == told
+
+
+@pytest.mark.slow
+def test_what_meets_something_above_the_tray_is_let_go_there_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("allegro_twin.cell.actions.tray_height", lambda *_: 0.0)  # Nobody sees how full it is.
+    cell = cell_of(
+        tray=TRAY.model_dump(),
+        objects=[
+            {"name": "foam_brick", "at": [0.0, 0.0]},
+            {"name": "tower", "shape": "box", "size": [0.22, 0.22, 0.1], "mass": 9.0, "at": list(TRAY.at)},
+        ],
+    )
+    met = list[str]()
+    report = perform(cell, on_state=lambda now: met.append(now.state))
+    assert (str(report.end), report.released) == ("cleared", 1)
+    assert "Retreat" not in met
+    assert met[met.index("ToReleasePose") + 1] == "OpeningHand"
+
+
+def test_the_way_back_goes_up_across_and_down_unless_the_palm_is_above_already() -> None:
+    cell = cell_of(tray=TRAY.model_dump())
+    work = CellActions(cell)
+    plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)
+    work._grasped = plan.way.palm
+    for posture, ways in ((plan.there[1], 1), (cell.posture, 3)):
+        above, left = work._way_back(replace(cell.arm.reset(), position=posture))
+        assert len(left) == ways
+        assert left[-1] is plan.way.palm
+        np.testing.assert_allclose(above.position[:2], plan.way.palm.position[:2])
+        assert all(isinstance(each, Pose) and each.position[2] >= plan.way.palm.position[2] for each in left)
+        assert above.position[2] > plan.way.palm.position[2] + 0.1
+
+
+def test_what_meets_something_where_it_comes_down_has_arrived_and_is_led_away_from_anything_before() -> None:
+    cell = cell_of(tray=TRAY.model_dump())
+    work, state = CellActions(cell), cell.arm.reset()
+    reflex = CellOutcome("fault", "cartesian_reflex", "the force on the flange of fer along z is 41 N")
+    work._down = cell.robot.model.pose(state.position)
+    for left, place, met in (([], "ToReleasePose", None), ([], "PutBack", None), ([state.position], "PutBack", reflex)):
+        work._reflex, work._left = reflex, list(left)
+        seen = work.observe(MachineState(place, 0.0), state)  # type: ignore[arg-type]
+        assert (seen.done, seen.reflex) == (met is None, met)
+    work._reflex, work._left, work._down = reflex, [], cell.robot.flange_for(cell.security)
+    aside = replace(state, position=state.position + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert work.observe(MachineState("PutBack", 0.0), aside).reflex == reflex
+
+
+@pytest.mark.slow
+def test_another_grasp_is_taken_of_what_is_alike_after_a_miss_and_the_same_where_there_is_no_other() -> None:
+    cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    selector, (frame, alone, seen) = ObjectSelector(cell), looked(cell)
+    first = selector.first(seen, frame, alone)
+    assert isinstance(first, SelectedObject)
+    selector.missed(first.plan.way.card, first.found.solid, leave=False)
+    second = selector.first(seen, frame, alone)
+    assert isinstance(second, SelectedObject)
+    assert second.plan.way.card.name != first.plan.way.card.name
+    for card in stored_grasps("allegro"):
+        selector.missed(card, first.found.solid, leave=False)
+    assert isinstance(selector.first(seen, frame, alone), SelectedObject)
+    selector.missed(first.plan.way.card, first.found.solid, leave=True)
+    left = selector.first(seen, frame, alone)
+    assert isinstance(left, CellOutcome)
+    assert "was not held" in left.sentence
+
+
+def test_an_empty_table_on_which_things_were_seen_says_so_and_what_stands_outside_is_named() -> None:
+    full = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    selector, (frame, alone, seen) = ObjectSelector(full), looked(full)
+    selector.first(seen, frame, alone)
+    empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "tomato_soup_can", "at": [0.05, -0.4]}])
+    frame, alone, seen = looked(empty)
+    found = selector.first(seen, frame, alone)
+    assert isinstance(found, CellOutcome)
+    assert (found.reason, selector.doubt) == ("outside", "1 were seen: see what has become of 1")
+    selector.put_away()
+    selector.first(seen, frame, alone)
+    assert not selector.doubt
+
+
+def looked(cell: Cell) -> tuple[CameraFrame, Cloud, list[Detection | PerceptionRefusal]]:
+    """A picture, the same without arm and hand, and what is seen in it."""
+    cell.arm.reset(), cell.hand.reset()
+    frame = cell.camera.capture(cell.robot.world.data)
+    alone = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
+    cloud = CellActions(cell)._without_tray(frame.cloud, frame)
+    return frame, alone, cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
 
 
 def test_what_is_in_the_tray_is_not_on_the_table() -> None:

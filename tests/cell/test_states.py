@@ -124,12 +124,12 @@ def test_what_is_lost_on_the_way_to_the_tray_is_a_miss() -> None:
 def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_tried_again_and_left_for_later() -> None:
     no_way = CellOutcome("refused", "in the way", "fer does not get to the tray")
     now = next_state(MachineState("ToReleasePose", 0.0, released=1), Observation(1.0, refused=no_way), CLEARING)
-    assert (now.state, now.cause) == ("PutBack", no_way)
+    assert (now.state, now.put_back) == ("PutBack", no_way)
     now = next_state(now, Observation(2.0, done=True), CLEARING)
-    assert (now.state, now.cause) == ("OpeningHand", no_way)
+    assert (now.state, now.put_back) == ("OpeningHand", no_way)
     now = next_state(now, Observation(3.0, done=True), CLEARING)
     assert now == MachineState("ToSecurityPose", 3.0, 2, released=1)  # Not released.
-    second = replace(now, state="OpeningHand", cause=no_way)
+    second = replace(now, state="OpeningHand", carries=True, put_back=no_way)
     left = next_state(second, Observation(4.0, done=True), CLEARING)
     assert left == MachineState("ToSecurityPose", 4.0, released=1, left=(no_way,))
     last = replace(second, left=(no_way, no_way))
@@ -137,10 +137,23 @@ def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_tried_again_and_le
 
 
 @pytest.mark.parametrize("rules", ["RULES", "CLEARING"])
+def test_what_meets_something_on_its_way_back_is_put_back_at_the_next_try_and_never_brought_to_a_tray(
+    rules: str,
+) -> None:
+    going, missed = {"RULES": RULES, "CLEARING": CLEARING}[rules], CellOutcome("missed", "", "it is not in the hand")
+    now = MachineState("PutBack", 0.0, released=1, carries=True, put_back=missed)
+    now = next_state(next_state(now, Observation(1.0, reflex=REFLEX), going), Observation(2.0, done=True), going)
+    assert (now.state, now.tries, now.put_back) == ("PutBack", 2, missed)
+    now = next_state(next_state(now, Observation(3.0, done=True), going), Observation(4.0, done=True), going)
+    assert (now.released, now.carries, now.put_back) == (1, False, None)
+    assert missed in (*now.left, now.end)
+
+
+@pytest.mark.parametrize("rules", ["RULES", "CLEARING"])
 def test_what_was_missed_while_something_hangs_on_the_hand_is_put_back_before_the_hand_opens(rules: str) -> None:
     going = {"RULES": RULES, "CLEARING": CLEARING}[rules]
     now = next_state(MachineState("Validate", 0.0), Observation(1.0, held=False, loaded=True), going)
-    assert (now.state, str(now.cause)) == ("PutBack", "missed")
+    assert (now.state, str(now.put_back)) == ("PutBack", "missed")
     now = next_state(now, Observation(2.0, done=True), going)
     assert now.state == "OpeningHand"
     again = next_state(now, Observation(3.0, done=True), going)
@@ -169,9 +182,11 @@ def test_of_what_nobody_knows_whether_it_is_held_is_put_back_and_left_and_a_sing
     unsure = Observation(1.0, fault=CellOutcome("fault", reason, "the fingers press, and nothing confirms that"))
     assert next_state(MachineState("Validate", 0.0), unsure, RULES).end == unsure.fault
     back = next_state(MachineState("Validate", 0.0), unsure, CLEARING)
-    assert (back.state, back.cause) == ("PutBack", unsure.fault)
-    opened = next_state(back, Observation(6.0), CLEARING)
-    assert opened.state == "OpeningHand"  # Late: it rests on something.
+    assert (back.state, back.put_back) == ("PutBack", unsure.fault)
+    late = next_state(back, Observation(6.0), CLEARING)
+    assert (late.state, late.tries) == ("PutBack", 2)  # The hand does not open on the way.
+    opened = next_state(back, Observation(2.0, done=True), CLEARING)
+    assert opened.state == "OpeningHand"
     assert next_state(opened, Observation(7.0, done=True), CLEARING).tries == 2
     power = Observation(1.0, fault=CellOutcome("fault", "hand without torque", "joint 3"))
     assert next_state(MachineState("Validate", 0.0), power, CLEARING).end == power.fault

@@ -111,22 +111,10 @@ class GraspAdapter:
     seed: int = 0
     found: list[AdaptedGrasp] = field(default_factory=list)
     _failed: list[tuple[TableObject, float, ConfigError]] = field(default_factory=list)
-    _missed: int = 0
-    """Grasps that did not hold in the cell: each is the beginning of other draws."""
 
     def forget_failures(self) -> None:
         """Where something has changed on the table, what was out of reach may be in it."""
         self._failed.clear()
-
-    def give_up(self, card: StoredGrasp) -> None:
-        """A grasp that did not hold is not taken again, and the next search is another."""
-        self.found = [each for each in self.found if each.card is not card]
-        self._missed += 1
-
-    @property
-    def draws(self) -> tuple[int, int]:
-        """The seed of the next search."""
-        return self.seed, self._missed
 
     def plan(
         self,
@@ -188,7 +176,7 @@ class AdaptationSearch:
     def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[TableObject], density: float) -> None:
         self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
         self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
-        self._body, self._random = body, np.random.default_rng(adapter.draws)
+        self._body, self._random = body, np.random.default_rng(adapter.seed)
         cards = [card for card in stored_grasps(self._spec.model) if card.grasp.grip is None]
         self._cards = sorted(cards, key=lambda card: _unlike(card.body, body))[:_CARDS]
         self._templates = {card.name: replace(card.grasp, name=card.name) for card in self._cards}

@@ -57,22 +57,21 @@ class ObjectSelector:
         )
         self._left = list[Array]()  # Places, world, m.
         self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.
-        self._put_away = 0
+        self.released = 0
+        """Objects that were put away."""
         self._most = 0  # Things that were on the table and in the tray at a time.
         self.doubt = ""
         """What has become of things that were seen and are neither put away nor on the table; empty where all are."""
 
     def put_away(self) -> None:
         """One more is in the tray: what was left may be in reach now."""
-        self._put_away += 1
+        self.released += 1
         self._left.clear()
         if self._adapter is not None:
             self._adapter.forget_failures()
 
     def missed(self, card: StoredGrasp, solid: Solid, *, leave: bool) -> None:
         """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
-        if self._adapter is not None:
-            self._adapter.give_up(card)
         self._failed.append((card.name, solid))
         if leave:
             self._left.append(solid.position)
@@ -84,7 +83,7 @@ class ObjectSelector:
         with less; else why nothing can. `alone`: its cloud without arm and hand."""
         refused = dict[int, CellOutcome]()
         on_table = sum(isinstance(each, Detection) or each.reason != "no_object" for each in seen)
-        self._most = max(self._most, self._put_away + on_table)
+        self._most = max(self._most, self.released + on_table)
         for clear in (CLEAR, _TIGHT):
             for number, each in enumerate(seen):
                 if isinstance(each, PerceptionRefusal):
@@ -101,7 +100,7 @@ class ObjectSelector:
                 refused[number] = chosen
             if len(seen) == 1:
                 break
-        gone = self._most - self._put_away
+        gone = self._most - self.released
         self.doubt = f"{self._most} were seen: see what has become of {gone}" if not on_table and gone > 0 else ""
         strays = self._strays(frame, alone)
         causes = [*(refused.values() if on_table or not strays else ()), *strays]
