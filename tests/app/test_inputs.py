@@ -102,6 +102,7 @@ TARGETS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_input_that_changes_changes_the_keys_of_its_trials_and_of_no_others(copied: Path) -> None:
     found = asked(copied, [(name, old, new) for name, old, new, _ in CHANGES], TARGETS, tried=True)
     assert len(set(found["before"])) == len(TARGETS)

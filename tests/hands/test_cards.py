@@ -28,7 +28,9 @@ def command(*words: str) -> None:
     app(list(words), standalone_mode=False)
 
 
-@pytest.mark.parametrize("name", HANDS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "soft" else name for name in HANDS]
+)
 def test_a_file_becomes_a_card_and_a_config_that_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,6 +129,7 @@ def test_a_folder_to_write_into_is_not_the_name_of_a_card(tmp_path: Path, monkey
         command("hand", "new", "gripper.xml", "--out", "mine.yaml")
 
 
+@pytest.mark.slow
 def test_a_card_is_not_written_over_unless_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("gripper.xml").write_text(GRIPPER)

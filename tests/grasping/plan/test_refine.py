@@ -54,11 +54,13 @@ def share(candidate: Candidate) -> float:
     return -candidate.score
 
 
+@pytest.mark.slow
 def test_what_evolves_needs_less_of_its_motors(begun: tuple[Proposer, list[Candidate]], evolved: Population) -> None:
     before = np.median([share(each) for each in begun[1]])
     assert np.median([share(each) for each in evolved.elite]) < 0.5 * before
 
 
+@pytest.mark.slow
 def test_no_more_than_a_few_of_what_evolves_are_alike(evolved: Population) -> None:
     for first in evolved.elite:
         near = [pose_distance(first, other) for other in evolved.elite]
@@ -66,6 +68,7 @@ def test_no_more_than_a_few_of_what_evolves_are_alike(evolved: Population) -> No
         assert alike <= 3 * NICHE
 
 
+@pytest.mark.slow
 def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> None:
     """Shares of the motors before and after physics has closed the fingers, and most of those that are strong enough
     hold the object through a lift and a turn."""
@@ -92,6 +95,7 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
             np.testing.assert_allclose(end.candidate.torque, wanted)
 
 
+@pytest.mark.slow
 def test_what_is_light_is_squeezed_with_two_fifths_of_the_motor_that_bears_most(evolved: Population) -> None:
     known, limit = evolved.proposer, SPEC.actuation.torque_limit
     faint = Preload(0.05, 0.05 * limit * np.sign(np.arange(16) - 7.5), np.zeros((3, 3)))
@@ -101,6 +105,7 @@ def test_what_is_light_is_squeezed_with_two_fifths_of_the_motor_that_bears_most(
         np.testing.assert_allclose(end.candidate.torque, 8.0 * faint.torque)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_physics_closes_no_candidate_for_a_second_time_and_the_population_begins_anew_when_none_is_left(
     begun: tuple[Proposer, list[Candidate]],
 ) -> None:
