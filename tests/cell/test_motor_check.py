@@ -78,6 +78,28 @@ def test_a_joint_that_moves_or_hardly_has_to_or_tells_no_torque_or_lacks_it_for_
     assert motors.fault(state_of(STILL), target) is None
 
 
+@pytest.mark.parametrize(("speed", "named"), [(0.07, ""), (0.0, "thumb_2"), (-0.07, "thumb_2"), (0.03, "thumb_2")])
+def test_a_joint_that_keeps_up_with_a_slow_goal_is_braked_by_its_loop_and_one_that_does_not_is_a_fault(
+    speed: float, named: str
+) -> None:
+    joint = np.eye(SPEC.n_joints)[14]
+    target, state = SetPoint(HERE + 0.05 * joint, 0.08 * joint), state_of(STILL, velocity=speed * joint)
+    motors = check()
+    for _ in range(PERIODS):
+        motors.update(state, target, STILL)
+    fault = motors.fault(state, target)
+    assert (fault is None) == (not named)
+    assert fault is None or named in fault.sentence
+
+
+def test_a_joint_that_rests_is_a_fault_though_its_reading_trembles_towards_a_goal_that_creeps() -> None:
+    joint, motors = np.eye(SPEC.n_joints)[14], check()
+    target = SetPoint(HERE + 0.05 * joint, 0.01 * joint)
+    for k in range(PERIODS):
+        motors.update(state_of(STILL, velocity=0.03 * (-1.0) ** k * joint), target, STILL)
+    assert motors.fault(state_of(STILL), target) is not None
+
+
 def test_a_tendon_that_only_pulls_is_not_asked_to_push() -> None:
     servo = replace(SPEC, commands=("position",))
     motors = MotorCheck(servo, KP, np.stack([STILL, LIMIT]), 0.003)

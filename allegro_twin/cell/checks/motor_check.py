@@ -17,6 +17,8 @@ _LEAST = 0.1
 """Of a motor's limit: less than this, or than four times the dry friction, is not asked for."""
 _SLOW = 0.1
 """rad/s. A joint that moves is braked by its loop, and is not judged."""
+_FOLLOWED = 0.5
+"""Of the goal's speed, from a fifth of `_SLOW` on: a joint that keeps so much of it has a motor."""
 _FOR = 0.15
 """s that a joint lacks torque without a pause before it is a fault."""
 _MOVED = 2e-4
@@ -48,12 +50,15 @@ class MotorCheck:
 
     def lacking(self, state: HandState, target: SetPoint, gravity: Vector) -> NDArray[np.bool_]:
         """Which joints, (n,), rest away from their goal with less than half of the torque k (q_goal - q) + τ_gravity,
-        within the motor's limit, that they should have. What a hand does not report lacks nothing."""
+        within the motor's limit, that they should have. What follows a slow goal is braked by its loop as it should be;
+        what a hand does not report lacks nothing."""
         still = np.maximum(np.abs(state.velocity), np.abs(target.velocity)) < _SLOW
         due = self._due(state, target, gravity)
+        goal = target.velocity
+        follows = (np.abs(goal) > 0.2 * _SLOW) & (state.velocity * np.sign(goal) > _FOLLOWED * np.abs(goal))
         asked = np.minimum(np.abs(due), np.abs(self._pull(state, target))) > self._least
         with np.errstate(invalid="ignore"):
-            return np.asarray(asked & still & (state.torque * np.sign(due) < _SHARE * np.abs(due)))
+            return np.asarray(asked & still & ~follows & (state.torque * np.sign(due) < _SHARE * np.abs(due)))
 
     def given(self, state: HandState, target: SetPoint, gravity: Vector) -> Vector:
         """The motors' torques, (n,), N·m: as reported, or as they are due of a hand that does not report them."""

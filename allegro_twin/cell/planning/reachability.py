@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from allegro_twin.cell.planning.stored_grasps import (
 )
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import CLEAR, OTHERS, ClearanceViolation, TableObject
 from allegro_twin.types import Array, Vector
@@ -58,6 +60,9 @@ _LITTLE = 0.04
 _ROOM, _MORE_ROOM = 0.08, 0.16
 """rad: to the end of every joint, and of an adapted grasp: the spring and the way of the elbow take some, and there are
 other grasps."""
+_TURN = 0.7
+"""rad: the most that a joint turns on a straight way, which takes 1 s. Near a singular posture the elbow swings far,
+faster than the arm may, while the hand hardly moves."""
 _STEP = 0.02
 """rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
@@ -258,7 +263,7 @@ def far_path(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
 def _from(
     way: GraspCandidate, top: float, robot: ArmWithHand, waiting: Vector, lift: float, at: Vector
 ) -> GraspPlan | None:
-    model, spec, postures = robot.model, robot.spec, []
+    model, postures = robot.model, list[Vector]()
     lifted = Pose(way.palm.position + np.array([0.0, 0.0, lift]), way.palm.rotation)
     for palm in (way.before, way.palm, lifted):
         try:
@@ -266,11 +271,31 @@ def _from(
         except ConfigError:
             return None  # The answer, not an error.
         postures.append(at)
-    room = min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures)
-    if room < _ROOM:
+    room = _room(postures, robot)
+    if room < _ROOM or not all(goes_straight(*ends, robot) for ends in pairwise(postures)):
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
     return GraspPlan(far, way, (*_over(way, top, robot, postures[0]), postures[0]), (postures[1], postures[2]), room)
+
+
+def _room(postures: Sequence[Vector], robot: ArmWithHand) -> float:
+    """The least to the end of a joint, rad."""
+    spec = robot.spec
+    return min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures)
+
+
+def goes_straight(begin: Vector, end: Vector, robot: ArmWithHand, room: float = _ROOM) -> bool:
+    """Whether no joint turns far, or has less `room` to its end, rad, while the flange goes straight between postures,
+    (n,) each, rad."""
+    first, last, model = robot.model.pose(begin), robot.model.pose(end), robot.model
+    turn = rotation_between(first.rotation, last.rotation)
+    middle = Pose((first.position + last.position) / 2.0, rotate(first.rotation, turn / 2.0))
+    try:
+        between = model.reach(middle, begin, _NEAR)
+    except ConfigError:
+        return False
+    far = max(float(np.abs(one - other).max()) for one, other in ((begin, between), (between, end), (begin, end)))
+    return far <= _TURN and _room([between], robot) >= room
 
 
 def _over(way: GraspCandidate, top: float, robot: ArmWithHand, at: Vector) -> tuple[Vector, ...]:
@@ -290,9 +315,11 @@ def _above(way: GraspCandidate, up: float, robot: ArmWithHand, at: Vector) -> tu
     for part in (1.0, 0.6):
         above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
         try:
-            return (robot.model.reach(robot.flange_for(above), at, _NEAR),)
+            found = robot.model.reach(robot.flange_for(above), at, _NEAR)
         except ConfigError:
             continue  # Lower, or straight on.
+        if _room([found], robot) >= _ROOM:
+            return (found,)
     return ()
 
 

@@ -34,6 +34,7 @@ from allegro_twin.drivers.can.virtual.serve import serve
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.reader import load
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.cli.main import main
 from allegro_twin.types import Command, HandState, Vector, frozen
@@ -198,6 +199,13 @@ def command(*words: object) -> Callable[[], None]:
         main()
 
     return work
+
+
+def assert_recorded(recording: Path, device: int = 0) -> None:
+    """States of this hand are in it. Which share of the periods is asked where time is steady: socketcan/timed."""
+    positions = load(recording).columns["position"]
+    assert len(positions)
+    np.testing.assert_allclose(positions[:, 0], BEGIN[device], atol=0.05)
 
 
 def ip(*words: str) -> None:

@@ -8,9 +8,8 @@ import struct
 import termios
 from pathlib import Path
 
-from allegro_twin.recording.reader import load
 from tests.patience import comes_true
-from tests.socketcan.inside.rigs import PERIOD, command, config, exit_code, forked, hand_on, ip
+from tests.socketcan.inside.rigs import assert_recorded, command, config, exit_code, forked, hand_on, ip
 
 _N_SLCAN, _SIOCGIFNAME = 17, 0x8910  # linux/tty.h; linux/sockios.h
 
@@ -33,4 +32,4 @@ def test_a_hand_behind_the_kernels_own_slcan_is_driven_and_limp_after_the_comman
         assert hand.seen.limp_since
         assert not hand.seen.serving
         os.close(port)
-    assert len(load(recording)) > 0.5 / PERIOD
+    assert_recorded(recording)
