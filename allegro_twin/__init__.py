@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         SelfCollision,
     )
     from allegro_twin.hands.library.library import Library
-    from allegro_twin.loop import paced, run, until
+    from allegro_twin.loop import interleave, paced, run, until
     from allegro_twin.spec import HandSpec
     from allegro_twin.surfaces.hand import Hand
     from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand
@@ -56,6 +56,7 @@ __all__ = [
     "SelfCollision",
     "TorqueCommand",
     "__version__",
+    "interleave",
     "load_config",
     "paced",
     "run",
@@ -81,7 +82,7 @@ __getattr__, __dir__ = exports(
             "SelfCollision",
         ),
         "hands.library.library": ("Library",),
-        "loop": ("paced", "run", "until"),
+        "loop": ("interleave", "paced", "run", "until"),
         "spec": ("HandSpec",),
         "surfaces.hand": ("Hand",),
         "types": ("Command", "HandState", "PositionCommand", "Sample", "TorqueCommand"),

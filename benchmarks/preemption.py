@@ -15,7 +15,8 @@ from benchmarks.unlearned import put
 from studies.preemption import report_text
 from studies.preemption.analysis import Answer, Finding, Versus, analysed, choices, chosen
 from studies.preemption.folder import read
-from studies.preemption.outcomes import Row, outcomes_of
+from studies.preemption.measures import Row
+from studies.preemption.outcomes import outcomes_of
 from studies.preemption.protocol import Study
 
 _HEAD = (
@@ -33,7 +34,7 @@ def lines(rows: Sequence[Row], study: Study) -> Iterator[str]:
 
 
 def _train(rows: Sequence[Row], study: Study) -> Iterator[str]:
-    names = [study.analysis.baseline, *study.analysis.candidates]
+    names = list(study.trained)
     yield f"On train, {study.pairs.train} pairs a hand, so many were held; the overlap is chosen by them and nothing"
     yield "else is concluded from them:"
     yield ""

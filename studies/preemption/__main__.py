@@ -61,6 +61,25 @@ def preemption(
     _say([out], out)
 
 
+@app.command("prepare")
+def prepared(
+    hand: Annotated[list[str] | None, typer.Option(help="One of the protocol's, or several; by default all.")] = None,
+    protocol: Annotated[str, typer.Option(help="A protocol's name, or a file.")] = "preemption_arm",
+) -> None:
+    """Plan how each hand takes each object of a protocol with the arm in the loop: once, before it is registered."""
+    from allegro_twin.surfaces.cli import console
+    from studies.preemption.arm.grasps import FOLDER
+    from studies.preemption.arm.prepare import prepare
+    from studies.preemption.protocol import ArmStudy, load_study
+
+    study = load_study(protocol)
+    if not isinstance(study, ArmStudy):
+        raise ConfigError(f"{protocol}: its hands are on a spring, and its grasps are those of scenarios")
+    for name in study.of(tuple(hand or ())):
+        path = prepare(study, name, FOLDER, lambda line: console.console.print(line, soft_wrap=True, highlight=False))
+        console.console.print(f"{path}", soft_wrap=True, highlight=False)
+
+
 @app.command("register")
 def registered(
     protocol: Annotated[str, typer.Argument(help="A protocol's name, or a file; its registration goes beside it.")],

@@ -13,7 +13,8 @@ from allegro_twin.types import Array
 from studies.preemption import paired_tests as together
 from studies.preemption.bootstrap import over_clusters
 from studies.preemption.dose_response import Dose, fit
-from studies.preemption.outcomes import Outcomes, Row, outcomes_of
+from studies.preemption.measures import Row
+from studies.preemption.outcomes import Outcomes, outcomes_of
 from studies.preemption.protocol import Analysis, Study
 
 
@@ -133,7 +134,7 @@ def finding(hand: str, train: Outcomes, test: Outcomes, study: Study) -> Finding
     def against(first: str, second: str) -> Versus:
         return versus(test, first, second, study)
 
-    others = [policy.name for policy in study.policies if policy.name != analysis.baseline]
+    others = [name for name in test.rows if name != analysis.baseline]
     doses = {policy.name: policy.overlap for policy in study.policies
              if policy.name in (analysis.baseline, *analysis.candidates)}  # fmt: skip
     sigmas = sorted({float(row["sigma_mm"]) for row in test.rows[analysis.baseline]})
@@ -141,9 +142,10 @@ def finding(hand: str, train: Outcomes, test: Outcomes, study: Study) -> Finding
     said = [row["said_held"] for name in test.rows for row in test.rows[name]]
     return Finding(
         hand, best, len(train.trials), choices(train, analysis, study.seed),
-        tuple(arm(test, policy.name, study) for policy in study.policies),
+        tuple(arm(test, name, study) for name in test.rows),
         against(best, analysis.baseline),
-        (*(against(name, analysis.baseline) for name in others), against(best, analysis.report)),
+        (*(against(name, analysis.baseline) for name in others), against(best, analysis.report),
+         *(against(*pair) for pair in study.compared)),
         _dose(test, doses, None)[0], {sigma: _dose(test, doses, sigma) for sigma in sigmas},
         tuple(sum(h == a and s == b for h, s in zip(held, said, strict=True))
               for a, b in ((True, True), (True, False), (False, True), (False, False))),

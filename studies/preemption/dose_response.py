@@ -34,23 +34,29 @@ class Dose(NamedTuple):
 
 
 def fit(overlap: Array, held: Array) -> Dose:
-    """The most likely curve for some trials, (k,) each, by Newton's method (iteratively reweighted least squares).
-    Its steps are halved until they lead to a likelier one: where failures begin at one overlap, the curve is steep."""
-    design = np.column_stack([np.ones(len(overlap)), overlap])
-    found = np.zeros(2)
+    """The most likely curve for some trials, (k,) each."""
+    found = logistic(np.column_stack([np.ones(len(overlap)), overlap]), held, np.full(2, _STEEP))
+    return Dose(float(found[0]), float(found[1]))
+
+
+def logistic(design: Array, held: Array, ridge: Array) -> Array:
+    """The weights w, (m,), of logit p = X w for trials with a design X, (k, m), and outcomes, (k,), under a ridge of
+    ½ Σ λ w², by Newton's method (iteratively reweighted least squares). Its steps are halved until they lead to a
+    likelier one: where failures begin at one place, the curve is steep."""
+    found = np.zeros(design.shape[1])
 
     def cost(at: Array) -> float:
         z = design @ at
-        return float(np.sum(np.logaddexp(0.0, z) - held * z) + 0.5 * _STEEP * at @ at)
+        return float(np.sum(np.logaddexp(0.0, z) - held * z) + 0.5 * (ridge * at) @ at)
 
     for _ in range(_TURNS):
         p = 1.0 / (1.0 + np.exp(-np.clip(design @ found, -500.0, 500.0)))
-        slope = design.T @ (held - p) - _STEEP * found
-        curve = (design * (p * (1.0 - p))[:, None]).T @ design + _STEEP * np.eye(2)
+        slope = design.T @ (held - p) - ridge * found
+        curve = (design * (p * (1.0 - p))[:, None]).T @ design + np.diag(ridge)
         step = np.linalg.solve(curve, slope)
         while cost(found + step) > cost(found) and np.abs(step).max() > 1e-12:
             step = 0.5 * step
         found = found + step
         if np.abs(step).max() < 1e-10:
             break
-    return Dose(float(found[0]), float(found[1]))
+    return np.asarray(found)

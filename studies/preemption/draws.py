@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.preemption.protocol import Control, Set, Study
+from studies.preemption.protocol import ContactStrata, Control, Set, Study
 
 _SETS: dict[Set, int] = {"train": 0, "test": 1}
 
@@ -33,6 +33,8 @@ class Case:
     """Where in its cycle a state machine is when the arm sets off, as a part of it."""
     felt: float
     """The error of the force check, in its standard deviations."""
+    contact: str = ""
+    """How contacts are modelled, by name; empty where the study has one way."""
 
 
 def block(study: Study, set_: Set) -> int:
@@ -61,10 +63,12 @@ def case(study: Study, set_: Set, number: int, control: Control | None = None) -
     random = np.random.default_rng([study.seed, stream, _SETS[set_], number])
     x, y, angle, felt = random.standard_normal(4).tolist()
     phase = float(random.uniform())
+    contacts = tuple(strata.contacts) if isinstance(strata, ContactStrata) else ("",)
+    contact = contacts[int(random.integers(len(contacts)))]
     sigma, sigma_yaw = strata.position[place], strata.yaw[yaw]
     if control is not None and control.certain:
         sigma, sigma_yaw, friction = 0.0, 0.0, max(frictions)
     return Case(
         object_of(study, set_, number), sigma, sigma_yaw, friction, approach, sigma * x, sigma * y,
-        float(np.radians(sigma_yaw)) * angle, phase, felt,
+        float(np.radians(sigma_yaw)) * angle, phase, felt, contact,
     )  # fmt: skip

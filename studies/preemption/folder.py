@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from allegro_twin import ConfigError, RecordingError
-from allegro_twin.files import parse_settings
 from allegro_twin.sweep import Store, latest_rows, read_results, write_results
 from studies.preemption.page import write_report
-from studies.preemption.protocol import Study
+from studies.preemption.protocol import Study, study_of
 
 TRIALS = "trials"
 FILE = "trials.parquet"
@@ -41,7 +40,7 @@ def read(folder: Path) -> Held:
     shared, stamps, table = _written(path) if path.suffix else Store(path).content()
     if "study" not in shared:
         raise RecordingError(f"{path} is of another sweep than a study")
-    study = parse_settings(Study, shared["study"], str(path if path.suffix else path / "manifest.json"))
+    study = study_of(shared["study"], str(path if path.suffix else path / "manifest.json"))
     if study.digest != stamps.get("protocol"):
         raise RecordingError(
             f"{path}: made under the protocol {stamps.get('protocol')}, and its "

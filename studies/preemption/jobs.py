@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from allegro_twin import ConfigError
-from allegro_twin.files import fingerprint, parse_settings
+from allegro_twin.files import fingerprint
 from allegro_twin.sweep import Sweep
+from studies.preemption.arm.trial import ArmBench
 from studies.preemption.draws import block, case, object_of
-from studies.preemption.protocol import Set, Study
-from studies.preemption.registration import EXPLORATORY, contents_of
-from studies.preemption.scenes import Bench, Job
-from studies.preemption.simulate import simulate
+from studies.preemption.protocol import ArmStudy, Set, SpringStudy, Study, study_of
+from studies.preemption.registration import EXPLORATORY, contents_of, inputs_of
+from studies.preemption.scenes import Job
+from studies.preemption.simulate import SpringBench
 
 UNIT = 32
 """Trials in a unit, at most: what may have to be made again after an interruption."""
@@ -24,9 +25,8 @@ def sweep_of(study: Study, hands: tuple[str, ...], pairs: int | None = None, reg
     with. Raises ConfigError."""
     most = pairs_of(study, pairs)
     items: list[dict[str, Any]] = []
-    train = [study.analysis.baseline, *study.analysis.candidates]
     for set_, count, names in (
-        ("train", study.pairs.train, train),
+        ("train", study.pairs.train, list(study.trained)),
         ("test", most, [policy.name for policy in study.policies]),
     ):
         size = block(study, set_)  # type: ignore[arg-type]  # Either literal.
@@ -38,13 +38,7 @@ def sweep_of(study: Study, hands: tuple[str, ...], pairs: int | None = None, reg
     contents, inputs = contents_of(study), dict[tuple[str, str], dict[str, str]]()
     for hand in hands:
         for thing in (*study.train, *study.test):
-            own = (
-                f"model of {hand}",
-                f"scenario of {thing} with {hand}",
-                f"grasp of {thing} with {hand}",
-                f"object {thing}",
-            )
-            inputs[hand, thing] = {name: contents[name] for name in own}
+            inputs[hand, thing] = {name: contents[name] for name in inputs_of(study, hand, thing)}
     of = [inputs[item["hand"], object_of(study, item["set"], item["trial"])] for item in items]
     return Sweep("studies.preemption.jobs:made", items, {"study": study.model_dump(mode="json")}, UNIT,
                  {"protocol": study.digest, "registration": registration}, of)  # fmt: skip
@@ -74,13 +68,12 @@ def _controls(study: Study, hand: str, numbers: range) -> list[dict[str, Any]]:
 
 def made(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of the sweep: a flat row for each item, which is in it."""
-    study = parse_settings(Study, dict(shared["study"]), "the sweep's protocol")
+    study = study_of(shared["study"], "the sweep's protocol")
     rows: dict[int, dict[str, Any]] = {}
     for hand in sorted({item["hand"] for item in items}):
-        bench = _bench(study, hand)
         mine = [index for index, item in enumerate(items) if item["hand"] == hand]
-        setups = [bench.setup(_job(study, items[index])) for index in mine]
-        rows |= dict(zip(mine, simulate(bench, setups), strict=True))
+        jobs = [_job(study, items[index]) for index in mine]
+        rows |= dict(zip(mine, _bench(study, hand).rows(jobs), strict=True))
     return [dict(items[index]) | rows[index] for index in range(len(items))]
 
 
@@ -90,12 +83,16 @@ def _job(study: Study, item: Mapping[str, Any]) -> Job:
     return Job(study.policy(item["policy"]), case(study, set_, item["trial"], control), control)
 
 
-_BENCHES: dict[tuple[str, ...], Bench] = {}
+_BENCHES: dict[tuple[str, ...], SpringBench | ArmBench] = {}
 
 
-def _bench(study: Study, hand: str) -> Bench:
+def _bench(study: Study, hand: str) -> SpringBench | ArmBench:
     """Scenes take a while to make, and a process has many units of them; with other files they are others."""
     key = study.digest, hand, fingerprint(contents_of(study))
     if key not in _BENCHES:
-        _BENCHES[key] = Bench(study, hand)
+        match study:
+            case ArmStudy():
+                _BENCHES[key] = ArmBench(study, hand)
+            case SpringStudy():
+                _BENCHES[key] = SpringBench(study, hand)
     return _BENCHES[key]

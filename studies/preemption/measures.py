@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,9 +10,11 @@ import numpy as np
 
 from allegro_twin.grasping import relative_displacement
 from allegro_twin.types import Array
+from studies.preemption.draws import Case
 from studies.preemption.protocol import Check
-from studies.preemption.scenes import Setup
 
+Row = Mapping[str, Any]
+"""A trial as plain data: what it was drawn as, and what came of it."""
 _G = 9.81
 
 
@@ -53,9 +56,8 @@ class Measures:
         """The end of the shake."""
         self.slip = float(relative_displacement(palm, thing, *self.marks["hold"])[0])
 
-    def row(self, setup: Setup, check: Check, closing: float) -> dict[str, Any]:
+    def row(self, case: Case, check: Check, closing: float) -> dict[str, Any]:
         """Plain data, in units that are read."""
-        case = setup.job.case
         noise = check.noise * np.sqrt(2.0 / check.samples) * case.felt
         weight = (self.felt + noise) / _G if "hold" in self.marks else noise / _G
         return {

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from allegro_twin.grasping.evaluation import PairedCounts, count_pairs
 from allegro_twin.types import Array
 from studies.preemption.draws import block
-from studies.preemption.protocol import Set, Study
-
-Row = Mapping[str, Any]
+from studies.preemption.learning import learn
+from studies.preemption.measures import Row
+from studies.preemption.protocol import ArmStudy, Set, Study
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,15 +39,26 @@ class Outcomes:
 
 def outcomes_of(rows: Iterable[Row], study: Study, hand: str, set_: Set) -> Outcomes:
     """What there is of a hand on a set."""
-    names = [policy.name for policy in study.policies]
-    if set_ == "train":
-        names = [study.analysis.baseline, *study.analysis.candidates]
+    rows = list(rows)
+    names = list(study.trained) if set_ == "train" else [policy.name for policy in study.policies]
     found: dict[str, dict[int, Row]] = {name: {} for name in names}
     for row in rows:
         if row["hand"] == hand and row["set"] == set_ and not row["control"] and row["policy"] in found:
             found[row["policy"]][int(row["trial"])] = row
     whole = _whole(study, set_, set.intersection(*(set(each) for each in found.values())))
-    return Outcomes(whole, {name: [found[name][trial] for trial in whole] for name in names})
+    made = {name: [found[name][trial] for trial in whole] for name in names}
+    if set_ == "test" and isinstance(study, ArmStudy):
+        train = outcomes_of(rows, study, hand, "train")
+        if train.trials and whole:
+            made[study.learned.name] = _learned(study, train.rows, made)
+    return Outcomes(whole, made)
+
+
+def _learned(study: ArmStudy, train: Mapping[str, Sequence[Row]], test: Mapping[str, Sequence[Row]]) -> list[Row]:
+    """The trials of the learned policy: each is one of the policy that it chooses."""
+    choice = learn(study, train)
+    asked = test[study.analysis.baseline]
+    return [test[choice.policy(row)][k] for k, row in enumerate(asked)]
 
 
 def _whole(study: Study, set_: Set, there: set[int]) -> tuple[int, ...]:

@@ -21,7 +21,7 @@ from allegro_twin.viewing.report import (
 from studies.preemption import report_text
 from studies.preemption.analysis import Answer, Arm, Finding, analysed
 from studies.preemption.dose_response import Dose
-from studies.preemption.outcomes import Row
+from studies.preemption.measures import Row
 from studies.preemption.protocol import Study
 from studies.preemption.registration import status_of
 

@@ -6,13 +6,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from allegro_twin import ConfigError
 from allegro_twin.errors import unknown
-from allegro_twin.files import Positive, Settings, load_settings
+from allegro_twin.files import Positive, Settings, parse_settings, read_yaml
 from allegro_twin.grasping import PhysicsSettings, Shake
 from allegro_twin.sim.model import Cone
 
@@ -32,6 +32,13 @@ class Strata(Settings):
     """Sliding, of every contact."""
     approach: Annotated[tuple[Positive, ...], Field(min_length=1)]
     """How long the arm is on its way, s."""
+
+
+class ContactStrata(Strata):
+    """And how contacts are modelled."""
+
+    contacts: Annotated[Mapping[str, PhysicsSettings], Field(min_length=1)]
+    """By name, what differs from the study's physics."""
 
 
 class Pairs(Settings):
@@ -65,7 +72,7 @@ class Rest(Settings):
     """After so long it counts anyway, s."""
 
 
-class Arm(Settings):
+class SpringArm(Settings):
     """The spring on which the palm is carried."""
 
     stiffness: Positive
@@ -76,6 +83,12 @@ class Arm(Settings):
     """kg."""
     turning: Positive
     """kg·m²."""
+    rest: Rest
+
+
+class LabArm(Settings):
+    """The arm of each hand's cell, with its impedance and its collision thresholds."""
+
     rest: Rest
 
 
@@ -112,6 +125,52 @@ class Policy(Settings):
     """N."""
 
 
+class TimedPolicy(Policy):
+    """When the hand begins to close, and how fast it does."""
+
+    close: Positive
+    """s."""
+
+
+class LearnedPolicy(Settings):
+    """Chooses one of the other policies for each trial by what is known before it: a logistic model of each one's
+    success, fitted on train; the one with the most successes a second whose success is predicted to be at most
+    `allowance` below the baseline's."""
+
+    name: str
+    options: Annotated[tuple[str, ...], Field(min_length=1)]
+    ridge: Positive
+    """Of the fit."""
+    allowance: Part
+
+
+class StudyObject(Settings):
+    """A solid that was never measured."""
+
+    shape: Literal["sphere", "cylinder", "box", "ellipsoid"]
+    size: tuple[Positive, ...]
+    """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short, long diameter."""
+    mass: Positive
+    """kg."""
+    up: Literal["x", "z"] = "z"
+    """Which of its own axes points at the sky; a cylinder's is z, an ellipsoid's long one x."""
+
+    @property
+    def extents(self) -> tuple[float, float, float]:
+        """As it stands or lies along the world's axes, m."""
+        size = self.size
+        match self.shape:
+            case "box":
+                own = (size[0], size[1], size[2])
+            case "sphere":
+                own = (size[0], size[0], size[0])
+            case "cylinder":
+                own = (size[0], size[0], size[1])
+            case _:
+                own = (size[1], size[0], size[0])
+        return own if self.up == "z" else (own[1], own[2], own[0])
+
+
 class Analysis(Settings):
     """How outcomes become an answer."""
 
@@ -143,24 +202,33 @@ class Control(Settings):
 
 
 class Study(Settings):
-    """The whole of it."""
+    """The whole of it, but what carries the hand."""
 
     version: int
     seed: Annotated[int, Field(ge=0)]
     hands: Mapping[str, str]
-    """For each model of hand the name of an object's scenario, with `{object}` in it."""
+    """For each model of hand the name of an object's scenario, with `{object}` in it; or of its cell."""
     train: Annotated[tuple[str, ...], Field(min_length=1)]
     test: Annotated[tuple[str, ...], Field(min_length=1)]
     pairs: Pairs
     strata: Strata
     motion: Motion
-    arm: Arm
     check: Check
     physics: PhysicsSettings
     period: Positive
     policies: Annotated[tuple[Policy, ...], Field(min_length=1)]
     analysis: Analysis
     controls: Mapping[str, Control] = {}
+
+    @property
+    def trained(self) -> tuple[str, ...]:
+        """The policies that are tried on train."""
+        return (self.analysis.baseline, *self.analysis.candidates)
+
+    @property
+    def compared(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of policies that are compared, beside all against the baseline."""
+        return ()
 
     @model_validator(mode="after")
     def _names(self) -> Study:
@@ -194,6 +262,52 @@ class Study(Settings):
         return hands or tuple(self.hands)
 
 
+class SpringStudy(Study):
+    """A palm on a spring."""
+
+    arm: SpringArm
+
+
+class ArmStudy(Study):
+    """The lab's arm in the loop, with objects that nobody measured."""
+
+    objects: Mapping[str, StudyObject]
+    arm: LabArm
+    strata: ContactStrata
+    policies: Annotated[tuple[TimedPolicy, ...], Field(min_length=1)]
+    learned: LearnedPolicy
+    versus: tuple[tuple[str, str], ...] = ()
+    """Compared, too: the first against the second."""
+
+    @property
+    def trained(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((self.analysis.baseline, *self.analysis.candidates, *self.learned.options)))
+
+    @property
+    def compared(self) -> tuple[tuple[str, str], ...]:
+        return self.versus
+
+    @model_validator(mode="after")
+    def _known(self) -> ArmStudy:
+        known = [policy.name for policy in self.policies]
+        both = (*known, self.learned.name)
+        if self.learned.name in known:
+            raise ValueError(f"policies must have different names: {', '.join(both)}")
+        for name in (*self.learned.options, *(name for pair in self.versus for name in pair)):
+            if name not in (known if name in self.learned.options else both):
+                raise ValueError(unknown("policy", name, known))
+        for name in (*self.train, *self.test):
+            if name not in self.objects:
+                raise ValueError(unknown("object", name, self.objects))
+        return self
+
+
+def study_of(content: Mapping[str, Any], where: str) -> Study:
+    """A protocol of either kind: with `objects` the arm is in the loop. Raises ConfigError."""
+    kind: type[Study] = ArmStudy if "objects" in content else SpringStudy
+    return parse_settings(kind, dict(content), where)
+
+
 def named(name: str) -> Path:
     """A protocol's file: by path, or by its name beside this module. Raises ConfigError."""
     given = Path(name)
@@ -207,4 +321,5 @@ def named(name: str) -> Path:
 
 def load_study(name: str) -> Study:
     """A protocol by path or name."""
-    return load_settings(Study, named(name))
+    path = named(name)
+    return study_of(read_yaml(path), str(path))

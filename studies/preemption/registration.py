@@ -15,7 +15,8 @@ from typing import Any
 
 from allegro_twin import ConfigError, RecordingError
 from allegro_twin.files import atomic_file, data_root, fingerprint, read_yaml, source_fingerprint
-from studies.preemption.protocol import Study, named
+from studies.preemption.arm.grasps import arm_content, grasps_file
+from studies.preemption.protocol import ArmStudy, Study, named
 
 EXPLORATORY = "none (exploratory)"
 """What trials without a registration are stamped with."""
@@ -52,9 +53,30 @@ def contents_of(study: Study, root: Path | None = None) -> dict[str, str]:
         found |= {name: source_fingerprint(module) for name, module in zip(CODE, _MODULES, strict=True)}
     for hand in study.hands:
         found[f"model of {hand}"] = _model(folder, hand)
-        for thing in (*study.train, *study.test):
-            found |= parts_of(study, hand, thing, folder)
+        if isinstance(study, ArmStudy):
+            found |= _cell_parts(study, hand, folder)
+        else:
+            for thing in (*study.train, *study.test):
+                found |= parts_of(study, hand, thing, folder)
     return found
+
+
+def inputs_of(study: Study, hand: str, thing: str) -> tuple[str, ...]:
+    """Of the contents those that trials of a hand with an object are made of; objects of the protocol are in its
+    digest."""
+    if isinstance(study, ArmStudy):
+        return f"model of {hand}", f"arm of {hand}", f"grasp of {thing} with {hand}"
+    return (f"model of {hand}", f"scenario of {thing} with {hand}", f"grasp of {thing} with {hand}", f"object {thing}")
+
+
+def _cell_parts(study: ArmStudy, hand: str, folder: Path) -> dict[str, str]:
+    """Of a hand on the arm: the arm and how the hand sits on it, and the grasps that were planned."""
+    content = arm_content(study, hand, folder)
+    model = folder / "models" / "mjcf" / f"{content.get('model', 'none')}.xml"
+    mount = read_yaml(_one(folder / "conf" / "mounts", f"{hand}.yaml"))
+    found = {f"arm of {hand}": fingerprint(content, mount, _one(model.parent, model.name))}
+    prepared = json.loads(grasps_file(hand).read_text())
+    return found | {f"grasp of {name} with {hand}": fingerprint(one) for name, one in prepared.items()}
 
 
 def parts_of(study: Study, hand: str, thing: str, folder: Path) -> dict[str, str]:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from allegro_twin.grasping.evaluation import Interval, pairs_needed
 from studies.preemption.analysis import Answer, Finding, Versus
-from studies.preemption.outcomes import Row, control_of
+from studies.preemption.measures import Row
+from studies.preemption.outcomes import control_of
 from studies.preemption.protocol import Study
 
 

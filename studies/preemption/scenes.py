@@ -31,7 +31,7 @@ from allegro_twin.sim.model import (
 )
 from allegro_twin.types import Array
 from studies.preemption.draws import Case
-from studies.preemption.protocol import Arm, Control, Policy, Study
+from studies.preemption.protocol import Control, Policy, SpringArm, SpringStudy
 
 if TYPE_CHECKING:
     import mujoco
@@ -67,7 +67,7 @@ class Setup:
 class Bench:
     """Makes trials of one hand. Raises ConfigError for a hand, or an object, that has no scenario."""
 
-    def __init__(self, study: Study, hand: str) -> None:
+    def __init__(self, study: SpringStudy, hand: str) -> None:
         self.study, self.hand = study, hand
         self.spec = load_spec(hand)
         self.limits = hand_limits(LimitSettings(), self.spec)
@@ -127,7 +127,7 @@ class Bench:
         return self._made[key]
 
 
-def servo_of(arm: Arm, load: float) -> WristServo:
+def servo_of(arm: SpringArm, load: float) -> WristServo:
     """The spring that carries a hand of that mass, kg."""
     stiffness = np.array([arm.stiffness] * 3 + [arm.rotation] * 3)
     return WristServo(stiffness, np.array([arm.inertia + load] * 3 + [arm.turning] * 3))

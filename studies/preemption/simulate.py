@@ -13,12 +13,20 @@ from allegro_twin.types import Array
 from studies.preemption.fingers import Fingers
 from studies.preemption.measures import Measures
 from studies.preemption.policies import Seen, Yes, begins, due
-from studies.preemption.scenes import Bench, Setup, servo_of
+from studies.preemption.scenes import Bench, Job, Setup, servo_of
 
 LOOK = 2
 """Periods from one look at the contacts to the next, until the thing is up."""
 _FAR = 10.0
 """m. Where nothing is that has not diverged."""
+
+
+class SpringBench(Bench):
+    """Makes trials of one hand on a spring, many at a time."""
+
+    def rows(self, jobs: Sequence[Job]) -> list[dict[str, Any]]:
+        """The rows of some trials, in their order."""
+        return simulate(self, [self.setup(job) for job in jobs])
 
 
 def simulate(bench: Bench, setups: Sequence[Setup]) -> list[dict[str, Any]]:
@@ -59,7 +67,7 @@ class _Trials(TrialLoop):
         self.run()
         for kept, why in zip(self.kept, self.why, strict=True):
             kept.why = why
-        return [kept.row(setup, self.force, self.motion.close)
+        return [kept.row(setup.job.case, self.force, self.motion.close)
                 for kept, setup in zip(self.kept, self.setups, strict=True)]  # fmt: skip
 
     def control(self) -> Array:

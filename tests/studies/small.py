@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.files.schema import parse_settings
 from studies.preemption.draws import case
-from studies.preemption.protocol import Study, load_study
+from studies.preemption.protocol import ArmStudy, SpringStudy, Study, load_study, study_of
 
 
 def content(**changed: Any) -> dict[str, Any]:
@@ -26,8 +25,25 @@ def content(**changed: Any) -> dict[str, Any]:
     return plain | small | changed
 
 
-def study(**changed: Any) -> Study:
-    return parse_settings(Study, content(**changed), "a test")
+def study(**changed: Any) -> SpringStudy:
+    made = study_of(content(**changed), "a test")
+    assert isinstance(made, SpringStudy)
+    return made
+
+
+def arm_study(**changed: Any) -> ArmStudy:
+    """With the arm in the loop: one hand, two objects, and few seconds."""
+    plain = load_study("preemption_arm").model_dump(mode="json")
+    motion = plain["motion"] | {"hold": 0.4, "shaking": 0.75}
+    strata = plain["strata"] | {"position": [0.0, 0.01], "yaw": [0.0], "friction": [0.7, 1.0], "approach": [0.8]}
+    small = {
+        "hands": {"allegro": "lab_allegro"}, "train": ["train_ball"], "test": ["small_ball"], "strata": strata,
+        "pairs": {"train": 2, "test": 4}, "motion": motion, "check": plain["check"] | {"samples": 20},
+        "controls": {"frozen": {"every": 2, "policies": ["A"], "frozen": True}},
+    }  # fmt: skip
+    made = study_of(plain | small | changed, "a test")
+    assert isinstance(made, ArmStudy)
+    return made
 
 
 def rows(of: Study, rate: dict[str, float], seed: int = 0) -> list[dict[str, Any]]:
@@ -41,7 +57,8 @@ def rows(of: Study, rate: dict[str, float], seed: int = 0) -> list[dict[str, Any
                 drawn = case(of, set_, trial)
                 found += [
                     {"hand": hand, "set": set_, "trial": trial, "policy": policy.name, "control": "",
-                     "object": drawn.object, "sigma_mm": 1e3 * drawn.sigma, "held": bool(luck < rate[policy.name]),
+                     "object": drawn.object, "sigma_mm": 1e3 * drawn.sigma, "sigma_deg": drawn.sigma_yaw,
+                     "approach_s": drawn.approach, "held": bool(luck < rate[policy.name]),
                      "said_held": True, "cycle_s": 3.0 - policy.overlap * of.motion.close, "premature_s": 0.0,
                      "carried_mm": 0.0, "peak_n": 1.0}
                     for policy in of.policies

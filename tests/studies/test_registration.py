@@ -11,8 +11,9 @@ import yaml
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
 from studies.preemption import registration
+from studies.preemption.arm import grasps
 from studies.preemption.jobs import sweep_of
-from studies.preemption.protocol import Study, load_study
+from studies.preemption.protocol import ArmStudy, SpringStudy, load_study
 from studies.preemption.registration import (
     CODE,
     EXPLORATORY,
@@ -68,6 +69,37 @@ def test_what_differs_is_named_and_what_no_trial_reads_does_not_count(
     assert old in text
     (copied / name).write_text(text.replace(old, new, 1))
     assert differences(made, study, contents_of(study, copied)) == named
+
+
+ARM_CHANGES = [
+    ("conf/lab_allegro.yaml", "stiffness: 1000.0", "stiffness: 900.0", ["arm of allegro"]),
+    ("conf/mounts/allegro.yaml", "position: [", "position:  [0, ", ["arm of allegro"]),
+    ("models/mjcf/fer.xml", 'name="fer_link1"', 'name="fer_link1" gravcomp="0"', ["arm of allegro"]),
+    ("conf/lab_allegro.yaml", "retries: 1", "retries: 2", []),  # No trial decides by it.
+    ("conf/lab_leap.yaml", "stiffness: 1000.0", "stiffness: 900.0", []),  # No hand of this study.
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "named"), ARM_CHANGES)
+def test_of_a_cell_what_trials_go_by_counts_and_nothing_else(
+    copied: Path, name: str, old: str, new: str, named: list[str]
+) -> None:
+    study = small.arm_study()
+    made = registration.Registration(study.digest, "before", contents_of(study, copied))
+    text = (copied / name).read_text()
+    assert old in text
+    (copied / name).write_text(text.replace(old, new, 1))
+    assert differences(made, study, contents_of(study, copied)) == named
+
+
+def test_a_planned_grasp_that_differs_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    study = small.arm_study()
+    made = registration.Registration(study.digest, "before", contents_of(study))
+    kept = grasps.read_prepared("allegro")
+    monkeypatch.setattr(grasps, "FOLDER", tmp_path)
+    ball = kept["small_ball"]
+    grasps.write_prepared(tmp_path, "allegro", kept | {"small_ball": ball._replace(close=ball.close + 1e-6)})
+    assert differences(made, study, contents_of(study)) == ["grasps of allegro (small_ball)"]
 
 
 def test_another_protocol_and_other_code_differ(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,4 +160,6 @@ def test_a_report_says_what_its_trials_can_show(stamps: dict[str, str], said: st
 
 
 def test_a_protocol_has_the_keys_defaults_and_bounds_that_it_had() -> None:
-    assert_snapshot(settings_text(Study), Path(__file__).with_name("snapshots") / "protocol.txt")
+    folder = Path(__file__).with_name("snapshots")
+    assert_snapshot(settings_text(SpringStudy), folder / "protocol.txt")
+    assert_snapshot(settings_text(ArmStudy), folder / "protocol_arm.txt")

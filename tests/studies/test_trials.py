@@ -8,7 +8,7 @@ import pytest
 
 from studies.preemption.draws import case
 from studies.preemption.jobs import made
-from studies.preemption.protocol import Study
+from studies.preemption.protocol import SpringStudy
 from studies.preemption.scenes import Bench, Job
 from tests.studies.small import content, study
 
@@ -18,12 +18,12 @@ def item(policy: str, trial: int = 0, control: str = "") -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def of() -> Study:
+def of() -> SpringStudy:
     return study()
 
 
 @pytest.fixture(scope="module")
-def table(of: Study) -> list[dict[str, Any]]:
+def table(of: SpringStudy) -> list[dict[str, Any]]:
     items = [item(policy.name) for policy in of.policies] + [item(p, 1) for p in ("P0", "P0e", "P50")]
     items += [item("P0e", 0, control) for control in of.controls]
     return made({"study": content()}, items)
@@ -56,7 +56,7 @@ def test_without_error_and_weight_nothing_is_lost(table: list[dict[str, Any]]) -
 
 
 @pytest.mark.slow
-def test_overlap_begins_when_it_says_and_saves_that_time(of: Study, table: list[dict[str, Any]]) -> None:
+def test_overlap_begins_when_it_says_and_saves_that_time(of: SpringStudy, table: list[dict[str, Any]]) -> None:
     late, early = row(table, "P0e"), row(table, "P50")
     assert early["begun_s"] == pytest.approx(0.6 - 0.5 * of.motion.close, abs=1e-9)
     assert late["begun_s"] >= 0.6 - 1e-9
@@ -86,7 +86,7 @@ def test_a_trial_is_the_same_alone_to_the_last_bit(table: list[dict[str, Any]]) 
     assert alone == row(table, "P50", 1)
 
 
-def test_the_palm_hangs_on_the_protocols_spring(of: Study) -> None:
+def test_the_palm_hangs_on_the_protocols_spring(of: SpringStudy) -> None:
     setup = Bench(of, "model_o").setup(Job(of.policy("P0e"), case(of, "test", 0)))
     model, load = setup.model, setup.weight / 9.81
     motor, dof = model.actuator("wrist_z").id, model.joint("wrist_z").dofadr[0]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
     from allegro_twin.cell.arm.contact_reflex import CollisionSettings
     from allegro_twin.cell.arm.fci import open_fci_arm
-    from allegro_twin.cell.arm.impedance import Impedance, Stiffness
+    from allegro_twin.cell.arm.impedance import Impedance, SetpointMotion, Stiffness
     from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "CartesianTarget",
     "CollisionSettings",
     "Impedance",
+    "SetpointMotion",
     "Smoothing",
     "Stiffness",
     "make_arm_with_hand",
@@ -37,6 +38,7 @@ __getattr__, __dir__ = exports(
         "fci": ("open_fci_arm",),
         "impedance": (
             "Impedance",
+            "SetpointMotion",
             "Stiffness",
         ),
         "target": (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -19,6 +19,18 @@ from allegro_twin.types import HandState, TorqueCommand, Vector
 _QUICK = 30.0
 """rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in
 docs/explanation/arm_control.md."""
+
+
+class SetpointPath(Protocol):
+    """How the set-point of the flange moves, in the base's frame."""
+
+    def at(self, t: float) -> Pose:
+        """Where it is at a time, s."""
+        ...
+
+    def motion(self, t: float) -> SetpointMotion:
+        """How it moves."""
+        ...
 
 
 class Straight(NamedTuple):
@@ -59,7 +71,7 @@ class ArmGuide:
         self.target = CartesianTarget(model.pose(posture))
         """The pose, in the base's frame; of the path's end while there is one."""
         self.path: SmoothSetpoint | None = SmoothSetpoint(posture)
-        self.line: Straight | None = None
+        self.line: SetpointPath | None = None
         """How the set-point goes to the target; None: smoothed."""
 
     def through_joints(self, t: float, position: Vector, posture: Vector, speed: float) -> float:

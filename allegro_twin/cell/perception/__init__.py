@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
+    from allegro_twin.cell.perception.fits.model import Solid
     from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
     from allegro_twin.cell.perception.settings import PerceptionSettings
     from allegro_twin.cell.perception.target import GraspTarget, grasp_target
@@ -19,11 +20,13 @@ __all__ = [
     "GraspTarget",
     "PerceptionPipeline",
     "PerceptionSettings",
+    "Solid",
     "grasp_target",
 ]
 __getattr__, __dir__ = exports(
     __name__,
     {
+        "fits.model": ("Solid",),
         "pipeline": (
             "Detection",
             "PerceptionPipeline",
