@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.planning.reachability import goes_straight, reachable_grasps
+from allegro_twin.cell.planning.reachability import reachable_grasps, reaches_straight
 from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import rotate
@@ -43,10 +43,10 @@ def test_a_straight_way_on_which_the_elbow_swings_far_is_none_and_a_short_one_fr
     end = np.array([2.015, -0.234, -2.0, -2.823, -0.221, 3.239, 0.074])
     between = np.linalg.norm(cell.robot.model.pose(end).position - cell.robot.model.pose(begin).position)
     assert between < 0.15
-    assert not goes_straight(begin, end, cell.robot)
+    assert not reaches_straight(begin, end, cell.robot)
     there = cell.robot.model.pose(begin)
     higher = Pose(there.position + np.array([0.0, 0.0, 0.03]), there.rotation)
-    assert goes_straight(begin, cell.robot.model.reach(higher, begin), cell.robot)
+    assert reaches_straight(begin, cell.robot.model.reach(higher, begin), cell.robot)
 
 
 def test_a_straight_way_that_comes_near_a_joint_s_end_or_leaves_the_arm_s_reach_in_the_middle_is_none(
@@ -57,5 +57,5 @@ def test_a_straight_way_that_comes_near_a_joint_s_end_or_leaves_the_arm_s_reach_
     end = model.reach(Pose(here.position, rotate(here.rotation, np.array([0.0, 0.0, 0.3]))), posture)
     spec = cell.robot.spec
     room = float(np.minimum(posture - spec.lower, spec.upper - posture).min())
-    assert goes_straight(posture, end, cell.robot)
-    assert not goes_straight(posture, end, cell.robot, room + 0.3)
+    assert reaches_straight(posture, end, cell.robot)
+    assert not reaches_straight(posture, end, cell.robot, room + 0.3)

@@ -272,7 +272,7 @@ def _from(
             return None  # The answer, not an error.
         postures.append(at)
     room = _room(postures, robot)
-    if room < _ROOM or not all(goes_straight(*ends, robot) for ends in pairwise(postures)):
+    if room < _ROOM or not all(reaches_straight(*ends, robot) for ends in pairwise(postures)):
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
     return GraspPlan(far, way, (*_over(way, top, robot, postures[0]), postures[0]), (postures[1], postures[2]), room)
@@ -284,7 +284,7 @@ def _room(postures: Sequence[Vector], robot: ArmWithHand) -> float:
     return min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures)
 
 
-def goes_straight(begin: Vector, end: Vector, robot: ArmWithHand, room: float = _ROOM) -> bool:
+def reaches_straight(begin: Vector, end: Vector, robot: ArmWithHand, room: float = _ROOM) -> bool:
     """Whether no joint turns far, or has less `room` to its end, rad, while the flange goes straight between postures,
     (n,) each, rad."""
     first, last, model = robot.model.pose(begin), robot.model.pose(end), robot.model

@@ -12,7 +12,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.motion.other_objects import box_around
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.target import half_width
-from allegro_twin.cell.planning.reachability import far_path, goes_straight
+from allegro_twin.cell.planning.reachability import far_path, reaches_straight
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate, yaw_rotation
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.errors import ConfigError
@@ -129,7 +129,7 @@ def _reached(
         over, there = (Pose(np.array([x, y, height]), turned) for height in (high, low))
         postures = _postures([up, over, there], now, room, cell)
         straight = ((now, postures[0]), (postures[1], postures[2])) if postures else ()
-        if postures and all(goes_straight(begin, end, cell.robot, room) for begin, end in straight):
+        if postures and all(reaches_straight(begin, end, cell.robot, room) for begin, end in straight):
             some = True
             far = float(np.abs(np.stack(postures) - now).max())
             yield _ArmPath(far, postures, ReleasePath(up, postures[1], over, there))
