@@ -46,7 +46,7 @@ HOMES = {
     "mujoco_warp": {"sim/batch"},
     "warp": {"sim/batch"},
     "mink": {"sim/contact"},
-    "daqp": {"sim/contact"},
+    "daqp": {"grasping/metrics", "sim/contact"},
     "pinocchio": {"kinematics"},
     "pyarrow": {"recording", "sweep"},
     "ray": {"sweep"},

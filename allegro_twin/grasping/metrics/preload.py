@@ -1,18 +1,22 @@
-"""The squeeze that holds an object through all loads with the smallest share of any motor: a linear program."""
+"""The squeeze that holds an object through all loads with the smallest share of any motor: a quadratic program."""
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.contacts import Contacts
-from allegro_twin.grasping.metrics.quality import import_scipy
 from allegro_twin.types import Array, Vector
 
 FACETS = 6
 """Of the pyramid inside a friction cone."""
+_TIES = 1e-7
+"""ε, 1/N²: so little that shares are the least ones within 1e-5, and enough for one answer where many are equal."""
+_UNBOUNDED = 1e30
+_SOLVED = 1  # DAQP's exit flag.
 COMPLIANCE = 2e-4
 """m/N, of a contact itself: what lets the palm, which no motor moves, share a load. Assumed; a rubber fingertip."""
 
@@ -41,12 +45,13 @@ def least_preload(
     """The contact forces f₀ of a hand held by springs that carry every one of some loads wₖ with the least of the
     motors:
 
-    min t, subject to G f₀ = 0, f₀ + Δₖ in the friction cones, |Jᵀ(f₀ + Δₖ)|ⱼ ≤ t limitⱼ, for k = 0 … l, Δ₀ = 0.
+    min t + ½ ε (|f₀|² + t²), subject to G f₀ = 0, f₀ + Δₖ in the friction cones, |Jᵀ(f₀ + Δₖ)|ⱼ ≤ t limitⱼ, for
+    k = 0 … l, Δ₀ = 0: of the squeezes with the least share the weakest.
 
     No controller acts on the load: it moves the object, and joints of `stiffness` (n,), N·m/rad, answer,
     Δₖ = −K Gᵀ (G K Gᵀ)⁻¹ wₖ with K = (J diag(1/stiffness) Jᵀ + compliance · 1)⁻¹. `loads`: (l, 6), N and N·m about
     the centre of mass. `jacobians`: of the hand at each contact, (k, 3, n), m/rad. Contacts are points without torsion;
-    the pyramids are inside the cones, so what is found can be done. Raises ConfigError without SciPy, and for shapes
+    the pyramids are inside the cones, so what is found can be done. Raises ConfigError without DAQP, and for shapes
     that do not fit.
     """
     count, joints = len(touch), len(limit)
@@ -64,20 +69,29 @@ def least_preload(
         return none  # About some axis nothing resists: two contacts turn about the line between them.
     answers = np.hstack([np.zeros((3 * count, 1)), -stiff @ grip.T @ spread])
     cones, motors = _cone_facets(touch, facets), moved.T
-    size = 3 * count
-    # Rows: all facets and both signs of all motors, for every load; columns: f₀ and t.
     inside = np.vstack([cones, motors, -motors])
     bounds = np.concatenate([np.zeros(len(cones)), limit, limit])
-    upper = [np.hstack([inside, -bounds[:, None]])] * answers.shape[1]
-    right = [-inside @ answers[:, k] for k in range(answers.shape[1])]
-    solved = import_scipy("optimize").linprog(
-        np.append(np.zeros(size), 1.0), A_ub=np.vstack(upper), b_ub=np.concatenate(right),
-        A_eq=np.hstack([grip, np.zeros((6, 1))]), b_eq=np.zeros(6), bounds=(None, None), method="highs",
+    # Every load has the same rows, and the one that leaves the least room counts.
+    right = -(inside @ answers).max(axis=1)
+    balanced = np.linalg.svd(grip)[2][6:].T  # Forces that the object does not feel, (3 k, 3 k - 6).
+    rows = np.hstack([inside @ balanced, -bounds[:, None]])
+    n = rows.shape[1]
+    solved, _, flag, _ = _import_daqp().solve(
+        _TIES * np.eye(n), np.append(np.zeros(n - 1), 1.0), np.ascontiguousarray(rows), right,
+        np.full(len(right), -_UNBOUNDED), np.zeros(len(right), np.int32),
     )  # fmt: skip
-    if not solved.success:
+    if flag != _SOLVED:
         return none
-    force = solved.x[:size]
-    return Preload(float(solved.x[-1]), motors @ force, force.reshape(count, 3))
+    force = balanced @ solved[:-1]
+    return Preload(float(solved[-1]), motors @ force, force.reshape(count, 3))
+
+
+def _import_daqp() -> ModuleType:
+    try:
+        import daqp
+    except ImportError as error:
+        raise ConfigError("planned squeezes need DAQP: pip install 'allegro-twin[objects]'") from error
+    return daqp  # type: ignore[no-any-return]  # It has no types.
 
 
 def _grip_matrix(touch: Contacts) -> Array:

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
-from allegro_twin.grasping.metrics.preload import Preload, least_preload
+from allegro_twin.grasping.metrics.preload import (
+    COMPLIANCE,
+    FACETS,
+    Preload,
+    _cone_facets,
+    _grip_matrix,
+    least_preload,
+)
 from allegro_twin.types import Array
 
 HALF = 0.03
@@ -123,3 +131,38 @@ def test_pads_on_one_side_hold_nothing() -> None:
 def test_shapes_that_do_not_fit_are_named() -> None:
     with pytest.raises(ConfigError, match=r"jacobians have the shape \(6, 3, 6\), not \(5, 3, 6\)"):
         least_preload(pads(0.5), slides()[:5], np.ones(6), np.ones(6), WEIGHT[None])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_share_is_that_of_the_linear_program_and_of_equal_squeezes_the_weakest_is_found(seed: int) -> None:
+    """The program itself, all of its rows written out for every load, in SciPy's words."""
+    random = np.random.default_rng(seed)
+    count, joints = int(random.integers(3, 7)), int(random.integers(4, 9))
+    points = 0.04 * random.normal(size=(count, 3))
+    inwards = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    touch = make_contacts(points, inwards, 0.7, length=0.04)
+    moved, limit = 0.08 * random.normal(size=(count, 3, joints)), random.uniform(0.3, 0.7, joints)
+    loads = np.vstack([WEIGHT, 1.3 * WEIGHT[[2, 1, 0, 3, 4, 5]], WEIGHT + 0.01 * random.normal(size=6)])
+    found = least_preload(touch, moved, np.full(joints, 10.0), limit, loads)
+
+    grip, flat = _grip_matrix(touch), moved.reshape(3 * count, joints)
+    springs = np.linalg.inv(flat @ flat.T / 10.0 + COMPLIANCE * np.eye(3 * count))
+    scaled = loads * np.array([1.0, 1.0, 1.0, *[1.0 / touch.length] * 3])
+    answers = [np.zeros(3 * count)]
+    answers += [-springs @ grip.T @ np.linalg.solve(grip @ springs @ grip.T, load) for load in scaled]
+    cones = _cone_facets(touch, FACETS)
+    upper = [np.hstack([cones, np.zeros((len(cones), 1))])] * len(answers)
+    right = [-cones @ answer for answer in answers]
+    for sign in (1.0, -1.0):
+        upper += [np.hstack([sign * flat.T, -limit[:, None]])] * len(answers)
+        right += [-sign * flat.T @ answer for answer in answers]
+    least = linprog(
+        np.append(np.zeros(3 * count), 1.0), A_ub=np.vstack(upper), b_ub=np.concatenate(right),
+        A_eq=np.hstack([grip, np.zeros((6, 1))]), b_eq=np.zeros(6), bounds=(None, None),
+    )  # fmt: skip
+    assert np.isfinite(found.share) == least.success
+    if least.success:
+        assert found.share == pytest.approx(least.fun, abs=1e-4)
+        inside = np.vstack(upper) @ np.append(found.force.ravel(), found.share) - np.concatenate(right)
+        assert inside.max() < 1e-5
+        assert np.linalg.norm(found.force) <= np.linalg.norm(least.x[:-1]) * (1.0 + 1e-3)
