@@ -36,7 +36,7 @@ from allegro_twin.cell.motion.empty_grasp import (
     touching_joints,
 )
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import on_tray, tray_height
+from allegro_twin.cell.motion.other_objects import on_tray, points_in_tray
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
@@ -83,7 +83,7 @@ class CellActions:
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
-        self._filled = 0.0  # Height of what is in the tray, m.
+        self._in_tray = np.zeros((0, 3))  # Points of what is in the tray, and of itself, world, m.
         self._down = self.guide.target.pose  # The flange where something is to be let go, base's frame.
         self._above: Pose | None = None  # The palm above where something is to be let go, and
         self._over: Pose | None = None  # where something has been.
@@ -276,8 +276,9 @@ class CellActions:
         assert self.solid is not None
         try:
             return release_path(
-                tray, way, self._grasped, self.solid, self.others, state.position, self.cell, now.released, self._filled
-            )
+                tray, way, self._grasped, self.solid, self.others, state.position, self.cell, now.released,
+                self._in_tray,
+            )  # fmt: skip
         except ConfigError as error:
             self._no_way = CellOutcome("refused", "in the way", str(error))
             return None
@@ -446,7 +447,7 @@ class CellActions:
         )
         cloud = self._without_tray(alone if cell.settings.at_the_wrist else frame.cloud, frame)
         if cell.settings.tray is not None:
-            self._filled = tray_height(frame.pose.world(alone.astype(np.float64)), cell.settings.tray)
+            self._in_tray = points_in_tray(frame.pose.world(alone.astype(np.float64)), cell.settings.tray)
             every = cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
             chosen = self._selector.first(every, frame, alone)
             self._take(chosen)

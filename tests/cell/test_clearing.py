@@ -19,7 +19,7 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, shows_at_fingers
 from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
-from allegro_twin.cell.planning.release import ReleasePath, reaches_tray, release_path
+from allegro_twin.cell.planning.release import _PLACES, ReleasePath, _emptiest_first, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import stored_grasps, table_object
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
@@ -75,11 +75,22 @@ def test_the_hand_opens_above_the_tray_with_the_object_in_its_middle() -> None:
     assert np.linalg.norm(reached[:2] - TRAY.at) < 0.3
     second = release_path(TRAY, way, way.palm, BALL, (), lifted, cell, used=1)
     assert np.hypot(*(second.palm.position - path.palm.position)[:2]) > 0.03  # Not on top of the first.
-    full = release_path(TRAY, way, way.palm, BALL, (), lifted, cell, filled=0.1)
-    assert full.palm.position[2] - path.palm.position[2] == pytest.approx(0.1 - TRAY.height)
+    heap = np.array([[*(np.array(TRAY.at) + 0.1), 0.1 - 1e-3 * k] for k in range(2)])
+    full = release_path(TRAY, way, way.palm, BALL, (), lifted, cell, inside=heap)
+    assert full.palm.position[2] - path.palm.position[2] == pytest.approx(0.1 - TRAY.height, abs=1e-4)
     tower = (np.array([[0.1, 0.1, 0.0], [0.14, 0.14, 0.3]]),)
     high = release_path(TRAY, way, way.palm, BALL, tower, lifted, cell).over.position[2]
     assert high - way.palm.position[2] > 0.3  # Over all that stands on the table.
+
+
+@pytest.mark.parametrize("empty", range(5))
+def test_an_object_is_let_go_where_the_tray_is_emptiest_and_at_the_next_place_where_all_are_alike(empty: int) -> None:
+    middle, edges = np.array(TRAY.at), np.array(TRAY.size)
+    full = np.array([[*(middle + place * edges), 0.07] for k, place in enumerate(_PLACES) if k != empty])
+    for used in range(3):
+        chosen = _emptiest_first(TRAY, BALL, full, used)[0]
+        np.testing.assert_array_equal(chosen, _PLACES[empty])
+        np.testing.assert_array_equal(_emptiest_first(TRAY, BALL, full[:0], used)[0], _PLACES[used])
 
 
 @pytest.mark.slow
@@ -153,7 +164,8 @@ def test_fingers_tell_a_grasp_that_rests_far_from_where_it_would_close_on_nothin
 
 @pytest.mark.slow
 def test_what_meets_something_above_the_tray_is_let_go_there_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("allegro_twin.cell.actions.tray_height", lambda *_: 0.0)  # Nobody sees how full it is.
+    nobody_sees = np.zeros((0, 3))
+    monkeypatch.setattr("allegro_twin.cell.actions.points_in_tray", lambda *_: nobody_sees)
     cell = cell_of(
         tray=TRAY.model_dump(),
         objects=[

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.other_objects import bounding_box, box_around, other_objects, stray_objects, tray_height
+from allegro_twin.cell.motion.other_objects import (
+    bounding_box,
+    box_around,
+    height_around,
+    other_objects,
+    points_in_tray,
+    stray_objects,
+)
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
@@ -61,13 +68,16 @@ def test_what_stands_outside_the_region_is_found_and_neither_arm_nor_tray_is() -
         assert len(strays) == len(places)
         for stray, place in zip(strays, places, strict=True):
             assert np.hypot(*(stray[:2] - place)) < 0.04  # Its far side is not seen.
-        assert tray_height(frame.pose.world(alone.astype(float)), TRAY) == pytest.approx(TRAY.height, abs=0.004)
+        inside = points_in_tray(frame.pose.world(alone.astype(float)), TRAY)
+        assert height_around(inside, np.array(TRAY.at), 0.3) == pytest.approx(TRAY.height, abs=0.004)
 
 
 def test_a_tray_is_as_high_as_what_is_in_it_and_no_points_have_no_height() -> None:
     inside, beside = [[*TRAY.at, 0.01 * k] for k in range(12)], [[0.0, 0.0, 0.3]]
-    assert tray_height(np.array(inside + beside), TRAY) == pytest.approx(0.11, abs=0.001)
-    assert tray_height(np.array(beside), TRAY) == 0.0
+    found, middle = points_in_tray(np.array(inside + beside), TRAY), np.array(TRAY.at)
+    assert height_around(found, middle, 0.1) == pytest.approx(0.11, abs=0.001)
+    assert height_around(found, middle + 0.05, 0.02) == 0.0
+    assert height_around(points_in_tray(np.array(beside), TRAY), middle, 0.1) == 0.0
 
 
 def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_and_the_other_stays() -> None:

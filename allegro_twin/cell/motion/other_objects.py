@@ -89,10 +89,15 @@ def on_tray(points: Array, tray: TraySettings) -> Mask:
     return np.asarray((np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0 + _RIM).all(axis=-1))
 
 
-def tray_height(points: Array, tray: TraySettings) -> float:
-    """How high what is in a tray reaches, m, by points of it and of all else, (..., 3), world, m; 0 where none are."""
+def points_in_tray(points: Array, tray: TraySettings) -> Array:
+    """Of points, (..., 3), world, m, those of a tray and of what is in it, (k, 3)."""
     inside = (np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0).all(axis=-1)
-    heights = points[..., 2][inside & (points[..., 2] < _TOP)]
+    return np.asarray(points[inside & (points[..., 2] < _TOP)])
+
+
+def height_around(points: Array, at: Array, radius: float) -> float:
+    """How high points, (k, 3), world, m, reach within a radius of a place, (2,), m; 0 where none are."""
+    heights = points[np.linalg.norm(points[:, :2] - at, axis=1) < radius, 2]
     return float(np.quantile(heights, _ALMOST_ALL)) if len(heights) else 0.0
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.motion.other_objects import box_around
+from allegro_twin.cell.motion.other_objects import box_around, height_around
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.target import half_width
 from allegro_twin.cell.planning.reachability import far_path, reaches_straight
@@ -32,6 +32,9 @@ _LOW, _HIGH = 0.25, 0.45
 """m: the palm is carried at the first height at least, and at the second at most."""
 _PLACES = np.array([[0.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) / 6.0
 """Where objects are let go, in edges of the tray from its middle."""
+_ALIKE = 0.02
+"""m: places under which things differ by less are as empty as each other."""
+_NOTHING: Array = np.zeros((0, 3))
 
 
 class ReleasePath(NamedTuple):
@@ -57,20 +60,23 @@ class _ArmPath(NamedTuple):
 
 def release_path(
     tray: TraySettings, way: GraspCandidate, grasped: Pose, solid: Solid, others: Sequence[Array], now: Vector,
-    cell: Cell, used: int = 0, filled: float = 0.0,
+    cell: Cell, used: int = 0, inside: Array = _NOTHING,
 ) -> ReleasePath:  # fmt: skip
     """The path from a posture of the arm, `now` (n,), rad. `grasped`: the palm when the object, `solid`, stood on the
-    table; `others`: points of what stands there still, (k, 3), m; `used`: so many objects are in the tray, and the next
-    one is let go at the next of its places; `filled`: they reach so high, m.
+    table; `others`: points of what stands there still, (k, 3), m; `used`: so many objects are in the tray; `inside`:
+    points of them and of the tray, (k, 3), world, m. The object is let go where it is emptiest under it, and at the next
+    of the tray's places where several are alike.
 
     Raises ConfigError where the arm reaches none with nothing in the way.
     """
     boxes = [box_around(points) for points in others]
     cell.clearance.nothing()
     cell.clearance.beside(boxes)
+    filled = height_around(inside, np.array(tray.at), float(np.hypot(*tray.size)) / 2.0)
+    places = _emptiest_first(tray, solid, inside, used)
     tray = tray.model_copy(update={"height": max(tray.height, filled)})
     hand, speed, reached = way.card.grasp.squeeze, cell.settings.arm.joint_speed, 0
-    for place in np.roll(_PLACES, -used, axis=0):
+    for place in places:
         plans = sorted(_reached(tray, place, grasped, solid, boxes, now, cell), key=lambda each: each.far)
         reached += len(plans)
         for plan in plans:
@@ -83,6 +89,14 @@ def release_path(
         f"of {len(_PLACES) * _TURNS} poses above it the arm reaches {reached}, and something is in the way of all; "
         "move the tray (`tray.at`)"
     )
+
+
+def _emptiest_first(tray: TraySettings, solid: Solid, inside: Array, used: int) -> list[Array]:
+    """The tray's places, in edges of it from its middle, those first under which least stands."""
+    radius = max(half_width(solid, way) for way in np.eye(3)[:2])
+    heights = [height_around(inside, tray.at + place * tray.size, radius) for place in _PLACES]
+    order = sorted(range(len(_PLACES)), key=lambda k: (round(heights[k] / _ALIKE), (k - used) % len(_PLACES)))
+    return [_PLACES[k] for k in order]
 
 
 def reaches_tray(tray: TraySettings, grasped: Pose, solid: Solid, lifted: Vector, cell: Cell) -> bool:
