@@ -64,7 +64,7 @@ def release_path(
 ) -> ReleasePath:  # fmt: skip
     """The path from a posture of the arm, `now` (n,), rad. `grasped`: the palm when the object, `solid`, stood on the
     table; `others`: points of what stands there still, (k, 3), m; `used`: so many objects are in the tray; `inside`:
-    points of them and of the tray, (k, 3), world, m. The object is let go where it is emptiest under it, and at the next
+    points of them and of the tray, (k, 3), world, m. It is let go where the tray is emptiest, and at the next
     of the tray's places where several are alike.
 
     Raises ConfigError where the arm reaches none with nothing in the way.
