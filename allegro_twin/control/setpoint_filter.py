@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,6 +49,7 @@ class RateLimitedSetpoint:
 
 _LEAST = 0.15  # s. A short way in less than that would ask for more than the motors have.
 _PEAK = 15.0 / 8.0  # Peak over mean speed of the polynomial from rest to rest.
+_STRONGEST = 10.0 / math.sqrt(3.0)  # Its peak acceleration, for a way of 1 in a time of 1.
 _POWERS = np.arange(6)
 _ONCE, _TWICE = _POWERS[1:], _POWERS[2:] * _POWERS[1:-1]  # Factors of the first and second derivative.
 
@@ -84,17 +86,18 @@ class SmoothSetpoint:
         position, velocity, _ = self._leg.at(t)
         return SetPoint(position, velocity)
 
-    def head_for(self, t: float, goal: Vector, speed: float) -> float:
+    def head_for(self, t: float, goal: Vector, speed: float, acceleration: float = math.inf) -> float:
         """Go to a posture, (n,), rad, from time `t` on, s; the joint that travels furthest peaks at about `speed`,
-        rad/s. Returns the time of arrival, s."""
-        position, velocity, acceleration = self._leg.at(t)
-        seconds = max(_PEAK * float(np.abs(goal - position).max()) / speed, _LEAST)
-        away, fast, strong = goal - position, velocity * seconds, acceleration * seconds**2
+        rad/s, and from rest at no more than an `acceleration`, rad/s². Returns the time of arrival, s."""
+        position, velocity, pushed = self._leg.at(t)
+        far = float(np.abs(goal - position).max())
+        seconds = max(_PEAK * far / speed, math.sqrt(_STRONGEST * far / acceleration), _LEAST)
+        away, fast, strong = goal - position, velocity * seconds, pushed * seconds**2
         powers = np.stack(
             [
                 position,
                 velocity,
-                acceleration / 2.0,
+                pushed / 2.0,
                 (20.0 * away - 12.0 * fast - 3.0 * strong) / (2.0 * seconds**3),
                 (-30.0 * away + 16.0 * fast + 3.0 * strong) / (2.0 * seconds**4),
                 (12.0 * away - 6.0 * fast - strong) / (2.0 * seconds**5),

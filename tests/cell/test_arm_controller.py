@@ -8,7 +8,7 @@ import pytest
 from allegro_twin.cell.arm.faults import DisturbedBackend
 from allegro_twin.cell.arm.impedance import Stiffness
 from allegro_twin.cell.arm.target import SMOOTH
-from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance, Straight
+from allegro_twin.cell.motion.arm_motion import ACCELERATION, ArmGuide, GuidedImpedance, Straight
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
@@ -45,6 +45,21 @@ def test_a_straight_way_is_followed_to_a_centimetre_and_ends_without_going_furth
     assert np.linalg.norm(off, axis=1).max() < 0.01  # It was 24 mm behind where only the place was told.
     assert max(turned) < 0.03
     assert min(each[2] for each in off) > -0.001  # And then 7 mm too deep.
+
+
+@pytest.mark.parametrize("far", [0.05, 0.145, 0.4])
+def test_a_short_far_way_is_gone_as_gently_as_a_long_one_and_ends_where_it_leads(far: float) -> None:
+    """At full speed 0.145 rad would take 0.18 s, at 26 rad/s²: the third joint overshot its limit of 2.17 rad/s."""
+    arm = rig("fer", np.zeros((1, 3)))
+    begin = arm.model.spec.ready
+    guide = ArmGuide(begin, arm.model)
+    law = GuidedImpedance(arm.model, guide, Stiffness(1000.0, 50.0).diagonal(), SMOOTH, BARE)
+    goal = begin + far * np.array([0.3, 1.0, -1.0, 0.3, -0.7, 0.9, -0.5])
+    there = guide.through_joints(0.0, begin, goal, 1.5)
+    speeds = [sample.state.velocity for sample in until(there + 0.3, run(arm.guard, law))]
+    assert np.abs(speeds).max() < min(1.6, 1.4 * np.sqrt(2.0 * ACCELERATION * far))
+    state = arm.guard.read()
+    np.testing.assert_allclose(state.position, goal, atol=0.01)
 
 
 def test_the_motion_of_a_straight_way_is_the_derivative_of_its_poses() -> None:

@@ -29,6 +29,17 @@ def test_from_rest_the_joint_that_travels_furthest_peaks_at_the_speed() -> None:
     assert abs(np.abs(speeds).max() - 2.0) < 1e-3
 
 
+@given(Q, Q, st.floats(0.2, 5.0), st.floats(0.5, 30.0))
+def test_from_rest_neither_speed_nor_acceleration_is_exceeded_however_short_the_way(
+    begin: Array, goal: Array, speed: float, acceleration: float
+) -> None:
+    steering = SmoothSetpoint(begin)
+    end = steering.head_for(0.0, goal, speed, acceleration)
+    legs = [steering._leg.at(t) for t in np.linspace(0.0, end, 400)]
+    assert max(np.abs(leg[1]).max() for leg in legs) <= speed * (1.0 + 1e-6)
+    assert max(np.abs(leg[2]).max() for leg in legs) <= acceleration * (1.0 + 1e-6)
+
+
 @given(Q, Q, Q, st.floats(0.01, 1.0))
 def test_another_goal_on_the_way_makes_no_jump(begin: Array, first: Array, second: Array, part: float) -> None:
     steering = SmoothSetpoint(begin)

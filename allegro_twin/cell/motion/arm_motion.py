@@ -16,6 +16,9 @@ from allegro_twin.kinematics.arm import ArmModel, rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
+ACCELERATION = 5.0
+"""rad/s², of a joint on a far way from rest: two thirds of what the slowest of the FER's may (7.5 rad/s²; libfranka,
+rate_limiting.h). A short way at full speed would ask for many times that."""
 _QUICK = 30.0
 """rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in
 docs/explanation/arm_control.md."""
@@ -78,7 +81,7 @@ class ArmGuide:
         """From rest at `position` (n,), rad, to a posture, the fastest joint at `speed`, rad/s. When it is there, s."""
         self.target.move(self._model.pose(posture))
         self.path, self.line = SmoothSetpoint(position), None
-        return self.path.head_for(t, posture, speed)
+        return self.path.head_for(t, posture, speed, ACCELERATION)
 
     def straight(self, t: float, flange: Pose, seconds: float) -> float:
         """On a spring from the target that there is to another, in the base's frame. When it will be there, s."""

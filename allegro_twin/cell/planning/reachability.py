@@ -10,6 +10,7 @@ import numpy as np
 
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
 from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.motion.arm_motion import ACCELERATION
 from allegro_twin.cell.motion.finger_paths import OPENING
 from allegro_twin.cell.perception.errors import position_text
 from allegro_twin.cell.perception.fits.model import Solid
@@ -256,7 +257,7 @@ def obstacle_on(one: GraspPlan, cell: Cell) -> ClearanceViolation | None:
 def far_path(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
     """Postures of a far way from rest to rest, (k, n), rad, and when they are, (k,), s."""
     path = SmoothSetpoint(begin)
-    times = np.linspace(0.0, path.head_for(0.0, end, speed), int(np.abs(end - begin).max() / _STEP) + 2)
+    times = np.linspace(0.0, path.head_for(0.0, end, speed, ACCELERATION), int(np.abs(end - begin).max() / _STEP) + 2)
     return np.stack([path(t).position for t in times]), times
 
 
