@@ -106,6 +106,12 @@ def recording_path(tmp_path: Path, recording_bytes: bytes) -> Path:
     return path
 
 
+@pytest.fixture
+def short_films(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Films of hands have 10 pictures instead of 200; each costs a renderer without a graphics card 50 ms."""
+    monkeypatch.setattr("allegro_twin.viewing.hand_portrait.SECONDS", 0.5)
+
+
 def can_config(version: Version, *, side: Side = "right", period: float = 0.003, **backend: Any) -> RunConfig:
     """A virtual hand of some version on a bus of this program. v1 to v3 have no IMU, so their gravity is given."""
     down = {"imu": 0.03} if version in ("v4", "v5", "v5plus") else {"gravity": (0.0, 0.0, -9.81)}
