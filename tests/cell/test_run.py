@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,12 @@ from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.camera.camera import DepthCamera
-from allegro_twin.cell.journal.observers import Observers, StatePictures
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
+from allegro_twin.recording.reader import CellRecording
 
 SETTINGS = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
@@ -36,11 +35,8 @@ def states(report: LabReport) -> list[str]:
     return [state for _, state in report.events]
 
 
-def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> None:
-    cell = cell_of()
-    kept = StatePictures(cell, tmp_path)
-    looking = Observers(cell, [kept])
-    report = perform(cell, arm=looking.arm, hand=looking.hand, on_state=looking.on_state, on_prepare=looking.on_prepare)
+def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(run: tuple[CellRecording, LabReport]) -> None:
+    recorded, report = run
     assert str(report.end) == "held"
     assert states(report) == [
         "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done",
@@ -52,9 +48,7 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     assert report.checked.by_fingers
     assert report.end.sentence == ""
     assert report.checked.weight == pytest.approx(0.068, abs=0.06)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["before.png", "end.png", "grasp.png"]
-    kept.close()
-    cell.close()
+    assert sorted(path.name for path in recorded.path.parent.glob("*.png")) == ["before.png", "end.png", "grasp.png"]
 
 
 def looks_of(cell: Cell) -> list[Any]:

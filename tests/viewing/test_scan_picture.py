@@ -13,7 +13,7 @@ from allegro_twin.viewing.scan_picture import Pane, draw_scan
 
 def cup(open_below: bool, closed: bool = False) -> Pane:
     """Points and normals of a can of 60 mm without one of its ends, or with both."""
-    angle, part = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 2 * np.pi, 1200), np.linspace(0, 1, 400)))
+    angle, part = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 2 * np.pi, 800), np.linspace(0, 1, 260)))
     side = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     height, radius = 0.06 * part - 0.03, 0.03 * part[:, None]
     points, normals = [0.03 * side + np.outer(height, [0, 0, 1.0])], [side]

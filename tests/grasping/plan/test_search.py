@@ -61,6 +61,7 @@ def found() -> tuple[GraspSearch, list[PlannedGrasp], int]:
     return search, search.run(1, SearchBudget(48), lambda best, at: rounds.append(len(best))), len(rounds)
 
 
+@pytest.mark.slow
 def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[GraspSearch, list[PlannedGrasp], int]) -> None:
     search, (planned,), _ = found
     assert planned.margin > 0.0
