@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,12 +87,15 @@ def interrupted(arguments: list[str], folder: Path, how: signal.Signals) -> tupl
     ) as program:
         while not any(rows(path) >= 100 for path in (folder / UNFINISHED).glob("*.arrow")):
             assert program.poll() is None, program.stderr and program.stderr.read()
+            time.sleep(0.02)
         program.send_signal(how)
         _, said = program.communicate()
     return program.returncode, said
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.slow) for each in (signal.SIGTERM, signal.SIGKILL))]
+)
 def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     lemon: Path, tmp_path: Path, how: signal.Signals
 ) -> None:

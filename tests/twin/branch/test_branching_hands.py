@@ -53,7 +53,11 @@ def test_without_a_change_the_model_goes_where_the_hand_went_and_the_nominal_one
 
 @pytest.mark.parametrize(
     "change",
-    [{"controller.gains": "v4"}, {"frictionloss": 0.15}, {"damping": 0.3}, {"strength": 0.5}],
+    [
+        {"controller.gains": "v4"},
+        {"strength": 0.5},
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ({"frictionloss": 0.15}, {"damping": 0.3})),
+    ],
     ids=lambda change: next(iter(change)),
 )
 def test_a_change_does_to_the_model_what_it_does_to_the_hand(made: Path, own: str, change: dict[str, Any]) -> None:
@@ -67,6 +71,7 @@ def test_a_change_does_to_the_model_what_it_does_to_the_hand(made: Path, own: st
     assert rms(model.unchanged[rest] - model.recorded[rest]) < 0.3 * MRAD
 
 
+@pytest.mark.slow
 def test_encoders_that_are_noisy_loosen_the_models_friction_as_they_did_the_hands(
     hidden: RunConfig, own: str, tmp_path: Path
 ) -> None:
