@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.journal.observers import Observers, StatePictures
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import MachineState
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
-from allegro_twin.recording.reader import CellRecording
 
 SETTINGS = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
@@ -35,8 +36,11 @@ def states(report: LabReport) -> list[str]:
     return [state for _, state in report.events]
 
 
-def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(run: tuple[CellRecording, LabReport]) -> None:
-    recorded, report = run
+def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> None:
+    cell = cell_of()
+    kept = StatePictures(cell, tmp_path)
+    looking = Observers(cell, [kept])
+    report = perform(cell, arm=looking.arm, hand=looking.hand, on_state=looking.on_state, on_prepare=looking.on_prepare)
     assert str(report.end) == "held"
     assert states(report) == [
         "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done",
@@ -48,7 +52,9 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(run: tuple[CellRecordi
     assert report.checked.by_fingers
     assert report.end.sentence == ""
     assert report.checked.weight == pytest.approx(0.068, abs=0.06)
-    assert sorted(path.name for path in recorded.path.parent.glob("*.png")) == ["before.png", "end.png", "grasp.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["before.png", "end.png", "grasp.png"]
+    kept.close()
+    cell.close()
 
 
 def looks_of(cell: Cell) -> list[Any]:
@@ -133,7 +139,7 @@ def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
     assert not report.is_lifted
 
 
-@pytest.mark.parametrize("at", [0.3, 3.5])
+@pytest.mark.parametrize("at", [0.3, pytest.param(3.5, marks=pytest.mark.slow)])
 def test_a_hand_that_falls_silent_is_named_and_the_arm_stands_still(at: float) -> None:
     cell = cell_of()
     report = perform(replace(cell, hand=SilentBackend(cell.hand, at)))

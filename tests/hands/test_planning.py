@@ -7,6 +7,7 @@ from functools import cache
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,6 +55,11 @@ def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: RoundSize = LI
 def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> GraspScene:
     scenario = scenario_of(thing, "z", 1.0, None, 0.8)
     return GraspScene(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+
+
+def named(*names: str) -> list[Any]:
+    """Hands for a test; in the fast tier one of those whose motors turn a joint each, and one of those with tendons."""
+    return [pytest.param(name, marks=() if name in ("allegro", "qb_softhand") else pytest.mark.slow) for name in names]
 
 
 @cache
@@ -147,7 +153,7 @@ def test_a_hand_without_a_grasp_in_the_library_begins_with_its_fingertips_opposi
         opposing_grasps(hand("soft", tmp_path / "soft"))
 
 
-@pytest.mark.parametrize("name", ["allegro", "leap", "qb_softhand", "sih", "model_o"])
+@pytest.mark.parametrize("name", named("allegro", "leap", "qb_softhand", "sih", "model_o"))
 def test_a_hand_opposes_its_thumb_with_all_fingers_with_two_and_with_one(name: str) -> None:
     """As if the library had no grasp of it: tips on the ball to 15 mm, inside the limits, the thumb among them."""
     spec = load_spec(name)
@@ -161,7 +167,7 @@ def test_a_hand_opposes_its_thumb_with_all_fingers_with_two_and_with_one(name: s
         assert grasp.fingers[0] == "thumb"
 
 
-@pytest.mark.parametrize("name", ["allegro", "leap", "qb_softhand", "sih"])
+@pytest.mark.parametrize("name", named("allegro", "leap", "qb_softhand", "sih"))
 def test_fingertips_of_one_side_keep_their_order_and_their_distance(name: str) -> None:
     spec = load_spec(name)
     flat = {name: pose.position for name, pose in hand_kinematics(spec).fingertips(spec.rest).items()}
@@ -291,7 +297,7 @@ def test_a_hand_of_unknown_effort_is_not_planned_for(tmp_path: Path) -> None:
     check_efforts(load_spec("leap"))
 
 
-@pytest.mark.parametrize("name", ["allegro", "leap", "model_o", "qb_softhand", "sih"])
+@pytest.mark.parametrize("name", named("allegro", "leap", "model_o", "qb_softhand", "sih"))
 def test_postures_of_the_library_that_are_made_by_the_rule_are_what_it_makes(name: str) -> None:
     """What a person has chosen is not: where the Allegro Hand begins and opens, and where the LEAP Hand begins."""
     spec = load_spec(name)

@@ -28,7 +28,7 @@ def picture(path: Path) -> Array:
     return np.asarray(pytest.importorskip("PIL.Image").open(path).convert("RGB"), dtype=np.float64) / 255.0
 
 
-@pytest.mark.parametrize("open_below", [True, False])
+@pytest.mark.parametrize("open_below", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_missing_bottom_is_seen_from_below_and_a_missing_lid_from_above(open_below: bool, tmp_path: Path) -> None:
     draw_scan(cup(open_below), cup(open_below, closed=True), tmp_path / "cup.png")
     left, right = np.split(picture(tmp_path / "cup.png")[:420], 2, axis=1)

@@ -88,6 +88,7 @@ def test_what_was_written_is_what_was_proven(
     assert "Planned for tennis_ball, from" in text
 
 
+@pytest.mark.slow
 def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:

@@ -67,7 +67,7 @@ def lemon(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "quick.yaml").write_text(rules.replace("seconds: 2.0", "seconds: 0.3"))
     text = (data_root() / "scenarios/demo/lemon.yaml").read_text() + f"protocol: {folder}/quick.yaml\n"
     (folder / "lemon.yaml").write_text(text)
-    command = [sys.executable, "-m", "allegro_twin", "run", folder / "lemon.yaml", "--out", folder / "f"]
+    command = [sys.executable, "-m", "allegro_twin", "run", str(folder / "lemon.yaml"), "--out", str(folder / "f")]
     subprocess.run(command, check=True)
     return folder / "f"
 

@@ -52,7 +52,7 @@ def executed() -> list[Any]:
     each push, and the others in `make test-all`."""
 
     def marks(k: int, row: Row, side: Side) -> list[pytest.MarkDecorator]:
-        if "calibrate" in row.here:
+        if "calibrate" in row.here or "another make" in row.paper:
             return [pytest.mark.slow if side == "right" else pytest.mark.long]
         return [pytest.mark.long] if side == "left" and k % 2 else []
 
