@@ -241,7 +241,8 @@ def check_command(words: list[str], lines: Lines, place: str, *, files: bool) ->
     if hasattr(each, "commands"):
         assert rest[0] in each.commands, f"{place}: no command {name} {rest[0]}"
         each, rest = each.commands[rest[0]], rest[1:]
-    with each.make_context(f"allegro-twin {name}", list(rest)) as context:
+    # A command keeps the names of its option for help from the first time that it parses.
+    with each.make_context(f"allegro-twin {name}", list(rest), help_option_names=["-h", "--help"]) as context:
         values = dict(context.params)
     if name in DEFAULT_FOLDERS:
         lines.files.add(DEFAULT_FOLDERS[name])
