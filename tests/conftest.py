@@ -40,8 +40,8 @@ if threading.current_thread() is threading.main_thread():
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, default)
 
-# How long an example takes says how busy the machine is.
-settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# How long an example takes says how busy the machine is. Each run draws others: half of Hypothesis's usual hundred.
+settings.register_profile("untimed", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 
 # While thousands of tests are collected, garbage is looked for again and again among what stays until the end.
@@ -104,6 +104,12 @@ def recording_path(tmp_path: Path, recording_bytes: bytes) -> Path:
     path = tmp_path / "home.arrow"
     path.write_bytes(recording_bytes)
     return path
+
+
+@pytest.fixture
+def short_films(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Films of hands have 10 pictures instead of 200; each costs a renderer without a graphics card 50 ms."""
+    monkeypatch.setattr("allegro_twin.viewing.hand_portrait.SECONDS", 0.5)
 
 
 def can_config(version: Version, *, side: Side = "right", period: float = 0.003, **backend: Any) -> RunConfig:

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-import typer
 import yaml
 
 from allegro_twin.app.config import RunConfig
@@ -35,8 +34,9 @@ from allegro_twin.cell.settings import LabSettings
 from allegro_twin.files.schema import Settings, parse_settings
 from allegro_twin.grasping.scenario import Scenario, TrialProtocol
 from allegro_twin.learning.training.settings import Recipe
-from allegro_twin.surfaces.cli import completion, main
+from allegro_twin.surfaces.cli import completion
 from tests.surfaces.cli.conftest import Run, command
+from tests.surfaces.cli.wrong import built
 
 __all__ = ["command"]  # The command line in this process, as a fixture.
 ROOT = Path(__file__).resolve().parents[1]
@@ -232,7 +232,7 @@ class Lines(NamedTuple):
 
 def check_command(words: list[str], lines: Lines, place: str, *, files: bool) -> None:
     """Parse a command as the program does. `files`: what it reads must exist, shipped or made on the page before."""
-    root: Any = typer.main.get_command(main.app)
+    root = built()
     name, rest = words[1], words[2:]
     if name.startswith("-"):
         return
@@ -241,7 +241,8 @@ def check_command(words: list[str], lines: Lines, place: str, *, files: bool) ->
     if hasattr(each, "commands"):
         assert rest[0] in each.commands, f"{place}: no command {name} {rest[0]}"
         each, rest = each.commands[rest[0]], rest[1:]
-    with each.make_context(f"allegro-twin {name}", list(rest)) as context:
+    # A command keeps the names of its option for help from the first time that it parses.
+    with each.make_context(f"allegro-twin {name}", list(rest), help_option_names=["-h", "--help"]) as context:
         values = dict(context.params)
     if name in DEFAULT_FOLDERS:
         lines.files.add(DEFAULT_FOLDERS[name])
@@ -344,6 +345,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Run) -> Plac
     return Place(tmp_path, command)
 
 
+@pytest.mark.usefixtures("short_films")
 @pytest.mark.parametrize("page", pages_of("fast"))
 def test_the_cheap_blocks_of_a_page_run(page: Path, place: Place) -> None:
     through(page, "fast", place)

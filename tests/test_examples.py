@@ -45,9 +45,14 @@ def test_the_first_runs_from_an_empty_folder(tmp_path: Path) -> None:
 LONG = ("06_grasp_an_object", "07_your_own_object", "12_force_grasp")
 
 
+def marks_of(name: str) -> tuple[pytest.MarkDecorator, ...]:
+    """What trains takes a minute where it can."""
+    return (pytest.mark.long,) if name in LONG else (pytest.mark.slow,) if name in NEEDS else ()
+
+
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=pytest.mark.long if path.stem in LONG else (), id=path.stem) for path in EXAMPLES],
+    [pytest.param(path, marks=marks_of(path.stem), id=path.stem) for path in EXAMPLES],
 )
 def test_it_runs_and_says_what_it_did(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

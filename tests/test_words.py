@@ -8,6 +8,8 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
+from tests.test_architecture import parsed
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 BANNED = {
@@ -26,7 +28,7 @@ def names() -> tuple[tuple[str, str, str], ...]:
         module = path.relative_to(PACKAGE).with_suffix("").as_posix()
         if path.name != "__init__.py":
             found.append(("module", path.stem, module))
-        for node in ast.parse(path.read_text()).body:
+        for node in parsed(path).body:
             if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
                 found.append(("class" if isinstance(node, ast.ClassDef) else "function", node.name, module))
     return tuple(found)

@@ -12,7 +12,8 @@ READ: set[str] = set()
 
 
 def keys(targets: list[str]) -> list[str]:
-    """The first key of each target as the files are now."""
+    """The first key of each target as the files are now, as a program that begins now would find it."""
+    from allegro_twin.files.fingerprints import source_fingerprint
     from allegro_twin.grasping.evaluation.campaign import (
         JUDGE,
         SamplingSettings,
@@ -22,6 +23,7 @@ def keys(targets: list[str]) -> list[str]:
     )
     from allegro_twin.sweep.jobs import Sweep
 
+    source_fingerprint.cache_clear()
     found = []
     for target in targets:
         asked = TargetOptions(protocol="fc", object="mug") if target.endswith(".npy") else TargetOptions()

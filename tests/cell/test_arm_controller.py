@@ -17,7 +17,7 @@ from tests.cell.arm.rigs import rig
 from tests.cell.arm.test_control import BARE
 
 
-@pytest.mark.parametrize("name", ["fer", "fr3"])
+@pytest.mark.parametrize("name", ["fer", pytest.param("fr3", marks=pytest.mark.slow)])
 def test_a_push_moves_the_cells_arm_as_its_spring_says_in_spite_of_friction_and_a_noisy_sensor(name: str) -> None:
     push = np.zeros((2500, 3))
     push[50:, 0] = -10.0

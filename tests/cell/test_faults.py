@@ -101,7 +101,14 @@ LOST: list[tuple[tuple[int, ...], StateName]] = [(HAND, "ClosingHand"), (THUMB, 
 MORE = [(part, state) for part in (HAND, THUMB, RING) for state in get_args(StateName)[:7] if (part, state) not in LOST]
 
 
-@pytest.mark.parametrize(("motors", "when"), [*LOST, *(pytest.param(*row, marks=pytest.mark.long) for row in MORE)])
+@pytest.mark.parametrize(
+    ("motors", "when"),
+    [
+        LOST[0],
+        *(pytest.param(*row, marks=pytest.mark.slow) for row in LOST[1:]),
+        *(pytest.param(*row, marks=pytest.mark.long) for row in MORE),
+    ],
+)
 def test_motors_without_power_are_a_fault_by_their_joints_names(motors: tuple[int, ...], when: StateName) -> None:
     report = powerless(cell_of(**ONCE), motors, when)
     assert str(report.end) == "fault: hand without torque"
@@ -109,6 +116,7 @@ def test_motors_without_power_are_a_fault_by_their_joints_names(motors: tuple[in
     assert f"{finger}" in report.end.sentence.split(" without torque")[0]
 
 
+@pytest.mark.slow
 def test_motors_that_give_a_fifth_are_a_fault() -> None:
     assert str(powerless(cell_of(**ONCE), HAND, "ToLiftedPose", 0.2).end) == "fault: hand without torque"
 
@@ -151,7 +159,11 @@ ELSE = [(joint, by, empty) for joint in (1, 6, 13, 14) for by in (-3.0, -1.0, 1.
 
 
 @pytest.mark.parametrize(
-    ("joint", "degrees", "empty"), [*OFF, *(pytest.param(*row, marks=pytest.mark.long) for row in ELSE)]
+    ("joint", "degrees", "empty"),
+    [
+        *(pytest.param(*row, marks=pytest.mark.slow) for row in OFF),
+        *(pytest.param(*row, marks=pytest.mark.long) for row in ELSE),
+    ],
 )
 def test_an_encoder_that_is_off_never_makes_an_empty_hand_hold(joint: int, degrees: float, empty: bool) -> None:
     cell = cell_of(**LIGHT)

@@ -23,9 +23,6 @@ def shipped(hand: str) -> LabSettings:
     return load_settings(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
 
 
-QUICK = ("leap",)
-
-
 def taken(settings: LabSettings) -> LabReport:
     cell = make_cell(settings)
     try:
@@ -35,7 +32,7 @@ def taken(settings: LabSettings) -> LabReport:
 
 
 @pytest.mark.parametrize(
-    "hand", [pytest.param(hand, marks=() if hand in QUICK else pytest.mark.long) for hand in OTHERS]
+    "hand", [pytest.param(hand, marks=pytest.mark.slow if hand == "leap" else pytest.mark.long) for hand in OTHERS]
 )
 def test_what_stands_in_a_hands_own_config_is_held_and_said_to_be(hand: str) -> None:
     report = taken(shipped(hand))

@@ -43,6 +43,7 @@ def test_it_passes_the_checker_without_a_warning(control: str) -> None:
     check_env(gymnasium.make(allegro_twin.gym.PICK, render_mode="rgb_array", control=control).unwrapped)
 
 
+@pytest.mark.slow
 def test_it_passes_the_checker_of_stable_baselines3() -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(ArmPick())

@@ -24,7 +24,7 @@ def cell() -> Cell:
 def test_every_posture_of_a_plan_has_room_in_every_joint_also_those_above_the_object(cell: Cell) -> None:
     spec, above = cell.robot.spec, 0
     for card in stored_grasps("allegro")[::4]:
-        for x, y, yaw in np.random.default_rng(5).uniform([-0.1, -0.3, -np.pi], [0.14, 0.3, np.pi], (8, 3)):
+        for x, y, yaw in np.random.default_rng(5).uniform([-0.1, -0.3, -np.pi], [0.14, 0.3, np.pi], (3, 3)):
             there = replace(card.body, yaw=float(yaw), position=np.array([x, y, card.body.position[2]]))
             try:
                 plans = reachable_grasps(there, cell.robot, cell.posture, cell.settings.lift)

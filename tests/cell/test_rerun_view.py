@@ -10,14 +10,35 @@ from typer.testing import CliRunner
 
 pytest.importorskip("rerun", reason="needs the extra view")
 
-from allegro_twin.cell.run import LabReport
+from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.journal.observers import Observers
+from allegro_twin.cell.journal.recording import SessionRecorder
+from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.recording.events import DeviceSample, session_events
-from allegro_twin.recording.reader import CellRecording
+from allegro_twin.recording.reader import CellRecording, load_cell
 from allegro_twin.surfaces.cli.main import app
 from allegro_twin.viewing.rerun.viewer import viewer_of, write_events
+from tests.cell.test_run import cell_of
 from tests.viewing.test_viewer import Rows, rows_of
 
 Run = tuple[CellRecording, LabReport]
+
+
+def test_a_run_that_ends_before_the_arm_heads_for_anything_is_drawn_with_its_end(tmp_path: Path) -> None:
+    cell = cell_of()
+    assert isinstance(cell.camera, DepthCamera)
+    cell.camera.freeze()
+    recorded = SessionRecorder(cell, tmp_path / "lab.arrow")
+    looking = Observers(cell, [recorded])
+    perform(cell, arm=looking.arm, hand=looking.hand, on_state=looking.on_state, on_prepare=looking.on_prepare)
+    recorded.close()
+    cell.close()
+    found = load_cell(tmp_path / "lab.arrow")
+    write_events(session_events(found), viewer_of(found), tmp_path / "lab.rrd")
+    drawn = rows_of(tmp_path / "lab.rrd")
+    assert [row["state"][0] for _, row in drawn["cell/state"]] == ["ToSecurityPose", "Look", "fault: camera"]
+    for path in ("world/arm/fer_link7/look", "world/palm/look", "world/objects/apple/look", "arm/torque"):
+        assert drawn[path], path
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +74,7 @@ def test_the_arms_last_link_carries_the_hand_where_the_encoders_say(drawn: Rows,
     np.testing.assert_allclose(flange[-1][1]["translation"][0], arm.columns["flange"][-1, :3], atol=2e-3)
 
 
+@pytest.mark.slow
 def test_states_are_marked_at_their_times_with_the_end_and_a_log_of_reasons(drawn: Rows, run: Run) -> None:
     marks = [(t, row["state"][0]) for t, row in drawn["cell/state"]]
     assert [name for _, name in marks][:3] == ["ToSecurityPose", "Look", "ToTargetPose"]
@@ -64,6 +86,7 @@ def test_states_are_marked_at_their_times_with_the_end_and_a_log_of_reasons(draw
     assert words[-1] == "Done — held"
 
 
+@pytest.mark.slow
 def test_the_force_is_smoothed_and_says_the_weight_after_the_lift(drawn: Rows, run: Run) -> None:
     samples = [each for each in session_events(run[0]) if isinstance(each, DeviceSample) and each.device == "arm"]
     noise = float(np.std([each.extras["force"][2] for each in samples[-100:]]))

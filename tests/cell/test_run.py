@@ -139,7 +139,7 @@ def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
     assert not report.is_lifted
 
 
-@pytest.mark.parametrize("at", [0.3, 3.5])
+@pytest.mark.parametrize("at", [0.3, pytest.param(3.5, marks=pytest.mark.slow)])
 def test_a_hand_that_falls_silent_is_named_and_the_arm_stands_still(at: float) -> None:
     cell = cell_of()
     report = perform(replace(cell, hand=SilentBackend(cell.hand, at)))

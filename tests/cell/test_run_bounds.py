@@ -59,7 +59,7 @@ class Standing(SilentBackend):
         return self._last
 
 
-@pytest.mark.parametrize("device", ["arm", "hand"])
+@pytest.mark.parametrize("device", ["arm", pytest.param("hand", marks=pytest.mark.slow)])
 def test_a_clock_that_stands_still_ends_in_a_fault_by_its_name(device: str) -> None:
     cell = cell_of(**SHORT)
     stopped = Standing(cell.arm if device == "arm" else cell.hand, 20)

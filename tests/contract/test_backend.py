@@ -68,6 +68,12 @@ SERVOS = ["leap-servos", "model-o-servos", "qb-line", "sih-line", "sih-line-guar
 """Such hands at the other end of a serial line."""
 ARMS = ["arm", "arm-guarded", "arm-replay", "arm-with-a-hand", "hand-on-an-arm"]
 """Arms, alone and in a world that they share."""
+ALIKE = {
+    "sim-left", "can-v1", "can-v2", "can-v5", "can-v4-left", "leap-left", "leap-guarded", "soft-replay", "sih-guarded",
+    "sih-replay", "model-o-servos", "sih-line-guarded", "arm-guarded",
+}  # fmt: skip
+"""Of each of these another one of its kind is in the fast tier."""
+EVERY = ["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS, *SERVOS, *ARMS]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +98,7 @@ def replayed(make_sim: MakeSim, tmp_path_factory: pytest.TempPathFactory) -> Cal
 
 
 @pytest.fixture(
-    params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS, *SERVOS, *ARMS],
+    params=[pytest.param(name, marks=pytest.mark.slow if name in ALIKE else ()) for name in EVERY],
 )
 def make(
     request: pytest.FixtureRequest,

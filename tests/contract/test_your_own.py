@@ -17,7 +17,7 @@ import pytest
 
 from allegro_twin.recording.reader import load
 from allegro_twin.testing.rules import RULES
-from tests.hands.models import GRIPPER
+from tests.hands.models import GRIPPER, made
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "contract.md"
@@ -60,9 +60,18 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def ran(folder: Path, *words: str, program: str = "", python: str = sys.executable) -> subprocess.CompletedProcess[str]:
     """A program beside the package."""
     paths = [str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")]
-    given = ["-c", program] if program else ["-m", "allegro_twin", *words]
+    given = ["-c", program, *words] if program else ["-m", "allegro_twin", *words]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "200"}
     return subprocess.run([python, *given], cwd=folder, capture_output=True, text=True, env=environment)
+
+
+RUN = """
+import sys
+from allegro_twin.surfaces.cli.main import main
+sys.argv = ["allegro-twin", "run", {!r}]
+main()
+"""
+"""The command `run`, after what a program has done before it."""
 
 
 def test_the_package_of_the_page_is_sixty_lines() -> None:
@@ -71,18 +80,17 @@ def test_the_package_of_the_page_is_sixty_lines() -> None:
 
 
 def test_a_hand_of_an_installed_package_goes_by_its_name_and_ours_keep_theirs(installed: Path) -> None:
-    assert ran(installed, "hand", "new", "gripper.xml", "--no-film").returncode == 0
+    made("gripper", installed / "mine")
     config = "hand: {{model: {}}}\nbackend: {{kind: sim}}\ncontroller: {{kind: position}}\n"
     (installed / "pincher.yaml").write_text(config.format("pincher"))
     done = ran(installed, "run", "pincher.yaml")
     assert done.returncode == 0, done.stderr
     assert "pincher_right at" in done.stdout
     (installed / "pincher.yaml").write_text(config.format("lost"))
-    done = ran(installed, "run", "pincher.yaml")
-    assert done.returncode == 2
+    own = "from allegro_twin.hands import load_spec; print(load_spec('leap').n_joints)\n"
+    done = ran(installed, program=own + RUN.format("pincher.yaml"))
+    assert (done.returncode, done.stdout) == (2, "16\n"), done.stderr
     assert "hand lost: its_hand:LOST says nowhere.yaml, which is no file" in done.stderr
-    own = ran(installed, program="from allegro_twin.hands import load_spec; print(load_spec('leap').n_joints)")
-    assert own.stdout == "16\n", own.stderr
 
 
 def test_it_keeps_the_contract(installed: Path) -> None:
@@ -149,24 +157,50 @@ desk.host.close()
     assert done.stdout == "allegro_right · behind friendly\n", done.stderr
 
 
-@pytest.mark.parametrize(
-    ("block_", "said"),
-    [
-        ("backend: {kind: freindly}", "no backend kind named 'freindly'; did you mean 'friendly'"),
-        ("backend: {kind: nothing}", "installed packages add broken, friendly, wrong (entry points "),
-        ("backend: {kind: broken}", "backend.kind broken: no_such_module:backend cannot be imported: No module named"),
-        ("backend: {kind: wrong}", "backend.kind wrong: friendly_hand:Wave is no allegro_twin.BackendKind"),
-        ("backend: {kind: friendly, maas: 1}", "backend.friendly.maas: unknown key; did you mean 'mass'?"),
-        ("backend: {kind: friendly, mass: heavy}", "backend.friendly.mass: input should be a valid number"),
-        ("backend: {kind: friendly}\nperiod: 3", "period 3 s: allegro_right needs its joints' loop every 0.01 s"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_with_a_block_is_one_line(installed: Path, tmp_path: Path, block_: str, said: str) -> None:
-    (tmp_path / "wrong.yaml").write_text(f"{block_}\ncontroller: {{kind: wave}}\n")
-    done = ran(installed, "run", str(tmp_path / "wrong.yaml"))
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert done.stderr.count("\n") == 1
+WRONG = {
+    "backend: {kind: freindly}": "no backend kind named 'freindly'; did you mean 'friendly'",
+    "backend: {kind: nothing}": "installed packages add broken, friendly, wrong (entry points ",
+    "backend: {kind: broken}": "backend.kind broken: no_such_module:backend cannot be imported: No module named",
+    "backend: {kind: wrong}": "backend.kind wrong: friendly_hand:Wave is no allegro_twin.BackendKind",
+    "backend: {kind: friendly, maas: 1}": "backend.friendly.maas: unknown key; did you mean 'mass'?",
+    "backend: {kind: friendly, mass: heavy}": "backend.friendly.mass: input should be a valid number",
+    "backend: {kind: friendly}\nperiod: 3": "period 3 s: allegro_right needs its joints' loop every 0.01 s",
+}  # fmt: skip
+"""What stands in a config's block, and what is said of it."""
+ALL_WRONG = """
+import contextlib, io, json, sys
+from allegro_twin.surfaces.cli.main import main
+answers = []
+for path in sys.argv[1:]:
+    sys.argv = ["allegro-twin", "run", path]
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        try:
+            main()
+        except SystemExit as ended:
+            answers.append([ended.code, said.getvalue()])
+print(json.dumps(answers))
+"""
+"""Each exit code of `run`, and what it says: seven programs would import everything seven times."""
+
+
+@pytest.fixture(scope="module")
+def answers(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str]]:
+    """Of each wrong block the exit code and what is said."""
+    folder = tmp_path_factory.mktemp("wrong")
+    paths = [folder / f"{k}.yaml" for k in range(len(WRONG))]
+    for path, text in zip(paths, WRONG, strict=True):
+        path.write_text(f"{text}\ncontroller: {{kind: wave}}\n")
+    done = ran(installed, *map(str, paths), program=ALL_WRONG)
+    assert done.returncode == 0, done.stderr
+    return {text: (code, error) for text, (code, error) in zip(WRONG, json.loads(done.stdout), strict=True)}
+
+
+@pytest.mark.parametrize(("text", "said"), WRONG.items())
+def test_what_is_wrong_with_a_block_is_one_line(answers: dict[str, tuple[int, str]], text: str, said: str) -> None:
+    code, error = answers[text]
+    assert code == 2
+    assert said in error
+    assert error.count("\n") == 1
 
 
 def test_schemas_have_the_kinds_of_installed_packages(installed: Path) -> None:

@@ -39,6 +39,7 @@ def test_a_trial_that_was_cut_short_or_none_at_all_has_no_verdict(trial: tuple[o
     assert rejudge(recording.spec, recording.columns, {}) is None
 
 
+@pytest.mark.slow
 def test_the_contact_vectors_of_a_held_object_carry_its_weight(trial: tuple[object, Path]) -> None:
     recording = load(trial[1])
     begin, end = next((b, e) for name, b, e in recording.meta["phases"] if name == "hold")

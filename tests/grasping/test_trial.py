@@ -52,6 +52,7 @@ def test_the_demo_has_its_twelve_objects() -> None:
     assert len(DEMO) + len(MORE) == 22
 
 
+@pytest.mark.parametrize("side", ["right", pytest.param("left", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "name", ["tennis_ball", *(pytest.param(n, marks=pytest.mark.long) for n in ("rubiks_cube", "tomato_soup_can"))]
 )

@@ -19,15 +19,16 @@ from allegro_twin.hands.library.library import Library, home_posture, load_postu
 from allegro_twin.sim.hand_import.adapt import read_mjcf
 from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.scene import hand_spec
-from allegro_twin.surfaces.cli.main import app
 from allegro_twin.twin import mirror_recording
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
+from tests.surfaces.cli.wrong import built
 
 
 def command(*words: str) -> None:
-    app(list(words), standalone_mode=False)
+    built()(list(words), standalone_mode=False)
 
 
+@pytest.mark.usefixtures("short_films")
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name == "soft" else name for name in HANDS]
 )
@@ -130,6 +131,7 @@ def test_a_folder_to_write_into_is_not_the_name_of_a_card(tmp_path: Path, monkey
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_films")
 def test_a_card_is_not_written_over_unless_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("gripper.xml").write_text(GRIPPER)

@@ -12,7 +12,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.hand_import.adapt import compile_model
 from allegro_twin.sim.hand_import.explore import explore_hand
-from allegro_twin.surfaces.cli.main import app
+from tests.surfaces.cli.wrong import built
 
 CORNERS = " ".join(f"{x} {y} {z}" for x in (0, 1) for y in (0, 2) for z in (0, 3))
 SIDES = "0 1 3 0 3 2 4 6 7 4 7 5 0 4 5 0 5 1 2 3 7 2 7 6 0 2 6 0 6 4 1 5 7 1 7 3"
@@ -133,7 +133,7 @@ def test_converted_meshes_lie_beside_the_card_and_the_page_names_what_was_conver
     two_nodes(Path("two.glb"))
     Path("torn.glb").write_bytes(Path("two.glb").read_bytes()[:100])
     finger = "".join(mesh("visual", name) for name in ("two.glb", "torn.glb", "gone.glb")) + BOX
-    app(["hand", "new", str(hand(tmp_path, finger=finger)), "--no-film"], standalone_mode=False)
+    built()(["hand", "new", str(hand(tmp_path, finger=finger)), "--no-film"], standalone_mode=False)
     Path("two.glb").unlink()
     assert compile_model(mujoco.MjSpec.from_file("mine/two.xml")).nmesh == 2
     assert sorted(path.name for path in Path("mine/two_meshes").iterdir()) == ["two_visual_0.obj", "two_visual_1.obj"]

@@ -13,7 +13,7 @@ from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
-from allegro_twin.surfaces.cli.main import app
+from tests.surfaces.cli.wrong import built
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 SCENARIOS = [path for hand in OTHERS for path in sorted((data_root() / "scenarios" / hand).glob("*.yaml"))]
@@ -67,7 +67,7 @@ def test_a_scenario_of_another_hand_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"leap_rubiks_cube.yaml is for the hand leap; this one is allegro"):
         make_trial(str(path), load_spec())
     with pytest.raises(ConfigError, match="this one is model_o"):
-        app(["run", str(path), "--config", "sim_model_o", "--out", str(tmp_path)], standalone_mode=False)
+        built()(["run", str(path), "--config", "sim_model_o", "--out", str(tmp_path)], standalone_mode=False)
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_the_demo_with_another_hand_is_what_that_hand_has_of_its_own(
     for name in ("rubiks_cube", "mug_of_mine"):
         text = (data_root() / "scenarios/demo/rubiks_cube.yaml").read_text()
         (folder / f"{name}.yaml").write_text(text)
-    app(["run", str(folder), "--hand", "leap", "--out", str(tmp_path / "out")], standalone_mode=False)
+    built()(["run", str(folder), "--hand", "leap", "--out", str(tmp_path / "out")], standalone_mode=False)
     out = " ".join(capsys.readouterr().out.split())
     assert "leap has no grasp of its own for mug_of_mine" in out
     assert "leap_rubiks_cube, right hand: held" in out
@@ -90,4 +90,4 @@ def test_a_hand_without_any_of_them_says_so(tmp_path: Path) -> None:
     path = tmp_path / "cube_of_mine.yaml"
     path.write_text((data_root() / "scenarios/demo/rubiks_cube.yaml").read_text())
     with pytest.raises(ConfigError, match="the hand leap has no scenario of its own for cube_of_mine: give one"):
-        app(["run", str(path), "--hand", "leap"], standalone_mode=False)
+        built()(["run", str(path), "--hand", "leap"], standalone_mode=False)

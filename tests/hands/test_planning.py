@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,13 @@ from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.parallel import run_searches
 from allegro_twin.grasping.plan.proposals.close_in_geometry import FINE, close_fingers, motor_scale
-from allegro_twin.grasping.plan.proposals.opposition import _Opposition, _Residuals, card_postures, opposing_grasps
+from allegro_twin.grasping.plan.proposals.opposition import (
+    OpposingGrasp,
+    _Opposition,
+    _Residuals,
+    card_postures,
+    opposing_grasps,
+)
 from allegro_twin.grasping.plan.proposals.poses import PoseGuesses, SurfaceSample, closing_directions, guess_poses
 from allegro_twin.grasping.plan.proposals.propose import OVERLAP, Proposer, could_hold, fit_palm
 from allegro_twin.grasping.plan.save import save_grasps
@@ -47,6 +55,17 @@ def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: RoundSize = LI
 def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> GraspScene:
     scenario = scenario_of(thing, "z", 1.0, None, 0.8)
     return GraspScene(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+
+
+def named(*names: str) -> list[Any]:
+    """Hands for a test; in the fast tier one of those whose motors turn a joint each, and one of those with tendons."""
+    return [pytest.param(name, marks=() if name in ("allegro", "qb_softhand") else pytest.mark.slow) for name in names]
+
+
+@cache
+def opposed(name: str) -> tuple[OpposingGrasp, ...]:
+    """What a hand opposes its thumb with, as if the library had no grasp of it; several tests look at it."""
+    return tuple(opposing_grasps(load_spec(name)))
 
 
 def test_a_step_is_as_far_as_the_fastest_joint_of_a_motor_turns() -> None:
@@ -134,11 +153,11 @@ def test_a_hand_without_a_grasp_in_the_library_begins_with_its_fingertips_opposi
         opposing_grasps(hand("soft", tmp_path / "soft"))
 
 
-@pytest.mark.parametrize("name", ["allegro", "leap", "qb_softhand", "sih", "model_o"])
+@pytest.mark.parametrize("name", named("allegro", "leap", "qb_softhand", "sih", "model_o"))
 def test_a_hand_opposes_its_thumb_with_all_fingers_with_two_and_with_one(name: str) -> None:
     """As if the library had no grasp of it: tips on the ball to 15 mm, inside the limits, the thumb among them."""
     spec = load_spec(name)
-    for grasp in opposing_grasps(spec):
+    for grasp in opposed(name):
         tips = hand_kinematics(spec).fingertips(grasp.close)
         away = np.linalg.norm([tips[name].position - grasp.centre for name in grasp.fingers], axis=1)
         assert grasp.name == "_".join([*grasp.fingers, f"{1000 * grasp.diameter:.0f}mm"])
@@ -148,11 +167,11 @@ def test_a_hand_opposes_its_thumb_with_all_fingers_with_two_and_with_one(name: s
         assert grasp.fingers[0] == "thumb"
 
 
-@pytest.mark.parametrize("name", ["allegro", "leap", "qb_softhand", "sih"])
+@pytest.mark.parametrize("name", named("allegro", "leap", "qb_softhand", "sih"))
 def test_fingertips_of_one_side_keep_their_order_and_their_distance(name: str) -> None:
     spec = load_spec(name)
     flat = {name: pose.position for name, pose in hand_kinematics(spec).fingertips(spec.rest).items()}
-    for grasp in opposing_grasps(spec):
+    for grasp in opposed(name):
         tips = hand_kinematics(spec).fingertips(grasp.close)
         for first, second in combinations(grasp.fingers[1:], 2):
             way = flat[first] - flat[second]
@@ -192,7 +211,7 @@ def test_two_fingers_hold_between_them_unless_the_hand_has_a_thumb(names: tuple[
 
 def test_palms_are_drawn_so_that_what_they_look_at_is_on_the_near_side_of_the_ball() -> None:
     spec, random = load_spec("leap"), np.random.default_rng(0)
-    (grasp, *_) = opposing_grasps(spec)
+    (grasp, *_) = opposed("leap")
     grasp = replace(grasp, centre=np.array([0.5, 0.3, -0.2]))  # Far from where the library's grasps hold.
     at = SurfaceSample(random.normal(size=(300, 3)), np.tile([0.0, 0.0, 1.0], (300, 1)))
     guessed = guess_poses(at, np.eye(3), [grasp], spec, random)
@@ -215,7 +234,7 @@ def test_a_hand_that_is_inside_itself_is_no_candidate(tmp_path: Path) -> None:
 
 def test_the_allegros_fingers_close_by_bending_and_not_by_spreading() -> None:
     spec = load_spec()
-    all_fingers = [grasp for grasp in opposing_grasps(spec) if len(grasp.fingers) == 4]
+    all_fingers = [grasp for grasp in opposed("allegro") if len(grasp.fingers) == 4]
     assert len(all_fingers) >= 3
     for grasp in all_fingers:
         closing = closing_directions(grasp, spec).reshape(4, 4)
@@ -278,7 +297,7 @@ def test_a_hand_of_unknown_effort_is_not_planned_for(tmp_path: Path) -> None:
     check_efforts(load_spec("leap"))
 
 
-@pytest.mark.parametrize("name", ["allegro", "leap", "model_o", "qb_softhand", "sih"])
+@pytest.mark.parametrize("name", named("allegro", "leap", "model_o", "qb_softhand", "sih"))
 def test_postures_of_the_library_that_are_made_by_the_rule_are_what_it_makes(name: str) -> None:
     """What a person has chosen is not: where the Allegro Hand begins and opens, and where the LEAP Hand begins."""
     spec = load_spec(name)

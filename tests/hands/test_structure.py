@@ -15,9 +15,9 @@ from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.surfaces.cli.hardware.hand import card_differences
-from allegro_twin.surfaces.cli.main import app
 from allegro_twin.surfaces.hand import Hand
 from tests.hands.models import GRIPPER
+from tests.surfaces.cli.wrong import built
 
 
 def finger(name: str, place: str, *joints: str) -> str:
@@ -89,7 +89,7 @@ def test_a_fingertip_goes_where_it_is_told_wherever_the_wrist_is(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("wristed.xml").write_text(mjcf(WRISTED, servos("wrist", *ALL, kp="20", forcerange="-9 9")))
-    app(["hand", "new", "wristed.xml", "--no-film"], standalone_mode=False)
+    built()(["hand", "new", "wristed.xml", "--no-film"], standalone_mode=False)
     with Hand.open("mine/sim_wristed.yaml") as hand:
         hand.move_to([0.4, 0.1, 0.5, 0.4, 0.3, 0.3], speed=2.0)
         tip = hand.fingertips()["index"].position
@@ -109,18 +109,18 @@ def test_a_recording_of_a_card_is_replayed_by_the_block_that_recorded_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("gripper.xml").write_text(GRIPPER)
-    app(["hand", "new", "gripper.xml", "--no-film"], standalone_mode=False)
-    app(["run", "mine/sim_gripper.yaml", "--record", "it.arrow"], standalone_mode=False)
+    built()(["hand", "new", "gripper.xml", "--no-film"], standalone_mode=False)
+    built()(["run", "mine/sim_gripper.yaml", "--record", "it.arrow"], standalone_mode=False)
     replay: dict[str, Any] = {
         "hand": {"model": "mine/gripper.yaml", "side": "right"},
         "backend": {"kind": "replay", "file": "it.arrow"},
         "controller": {"kind": "position"},
     }
     write_settings(Path("replay.yaml"), replay, "the same hand")
-    app(["run", "replay.yaml"], standalone_mode=False)
+    built()(["run", "replay.yaml"], standalone_mode=False)
     write_settings(Path("replay.yaml"), replay | {"hand": {"model": "leap"}}, "another")
     with pytest.raises(ConfigError, match=r"change `hand` to \{model: gripper, side: right\}"):
-        app(["run", "replay.yaml"], standalone_mode=False)
+        built()(["run", "replay.yaml"], standalone_mode=False)
 
 
 def test_fingers_on_the_world_have_the_world_for_their_palm(
@@ -128,7 +128,7 @@ def test_fingers_on_the_world_have_the_world_for_their_palm(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("loose.xml").write_text(mjcf(INDEX + THUMB, servos(*ALL, forcerange="-1 1")))
-    app(["hand", "new", "loose.xml", "--no-film"], standalone_mode=False)
+    built()(["hand", "new", "loose.xml", "--no-film"], standalone_mode=False)
     assert "taken for the palm" in capsys.readouterr().out.replace("\n", " ")
     with Hand.open("mine/sim_loose.yaml") as hand:
         hand.move_to(np.full(5, 0.3), speed=2.0)
@@ -194,7 +194,7 @@ def test_a_hand_of_unknown_efforts_runs_and_says_so(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("strong.xml").write_text(mjcf(f"{PALM}{INDEX}{THUMB}</body>", servos(*ALL)))
-    app(["hand", "new", "strong.xml", "--no-film"], standalone_mode=False)
+    built()(["hand", "new", "strong.xml", "--no-film"], standalone_mode=False)
     assert "effort unknown of all motors" in capsys.readouterr().out.replace("\n", " ")
     assert "The effort of every motor" in Path("mine/strong.md").read_text()
     assert np.isinf(load_spec("mine/strong.yaml").actuation.torque_limit).all()
@@ -202,8 +202,8 @@ def test_a_hand_of_unknown_efforts_runs_and_says_so(
         hand.move_to([0.0, 0.4, 0.4, 0.3, 0.3], speed=2.0)
         np.testing.assert_allclose(hand.state.position, [0.0, 0.4, 0.4, 0.3, 0.3], atol=0.05)
         hand.set_controller("limp")
-    app(["run", "mine/sim_strong.yaml", "--record", "it.arrow"], standalone_mode=False)
-    app(["export", "it.arrow", "it.parquet"], standalone_mode=False)
+    built()(["run", "mine/sim_strong.yaml", "--record", "it.arrow"], standalone_mode=False)
+    built()(["export", "it.arrow", "it.parquet"], standalone_mode=False)
 
 
 def test_one_finger_can_be_said_and_the_others_stay_guesses(tmp_path: Path) -> None:
@@ -237,21 +237,21 @@ def test_what_cannot_be_a_hand_is_one_line(tmp_path: Path, monkeypatch: pytest.M
         (["--check", "hand.xml"], "hand.xml"),
     ):
         with pytest.raises(ConfigError, match=message) as raised:
-            app(["hand", "new", "hand.xml", *words], standalone_mode=False)
+            built()(["hand", "new", "hand.xml", *words], standalone_mode=False)
         assert "\n" not in str(raised.value)
     for name, message in (("nothing.xml", "nothing.xml: no such file"), (".", "a folder, not a model file")):
         with pytest.raises(ConfigError, match=message):
-            app(["hand", "new", name, "--name", "x"], standalone_mode=False)
+            built()(["hand", "new", name, "--name", "x"], standalone_mode=False)
 
 
 def test_a_card_is_checked_against_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("gripper.xml").write_text(GRIPPER)
-    app(["hand", "new", "gripper.xml", "--no-film"], standalone_mode=False)
-    app(["hand", "new", "gripper.xml", "--check", "mine/gripper.yaml"], standalone_mode=False)
+    built()(["hand", "new", "gripper.xml", "--no-film"], standalone_mode=False)
+    built()(["hand", "new", "gripper.xml", "--check", "mine/gripper.yaml"], standalone_mode=False)
     Path("gripper.xml").write_text(GRIPPER.replace("-20 20", "-15 15"))
     with pytest.raises(ConfigError, match="1 value differs from the file"):
-        app(["hand", "new", "gripper.xml", "--check", "mine/gripper.yaml"], standalone_mode=False)
+        built()(["hand", "new", "gripper.xml", "--check", "mine/gripper.yaml"], standalone_mode=False)
     changed = explore_hand(Path("gripper.xml")).card
     assert card_differences(changed, changed) == []
     assert card_differences(changed | {"root": "x"}, changed) == ["root: x in the card, base in the file"]
@@ -332,7 +332,7 @@ def test_a_urdf_runs_from_the_mjcf_that_is_written_beside_its_card(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("two.urdf").write_text(urdf(ixx=5e-5))
-    app(["hand", "new", "two.urdf", "--no-film"], standalone_mode=False)
+    built()(["hand", "new", "two.urdf", "--no-film"], standalone_mode=False)
     assert Path("mine/two.xml").is_file()
     with Hand.open("mine/sim_two.yaml") as hand:
         hand.move_to([0.8, 0.4], speed=1.0)
@@ -364,7 +364,7 @@ def test_meshes_of_a_urdf_are_found_wherever_its_card_is_written(
     text = urdf().replace('<box size="0.015 0.015 0.03"/>', '<mesh filename="package://two/meshes/a.obj"/>', 1)
     (there / "two.urdf").write_text(text)
     monkeypatch.chdir(here)
-    app(["hand", "new", "../../robots/two/two.urdf", "--out", "hands/mine", "--no-film"], standalone_mode=False)
+    built()(["hand", "new", "../../robots/two/two.urdf", "--out", "hands/mine", "--no-film"], standalone_mode=False)
     assert 'file="../../../../robots/two/meshes/a.obj"' in Path("hands/mine/two.xml").read_text()
     monkeypatch.chdir(tmp_path)
     assert load_spec("lab/bench/hands/mine/two.yaml").n_joints == 2

@@ -46,10 +46,10 @@ from allegro_twin.recording.reader import load
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
-from allegro_twin.surfaces.cli.main import app
 from allegro_twin.surfaces.panel.description import describe_hand, library_contents
 from allegro_twin.twin import mirror_recording
 from tests.hands.test_public_models import FILES, FOLDER
+from tests.surfaces.cli.wrong import built
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "hand_verbs.md"
 OURS = ("allegro", "leap", "model_o", "qb_softhand", "sih")
@@ -111,16 +111,16 @@ def record(tried: Tried) -> None:
     block = {"hand": {"model": tried.reference}, "controller": {"kind": kind}, "seconds": 1.0}
     config.write_text(yaml.safe_dump(block | {"backend": {"kind": "sim"}}))
     first, again = (tried.folder / f"{name}.arrow" for name in ("first", "again"))
-    app(["run", str(config), "--record", str(first)], standalone_mode=False)
+    built()(["run", str(config), "--record", str(first)], standalone_mode=False)
     config.write_text(yaml.safe_dump(block | {"backend": {"kind": "replay", "file": str(first)}}))
-    app(["run", str(config), "--record", str(again)], standalone_mode=False)
+    built()(["run", str(config), "--record", str(again)], standalone_mode=False)
     one, two = load(first).columns, load(again).columns
     for name in ("position", "velocity"):
         assert np.array_equal(one[name][: len(two[name])], two[name][: len(one[name])])
     tried.record = first
     if "torque" in tried.spec.commands and not tried.spec.card:  # Its mirror knows torques by the counts of its bus.
         tried.record = tried.folder / "bus.arrow"
-        app(["run", "can_virtual", "--record", str(tried.record)], standalone_mode=False)
+        built()(["run", "can_virtual", "--record", str(tried.record)], standalone_mode=False)
 
 
 def plan(tried: Tried) -> None:
@@ -149,7 +149,7 @@ def plan(tried: Tried) -> None:
 
 
 def evaluate(tried: Tried) -> None:
-    app(["evaluate", str(_scenario(tried)), "--uncertainty", "2"], standalone_mode=False)
+    built()(["evaluate", str(_scenario(tried)), "--uncertainty", "2"], standalone_mode=False)
 
 
 def _judged(tried: Tried) -> TrialReport:
@@ -236,7 +236,7 @@ def tried(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mo
     model = Path(FOLDER).resolve() / FILES[name]
     if not FOLDER or not model.is_file():
         pytest.skip(f"HAND_MODELS has no {FILES[name]}")
-    app(["hand", "new", str(model), "--name", name, "--no-film"], standalone_mode=False)
+    built()(["hand", "new", str(model), "--name", name, "--no-film"], standalone_mode=False)
     card = tmp_path / "mine" / f"{name}.yaml"
     card.write_text(card.read_text().replace("effort: unknown", "effort: 1.0"))
     return Tried(str(card), tmp_path)

@@ -20,13 +20,16 @@ FINGERS = {(side, f.name): ClosedFormFinger(SPECS[side], f.name) for side in SID
 EVERY = list(FINGERS)
 LONG = [key for key in EVERY if key[1] != "thumb"]
 THUMBS = [key for key in EVERY if key[1] == "thumb"]
-SHORT = (("right", "index"), ("left", "ring"), ("left", "thumb"))
+SHORT: dict[Key, tuple[pytest.MarkDecorator, ...]] = {
+    ("right", "index"): (), ("left", "thumb"): (), ("left", "ring"): (pytest.mark.slow,),
+}  # fmt: skip
+"""The fingers of a test that looks at very many postures, and the tier of each; all others are in the long run."""
 
 
 def shortly(keys: list[Key]) -> list[Any]:
-    """Before each push one long finger of either hand, and a thumb, which differs in kind; all of them in the long
-    run: for what takes its time to look at very many postures."""
-    return [pytest.param(key, marks=[] if key in SHORT else [pytest.mark.long]) for key in keys]
+    """Before each push one long finger, and a thumb of the other hand, which differs in kind; a long finger of that
+    hand in the slow tier, and all of them in the long run: for what takes its time to look at very many postures."""
+    return [pytest.param(key, marks=SHORT.get(key, (pytest.mark.long,))) for key in keys]
 
 
 def postures(finger: ClosedFormFinger, n: int, seed: int = 0) -> Array:

@@ -110,6 +110,7 @@ def test_a_state_machine_looks_ten_times_a_second_from_its_phase_on() -> None:
     assert looks != other
 
 
+@pytest.mark.slow
 def test_an_unfinished_sweep_has_given_each_hand_the_same() -> None:
     full = load_study("preemption")
     sweep = sweep_of(full, ("allegro", "sih"), 168)

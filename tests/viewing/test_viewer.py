@@ -15,6 +15,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
@@ -64,8 +65,9 @@ def look(tick: int = 0) -> dict[str, Array]:
     }
 
 
-@pytest.fixture
-def written(tmp_path: Path, spec: HandSpec) -> Rows:
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Rows:
+    spec, tmp_path = load_spec(), tmp_path_factory.mktemp("written")
     viewer = Viewer(spec, scenery(spec, {"objects": [BOX], "phases": PHASES}))
     viewer.to_file(tmp_path / "a.rrd")
     for _ in shown((sample(tick) for tick in range(101)), viewer, look):

@@ -68,7 +68,7 @@ def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is
     assert np.abs(state.velocity).max() < 2e-3
 
 
-@pytest.mark.parametrize("dry", [0.1, 0.2, 0.4])
+@pytest.mark.parametrize("dry", [0.2, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.1, 0.4))])
 def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_arm_swing(dry: float) -> None:
     push = np.zeros((2500, 3))
     push[50:, 0] = -10.0
@@ -81,7 +81,7 @@ def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_ar
     assert np.abs(state.velocity).max() < 0.02
 
 
-@pytest.mark.parametrize("stiffness", [150.0, 1000.0])
+@pytest.mark.parametrize("stiffness", [150.0, pytest.param(1000.0, marks=pytest.mark.slow)])
 def test_the_tool_comes_to_rest_near_a_target_that_moved_and_turned(stiffness: float) -> None:
     arm = rig()
     goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), rotate(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
@@ -131,7 +131,7 @@ def test_an_arm_presses_on_a_wall_as_its_springs_say() -> None:
     assert 500.0 * (0.05 - way) == pytest.approx(WALL * plate, rel=0.01)
 
 
-@pytest.mark.parametrize(("dry", "near"), [(0.0, 0.01), (0.2, 0.06)])
+@pytest.mark.parametrize(("dry", "near"), [pytest.param(0.0, 0.01, marks=pytest.mark.slow), (0.2, 0.06)])
 def test_an_arm_under_impedance_presses_as_hard_as_its_spring_is_drawn_but_for_friction(
     dry: float, near: float
 ) -> None:
@@ -142,7 +142,7 @@ def test_an_arm_under_impedance_presses_as_hard_as_its_spring_is_drawn_but_for_f
     assert 1000.0 * (0.05 - way) == pytest.approx(WALL * plate, rel=near)
 
 
-@pytest.mark.parametrize("stiffness", [400.0, 1000.0])
+@pytest.mark.parametrize("stiffness", [400.0, pytest.param(1000.0, marks=pytest.mark.slow)])
 def test_an_arm_that_feels_its_flange_presses_as_hard_as_its_spring_is_drawn_in_spite_of_friction(
     stiffness: float,
 ) -> None:

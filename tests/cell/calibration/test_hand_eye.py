@@ -28,6 +28,7 @@ def test_from_exact_corners_camera_and_pattern_are_found_to_the_last_digits(wris
     assert found.position_error < 1e-8
 
 
+@pytest.mark.slow
 def test_pixel_noise_costs_tenths_of_a_millimetre_and_the_stated_error_covers_it() -> None:
     covered = 0
     for seed in range(10):

@@ -171,6 +171,7 @@ HEAP = [("golf_ball", 0.0, 0.0), ("lemon", 0.05, 0.0), ("foam_brick", -0.01, 0.0
         ("peach", -0.055, -0.01), ("rubiks_cube", 0.02, -0.05)]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_heap_is_unclear_or_taken_for_about_one_solid_where_that_is_allowed() -> None:
     heap = picture(*(put(name, x=x, y=y) for name, x, y in HEAP))
     assert "move them 2 cm apart" in said(look(heap), "unclear")

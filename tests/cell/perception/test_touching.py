@@ -27,7 +27,10 @@ def seen(*objects: tuple[str, tuple[float, float], float]) -> list[Detection]:
 @pytest.mark.parametrize("objects", [
     [("foam_brick", (0.0, 0.0), 0.0), ("rubiks_cube", (0.067, 0.01), 0.0)],
     [("lemon", (0.0, 0.0), 30.0), ("orange", (0.02, 0.066), 0.0)],
-    [("foam_brick", (0.0, 0.0), 0.0), ("rubiks_cube", (0.067, 0.01), 0.0), ("peach", (0.02, 0.056), 0.0)],
+    pytest.param(
+        [("foam_brick", (0.0, 0.0), 0.0), ("rubiks_cube", (0.067, 0.01), 0.0), ("peach", (0.02, 0.056), 0.0)],
+        marks=pytest.mark.slow,
+    ),
 ])  # fmt: skip
 def test_what_touches_is_as_many_solids_as_there_are_things(
     objects: list[tuple[str, tuple[float, float], float]],

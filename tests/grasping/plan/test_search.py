@@ -61,6 +61,7 @@ def found() -> tuple[GraspSearch, list[PlannedGrasp], int]:
     return search, search.run(1, SearchBudget(48), lambda best, at: rounds.append(len(best))), len(rounds)
 
 
+@pytest.mark.slow
 def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[GraspSearch, list[PlannedGrasp], int]) -> None:
     search, (planned,), _ = found
     assert planned.margin > 0.0
@@ -87,6 +88,7 @@ def test_what_was_written_is_what_was_proven(
     assert "Planned for tennis_ball, from" in text
 
 
+@pytest.mark.slow
 def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:

@@ -19,9 +19,16 @@ EASY: dict[str, dict[str, Any]] = {
 }
 
 
-# Every task once before each push; two with both of the engine's ways through a period.
+def marks(task: str, short: bool) -> list[pytest.MarkDecorator]:
+    """Every task once before each push, but the one that takes seconds; two with both of the engine's ways through a
+    period."""
+    if short and task == "HoldDisturbed":
+        return [pytest.mark.slow]
+    return [] if task in ("Reach", "Grasp") or short else [pytest.mark.long]
+
+
 CASES = [
-    pytest.param(task, randomise, marks=[] if task in ("Reach", "Grasp") or short else [pytest.mark.long])
+    pytest.param(task, randomise, marks=marks(task, short))
     for task in TASKS
     for randomise, short in (("off", False), ("default", True))
 ]

@@ -36,7 +36,9 @@ TASKS = ("Reach", "Grasp", "Lift", "HoldDisturbed")
 KEPT = {"leap": "mug", "model_o": "apple", "sih": "lemon", "qb_softhand": "mug"}
 """Objects that the hands keep when nothing pushes."""
 EACH = [
-    pytest.param(task, hand, marks=[] if task == "Grasp" or hand == "model_o" else [pytest.mark.long])
+    pytest.param(
+        task, hand, marks=[] if hand == "model_o" else [pytest.mark.slow if task == "Grasp" else pytest.mark.long]
+    )
     for task in TASKS
     for hand in HANDS
 ]

@@ -54,6 +54,7 @@ def test_it_leaves_a_policy_that_a_real_hand_could_run_and_goes_on(tmp_path: Pat
     assert told[4:] == [80, 96]
 
 
+@pytest.mark.slow
 def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_path: Path, teacher: Path) -> None:
     torch = pytest.importorskip("torch")
     from allegro_twin.learning.environments.settings import EnvSettings

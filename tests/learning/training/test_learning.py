@@ -133,7 +133,7 @@ def test_the_exported_policy_acts_as_the_trained_one_and_carries_its_card(whole:
     assert np.abs(exported.policy(far)).max() <= 1.0
 
 
-@pytest.mark.parametrize("task", ["Reach", "Rotate"])
+@pytest.mark.parametrize("task", ["Reach", pytest.param("Rotate", marks=pytest.mark.slow)])
 def test_with_a_state_the_critic_sees_it_and_the_exported_policy_does_not_need_it(task: str, tmp_path: Path) -> None:
     import torch
     from stable_baselines3 import PPO
@@ -201,6 +201,7 @@ def test_rounds_are_whole_updates() -> None:
     assert (recipe(steps=1).rounds, recipe(steps=1).round_steps) == (1, 128)
 
 
+@pytest.mark.slow
 def test_goals_go_farther_from_round_to_round_and_arrive_where_they_should(tmp_path: Path) -> None:
     from allegro_twin.learning.training.sb3 import ppo as learning
 

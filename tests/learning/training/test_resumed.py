@@ -81,7 +81,9 @@ def cut_off(folder: Path, wanted: Recipe, after: int) -> None:
         train(wanted, folder, stop)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    "task", [pytest.param(task, marks=() if task == "Reach" else pytest.mark.slow) for task in TASKS]
+)
 def test_a_training_that_is_continued_is_the_one_that_was_not_interrupted(task: str, tmp_path: Path) -> None:
     wanted = recipe(task)
     train(wanted, tmp_path / "whole")
@@ -93,6 +95,7 @@ def test_a_training_that_is_continued_is_the_one_that_was_not_interrupted(task: 
     same(tmp_path / "whole", tmp_path / "cut")
 
 
+@pytest.mark.slow
 def test_the_rate_that_adapts_goes_on_too(tmp_path: Path) -> None:
     wanted = recipe("Rotate", desired_kl=0.01)
     train(wanted, tmp_path / "whole")
@@ -114,6 +117,7 @@ def test_generators_outside_go_on_where_they_were(tmp_path: Path) -> None:
     assert drawn == again
 
 
+@pytest.mark.slow
 def test_tensorboard_shows_the_training_without_a_seam(tmp_path: Path) -> None:
     name = "tensorboard.backend.event_processing.event_accumulator"
     events = pytest.importorskip(name, reason="tensorboard is not installed: pip install 'allegro-twin[rsl]'")
@@ -133,6 +137,7 @@ def test_tensorboard_shows_the_training_without_a_seam(tmp_path: Path) -> None:
     assert log.Scalars("evaluation/success_rate")[-1].step == 216
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_other_environments_is_refused(tmp_path: Path) -> None:
     """The recipe is the same, and its task is not: another version of a user's own, say."""
     wanted = recipe("Rotate", steps=72)

@@ -158,6 +158,7 @@ def test_a_training_begins_with_next_to_no_action() -> None:
     assert 0.0 < action.abs().max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
@@ -180,6 +181,7 @@ def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None
         PpoLearner(recipe(task="Rotate", environment=hand, start=str(full)), fingers)
 
 
+@pytest.mark.slow
 def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")

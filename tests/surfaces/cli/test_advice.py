@@ -11,6 +11,7 @@ from typing import Any
 import allegro_twin
 from tests.surfaces.cli.conftest import Run
 from tests.surfaces.cli.wrong import built
+from tests.test_architecture import parsed
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 OTHERS = {
@@ -41,7 +42,7 @@ def named() -> Iterator[tuple[str, str]]:
     """Every option that a text of the package names, and where."""
     root = Path(allegro_twin.__file__).parent
     for path in sorted(root.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 for option in OPTION.findall(node.value):
                     yield option, f"{path.relative_to(root)}:{node.lineno}"

@@ -42,6 +42,7 @@ def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path,
     assert "allegro_right at 1.500 s" in shown
 
 
+@pytest.mark.slow
 def test_a_scenario_ends_with_a_table_and_its_files(tmp_path: Path) -> None:
     done = allegro_twin("run", "lemon", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

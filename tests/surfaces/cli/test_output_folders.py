@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 import pytest
 
 from allegro_twin.errors import RecordingError
+from allegro_twin.files.assets import data_root
 from allegro_twin.files.output_folder import FILES, UNFINISHED, add_to_run, defer_signals, lock_folder, write_run
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.cli import options
@@ -59,10 +61,15 @@ def another_writer(path: Path, code: str = HOLDER) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def lemon(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a run."""
-    out = tmp_path_factory.mktemp("lemon") / "f"
-    subprocess.run([sys.executable, "-m", "allegro_twin", "run", "lemon", "--out", out], check=True)
-    return out
+    """A folder with a run, of a lemon that is neither held nor shaken for long."""
+    folder = tmp_path_factory.mktemp("lemon")
+    rules = (data_root() / "conf/protocols/table_pick.yaml").read_text().replace("4.5, shake", "0.3, shake")
+    (folder / "quick.yaml").write_text(rules.replace("seconds: 2.0", "seconds: 0.3"))
+    text = (data_root() / "scenarios/demo/lemon.yaml").read_text() + f"protocol: {folder}/quick.yaml\n"
+    (folder / "lemon.yaml").write_text(text)
+    command = [sys.executable, "-m", "allegro_twin", "run", str(folder / "lemon.yaml"), "--out", str(folder / "f")]
+    subprocess.run(command, check=True)
+    return folder / "f"
 
 
 def rows(path: Path) -> int:
@@ -80,12 +87,15 @@ def interrupted(arguments: list[str], folder: Path, how: signal.Signals) -> tupl
     ) as program:
         while not any(rows(path) >= 100 for path in (folder / UNFINISHED).glob("*.arrow")):
             assert program.poll() is None, program.stderr and program.stderr.read()
+            time.sleep(0.02)
         program.send_signal(how)
         _, said = program.communicate()
     return program.returncode, said
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.slow) for each in (signal.SIGTERM, signal.SIGKILL))]
+)
 def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     lemon: Path, tmp_path: Path, how: signal.Signals
 ) -> None:

@@ -54,6 +54,7 @@ def test_a_mesh_with_a_hole_is_closed_and_said_or_taken_as_its_hull(command: Run
     assert command("new", "lemon", "--hull", "--out", tmp_path / "out")[2].endswith("lemon is of the catalogue\n")
 
 
+@pytest.mark.slow
 def test_the_command_mesh_writes_a_closed_obj_a_picture_and_a_report(command: Run, tmp_path: Path) -> None:
     """A box of 60 × 40 × 20 mm, in mm, without its top, and inside out."""
     solid = bottomless(moved(cracker(), (0.0, 0.0, 0.0), 0.25))
@@ -66,6 +67,12 @@ def test_the_command_mesh_writes_a_closed_obj_a_picture_and_a_report(command: Ru
     assert load_mesh(tmp_path / "clean.obj").volume == pytest.approx(31.5e-6, rel=1e-4)
     assert mesh_report(tmp_path / "clean.obj") is None
     assert json.loads((tmp_path / "clean.json").read_text())["scale"] == 0.001
+
+
+def test_the_command_mesh_refuses_what_is_no_length_and_to_write_over_what_it_reads(
+    command: Run, tmp_path: Path
+) -> None:
+    file = obj(tmp_path / "scan.obj", cracker().vertices, cracker().faces.tolist(), 0.001)
     code, _, errors = command("mesh", file, "--tolerance", "2 miles")
     assert (code, errors.count("\n")) == (2, 1)
     assert "'2 miles' is no length" in errors

@@ -115,6 +115,7 @@ def two_running(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[int]
         program.communicate()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signalled", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_an_interruption_ends_all_processes_and_their_recordings_are_whole(
     tmp_path: Path, signalled: signal.Signals

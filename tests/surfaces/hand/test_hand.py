@@ -392,8 +392,7 @@ def test_a_trajectory_of_the_library_is_performed_by_name_on_either_hand(side: S
     "name",
     [
         "grasp_3",
-        "envelop",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("grasp_4", "pinch_index", "pinch_middle")),
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("envelop", "grasp_4", "pinch_index", "pinch_middle")),
     ],
 )
 def test_the_manufacturers_grasps_close_on_a_hand_in_the_air(name: str, hand: Hand) -> None:

@@ -50,12 +50,19 @@ def rows() -> list[Row]:
 def executed() -> list[Any]:
     """Each row that is here, for each side; with the left hand every other one, and none that takes seconds, before
     each push, and the others in `make test-all`."""
+
+    def marks(k: int, row: Row, side: Side) -> list[pytest.MarkDecorator]:
+        if "calibrate" in row.here or "another make" in row.paper:
+            return [pytest.mark.slow if side == "right" else pytest.mark.long]
+        return [pytest.mark.long] if side == "left" and k % 2 else []
+
     here = [row for row in rows() if row.here != "not yet"]
+    sides: tuple[Side, ...] = ("right", "left")
     return [
-        pytest.param(row, side, id=f"{side}-{row.paper[:40]}",
-                     marks=[pytest.mark.long] if side == "left" and (k % 2 or "calibrate" in row.here) else [])
-        for k, row in enumerate(here) for side in ("right", "left")
-    ]  # fmt: skip
+        pytest.param(row, side, id=f"{side}-{row.paper[:40]}", marks=marks(k, row, side))
+        for k, row in enumerate(here)
+        for side in sides
+    ]
 
 
 def names_for(hand: Hand) -> dict[str, Any]:

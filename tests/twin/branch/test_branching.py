@@ -40,6 +40,7 @@ def test_without_a_change_the_future_is_the_recorded_one_bit_for_bit(tmp_path: P
     np.testing.assert_array_equal(found.branched, load(path).columns["position"])
 
 
+@pytest.mark.slow
 def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path) -> None:
     content = {
         "backend": {"kind": "sim"}, "task": {"scenario": "lemon"}, "controller": {"kind": "pd"},

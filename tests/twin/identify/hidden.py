@@ -40,16 +40,23 @@ def config(side: str = "right", drive: Mapping[str, float] | None = None) -> Run
 
 
 @cache
-def recordings(*, breaking: bool = False) -> tuple[Path, ...]:
-    """One for each pose; `breaking`: of a hand whose friction is of SHAPE."""
+def _folder(breaking: bool) -> Path:
+    return Path(mkdtemp())
+
+
+@cache
+def recording(pose: str, *, breaking: bool = False) -> Path:
+    """Of one pose; `breaking`: of a hand whose friction is of SHAPE."""
     own = config(drive=SHAPE) if breaking else config()
-    folder, found = Path(mkdtemp()), []
-    for pose in POSES:
-        task = remaining_run(own, pose, SECONDS, 3, folder)
-        assert task is not None
-        record_run(pose_config(own, task.pose), task, lambda t: None)
-        found.append(task.file)
-    return tuple(found)
+    task = remaining_run(own, pose, SECONDS, 3, _folder(breaking))
+    assert task is not None
+    record_run(pose_config(own, task.pose), task, lambda t: None)
+    return task.file
+
+
+def recordings(*, breaking: bool = False) -> tuple[Path, ...]:
+    """One for each pose."""
+    return tuple(recording(pose, breaking=breaking) for pose in POSES)
 
 
 @cache

@@ -214,7 +214,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     assert (basis["date"], len(basis["recordings"])) == ("2026-01-02", 3)
     assert basis["engine"].startswith("mujoco ")
     assert set(basis["interval"]) == {"torque_constant", "armature", "damping", "frictionloss", "offset", "delay"}
-    (gap,) = measure_gaps([hidden.recordings()[1]], str(file))
+    (gap,) = measure_gaps([hidden.recording(hidden.POSES[1])], str(file))
     assert gap.horizons == (0.1, 0.3, 1.0, 5.0)
     assert gap.before.all[3] > 0.05
     assert gap.after.all[3] < gap.before.all[3] / 20.0
@@ -259,7 +259,7 @@ def test_another_hands_file_is_refused(tmp_path: Path) -> None:
 def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, recording_path: Path) -> None:
     with pytest.raises(ConfigError, match="does not say with which torque constant .* record it again"):
         read_motion(recording_path)
-    first = load(hidden.recordings()[0])
+    first = load(hidden.recording(hidden.POSES[0]))
     for name, rows, torque, said in (
         ("short", 500, 0.1, r"is 1\.5 s long: record at least 3 s"),
         ("still", 1400, 0.0, "holds positions without torques"),
@@ -303,7 +303,7 @@ def test_recordings_of_two_hands_are_not_one() -> None:
 
 @pytest.mark.slow
 def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> None:
-    first, path = load(hidden.recordings()[0]), tmp_path / "gap.arrow"
+    first, path = load(hidden.recording(hidden.POSES[0])), tmp_path / "gap.arrow"
     columns = {name: np.array(values) for name, values in first.columns.items()}
     columns["torque"][1000, 0] = 0.3125  # What the driver sends at most.
     kept = [k for k in range(1400) if k not in range(500, 510)]

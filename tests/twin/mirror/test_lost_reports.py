@@ -86,14 +86,16 @@ def watch(spec: HandSpec, samples: Iterator[Sample], above: float = LEARNED) -> 
     return each, touches
 
 
-@pytest.mark.parametrize(("share", "longest"), [(0.001, 2), (0.05, 2), (0.2, 3), (0.01, 20)])
+@pytest.mark.parametrize(("share", "longest"), [
+    (0.05, 2), *(pytest.param(*row, marks=pytest.mark.slow) for row in ((0.001, 2), (0.2, 3), (0.01, 20))),
+])  # fmt: skip
 def test_lost_periods_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim, share: float, longest: int) -> None:
     each, touches = watch(spec, motion(spec, make_sim, losses(share, longest)))
     assert not touches
     assert each.fault is None
 
 
-@pytest.mark.parametrize("late", [0.0, 0.9])
+@pytest.mark.parametrize("late", [pytest.param(0.0, marks=pytest.mark.slow), 0.9])
 def test_a_period_of_which_a_host_heard_nothing_is_no_touch_before_its_clock_counts_it(
     spec: HandSpec, make_sim: MakeSim, late: float
 ) -> None:
@@ -141,7 +143,7 @@ def test_a_finger_whose_report_alone_is_lost_is_expected_where_it_went(spec: Han
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [6e-5, 2e-4, 4e-4])
+@pytest.mark.parametrize("noise", [2e-4, *(pytest.param(each, marks=pytest.mark.slow) for each in (6e-5, 4e-4))])
 def test_noisy_encoders_are_no_touch_and_no_fault_even_where_no_file_says_so(
     spec: HandSpec, make_sim: MakeSim, noise: float
 ) -> None:
