@@ -44,9 +44,13 @@ def _folder(breaking: bool) -> Path:
     return Path(mkdtemp())
 
 
-@cache
 def recording(pose: str, *, breaking: bool = False) -> Path:
     """Of one pose; `breaking`: of a hand whose friction is of SHAPE."""
+    return _recorded(pose, breaking)
+
+
+@cache  # However it is asked for, it is one.
+def _recorded(pose: str, breaking: bool) -> Path:
     own = config(drive=SHAPE) if breaking else config()
     task = remaining_run(own, pose, SECONDS, 3, _folder(breaking))
     assert task is not None
