@@ -49,6 +49,19 @@ def test_the_baseline_is_chosen_where_every_other_one_costs_success_and_where_no
     assert nothing.policy(asked(0.0)) == "A"
 
 
+def test_what_costs_success_is_not_chosen_however_much_time_it_saves() -> None:
+    """One in ten lost saves a fifth of the time: more successes a second, and more than the allowance below."""
+    made, draws = train({}), np.random.default_rng(4)
+    for name in made:
+        if name != "A":
+            made[name] = [each | {"held": bool(draws.uniform() > 0.1)} for each in made[name]]
+    choice, trial = learn(STUDY, made), asked(5.0, "train_cylinder")
+    success, chosen = choice.success(trial), choice.policy(trial)
+    most = max(success, key=lambda name: success[name] / choice.seconds[name])
+    assert success[most] < success["A"] - 0.02 <= success[chosen]
+    assert success[most] / choice.seconds[most] > success[chosen] / choice.seconds[chosen]
+
+
 def test_nothing_that_came_of_a_trial_is_known_to_the_choice() -> None:
     choice = learn(STUDY, train({"F75": 7.0}))
     plain = asked(5.0)
