@@ -272,14 +272,14 @@ def _from(
         except ConfigError:
             return None  # The answer, not an error.
         postures.append(at)
-    room = _room(postures, robot)
+    room = joint_room(postures, robot)
     if room < _ROOM or not all(reaches_straight(*ends, robot) for ends in pairwise(postures)):
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
     return GraspPlan(far, way, (*_over(way, top, robot, postures[0]), postures[0]), (postures[1], postures[2]), room)
 
 
-def _room(postures: Sequence[Vector], robot: ArmWithHand) -> float:
+def joint_room(postures: Sequence[Vector], robot: ArmWithHand) -> float:
     """The least to the end of a joint, rad."""
     spec = robot.spec
     return min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures)
@@ -296,7 +296,7 @@ def reaches_straight(begin: Vector, end: Vector, robot: ArmWithHand, room: float
     except ConfigError:
         return False
     far = max(float(np.abs(one - other).max()) for one, other in ((begin, between), (between, end), (begin, end)))
-    return far <= _TURN and _room([between], robot) >= room
+    return far <= _TURN and joint_room([between], robot) >= room
 
 
 def _over(way: GraspCandidate, top: float, robot: ArmWithHand, at: Vector) -> tuple[Vector, ...]:
@@ -319,7 +319,7 @@ def _above(way: GraspCandidate, up: float, robot: ArmWithHand, at: Vector) -> tu
             found = robot.model.reach(robot.flange_for(above), at, _NEAR)
         except ConfigError:
             continue  # Lower, or straight on.
-        if _room([found], robot) >= _ROOM:
+        if joint_room([found], robot) >= _ROOM:
             return (found,)
     return ()
 

@@ -12,7 +12,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.motion.other_objects import box_around, height_around
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.target import half_width
-from allegro_twin.cell.planning.reachability import far_path, reaches_straight
+from allegro_twin.cell.planning.reachability import far_path, joint_room, reaches_straight
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate, yaw_rotation
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.errors import ConfigError
@@ -151,13 +151,13 @@ def _reached(
 
 def _postures(palms: Sequence[Pose], near: Vector, room: float, cell: Cell) -> tuple[Vector, ...]:
     """Of the arm, one after the other; none where one of them is out of reach, or has less `room`, rad, in a joint."""
-    robot, spec, found = cell.robot, cell.robot.spec, list[Vector]()
+    robot, found = cell.robot, list[Vector]()
     for palm in palms:
         try:
             near = robot.model.reach(robot.flange_for(palm), near, _NEAR)
         except ConfigError:
             return ()  # The answer, not an error.
-        if float(np.minimum(near - spec.lower, spec.upper - near).min()) < room:
+        if joint_room([near], robot) < room:
             return ()
         found.append(near)
     return tuple(found)
