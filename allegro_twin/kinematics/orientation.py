@@ -114,6 +114,12 @@ def rotate_quaternion(quaternion: ArrayLike, turn: ArrayLike) -> Array:
     return quaternion_product(quaternion_from_vector(turn), quaternion)
 
 
+def rotate_vector(vector: ArrayLike, turn: ArrayLike) -> Array:
+    """Vectors (..., 3) turned by rotation vectors (..., 3), rad."""
+    turned = matrix_from_quaternion(quaternion_from_vector(turn)) @ rows("vectors", vector, 3)[..., None]
+    return np.asarray(turned[..., 0])
+
+
 def yaw_between(before: ArrayLike, after: ArrayLike) -> Array:
     """How far an orientation has turned about the world's z, (...), rad: the twist of after · before⁻¹ about z."""
     change = quaternion_product(after, quaternion_conjugate(before))

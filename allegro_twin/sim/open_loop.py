@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
-from allegro_twin.sim.drivetrain import backlash, lugre_friction
+from allegro_twin.sim.drivetrain import backlash, lugre_friction, parasitic_torque
 from allegro_twin.sim.hand_import.adapt import compile_model
 from allegro_twin.sim.model.joints import as_slice
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
+_NONE: Vector = np.zeros(0)
+_UPRIGHT: Array = np.zeros((0, 3))
+PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods")
+"""What a motor neither commands nor loses evenly to friction."""
 BEFORE = 6
 """Periods of commands that are still on their way when a piece begins: the longest delay."""
 
@@ -49,6 +53,24 @@ class DriveParameters:
 
     backlash: Vector
     """rad, both ways together, for a player that is loose."""
+    bias_torque: Vector = field(default_factory=lambda: _NONE)
+    """N·m, for a player with parasitic torque, like the next four; nothing without."""
+    uneven_damping: Vector = field(default_factory=lambda: _NONE)
+    """N·m·s/rad."""
+    cogging_cosine: Vector = field(default_factory=lambda: _NONE)
+    """N·m."""
+    cogging_sine: Vector = field(default_factory=lambda: _NONE)
+    """N·m."""
+    cogging_periods: Vector = field(default_factory=lambda: _NONE)
+    """Periods of the cogging in a turn."""
+    tilt: Array = field(default_factory=lambda: _UPRIGHT)
+    """By how much the palm leans from what each recording says of gravity: a rotation of that in the palm's frame,
+    (recordings, 3), rad; no row where it does not lean."""
+
+    def __post_init__(self) -> None:
+        for name in PARASITIC:
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(len(self.torque_constant)))
 
     def changed(self, name: str, joints: list[int], by: float) -> Self:
         """The same, but for one of them at some joints."""
@@ -89,13 +111,14 @@ class OpenLoopPlayer:
         *,
         bristly: bool = False,
         loose: bool = False,
+        parasitic: bool = False,
     ) -> None:
-        """`bristly`: friction breaks away; otherwise it is Coulomb's. `loose`: there is backlash. The time step is the
-        longest near STEP."""
-        self.spec, self._period, self.bristly, self.loose = spec, period, bristly, loose
+        """`bristly`: friction breaks away; otherwise it is Coulomb's. `loose`: there is backlash. `parasitic`: joints
+        feel parasitic torque. The time step is the longest near STEP."""
+        self.spec, self._period, self.bristly, self.loose, self.parasitic = spec, period, bristly, loose, parasitic
         self._steps = round(period / (timestep or STEP[bristly or loose]))
         self.timestep = period / self._steps
-        self._model = _bare(spec, self.timestep, bristly, loose)
+        self._model = _bare(spec, self.timestep, bristly, loose, parasitic)
         model = self._model
         joints = [model.joint(name) for name in spec.joints]
         self.qpos = as_slice([joint.qposadr[0] for joint in joints])
@@ -108,6 +131,8 @@ class OpenLoopPlayer:
         self.bristles = np.array(model.actuator_actadr[self._friction])
         names = [backlash.play_joint(name) for name in spec.joints] if loose else []
         self._plays = np.array([model.joint(name).id for name in names], dtype=int)
+        names = [parasitic_torque.torque_actuator(name) for name in spec.joints] if parasitic else []
+        self._strays = as_slice([model.actuator(name).id for name in names])
         self._scratch = mujoco.MjData(model)
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
@@ -127,7 +152,10 @@ class OpenLoopPlayer:
 
     def finer(self) -> OpenLoopPlayer:
         """The same at half the time step."""
-        return OpenLoopPlayer(self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose)
+        return OpenLoopPlayer(
+            self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose,
+            parasitic=self.parasitic,
+        )  # fmt: skip
 
     def links(self, qpos: Array) -> Array:
         """Where the links are, (…, n), rad: their motors, and how far they lie from these."""
@@ -145,6 +173,11 @@ class OpenLoopPlayer:
             dry = drive.frictionloss + drive.load_friction * drive.torque_constant * np.abs(duty)
             shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
             lugre_friction.set_friction(self._model, self._friction, dry, *shape, drive.armature)
+
+    def stray(self, drive: DriveParameters, data: mujoco.MjData) -> None:
+        """Set the parasitic torque of the next step of a simulation of the `prepared` model."""
+        if self.parasitic:
+            data.ctrl[self._strays] = parasitic_torque.torque(drive, data.qpos[self.qpos], data.qvel[self.dofs])
 
     def late(self, delay: Vector) -> Array:
         """What each of the last BEFORE + 1 commands has of every time step of a period, (steps, BEFORE + 1, n)."""
@@ -196,6 +229,7 @@ class OpenLoopPlayer:
             sims.bind("act")[:, self.bristles] = bent + more
         control = self._late(pieces.duty, drive.delay)
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
+        qvel = sims.bind("qvel") if self.parasitic else qpos
         rubbing = (
             lugre_friction.BatchedFriction(sims, self._friction) if self.bristly and drive.load_friction.any() else None
         )
@@ -208,6 +242,8 @@ class OpenLoopPlayer:
                 if rubbing is not None:
                     dry = drive.frictionloss + share * np.abs(now)
                     rubbing.set(dry, drive.stiction, drive.bristle, drive.armature)
+                if self.parasitic:
+                    ctrl[:, self._strays] = parasitic_torque.torque(drive, qpos[:, self.qpos], qvel[:, self.dofs])
                 sims.step()
             found[k] = self.links(qpos)
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
@@ -236,6 +272,8 @@ class OpenLoopPlayer:
         motion = zip(position - drive.offset, velocity, pieces.acceleration, pieces.gravity, strict=True)
         # Armature is in it, and what the model itself holds against a motion: damping, and the bristles' springs at 0.
         held = push - np.array([self.link_torque(*row) for row in motion])
+        if self.parasitic:
+            held = held + parasitic_torque.torque(drive, position - drive.offset, velocity)
         dry = drive.frictionloss + drive.load_friction * np.abs(push)
         sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
         steady = lugre_friction.steady_deflection(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
@@ -263,7 +301,7 @@ _SLIDES = 0.15
 _NOTHING = 1e-9  # kg: a body without mass cannot be given one later.
 
 
-def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool) -> mujoco.MjModel:
+def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool, parasitic: bool) -> mujoco.MjModel:
     """The hand's links and joints, without anything that touches or is looked at."""
     hand = hand_spec(replace(spec, drive=None))
     for finger in spec.fingers:
@@ -281,6 +319,8 @@ def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool) -> mujoco
         if loose:
             backlash.add_backlash(hand, name, backlash.SMALLEST)
         motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    for name in spec.joints if parasitic else ():  # After those of friction, which stand one after the other.
+        parasitic_torque.add_torque(hand, name)
     hand.option.timestep, hand.option.noslip_iterations = timestep, 0
     hand.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # With dry friction alone to solve for it ends where Newton does, to 2e-8 rad in 0.3 s, in 0.7 of the time.

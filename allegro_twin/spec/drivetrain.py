@@ -39,8 +39,21 @@ class Drive:
     """Step of a reported position, rad; 0: none."""
     mass_scale: Vector
     """Factor on the mass and inertia of the link that each joint moves."""
+    bias_torque: Vector
+    """Constant torque on the joint, N·m: a cable's, and half of what dry friction differs by between directions."""
+    uneven_damping: Vector
+    """By how much damping is larger forwards, and smaller backwards, N·m·s/rad."""
+    cogging_cosine: Vector
+    """Torque that comes again with the angle q, N·m: this times cos(N q) …"""
+    cogging_sine: Vector
+    """… and this times sin(N q), N·m …"""
+    cogging_periods: Vector
+    """… with N periods in a turn; 0: none."""
     tip_mass: Vector
     """Mass of a weight at the fingertip, kg: at the last joint of a finger; 0 elsewhere."""
+    tilt: Vector
+    """By how much the palm leans from what is said of gravity: rotation vector of gravity in the palm's frame, (3,),
+    rad."""
     seed: int = 0
     """Seed of the noise."""
 
@@ -51,9 +64,19 @@ class Drive:
         for key in given:
             if key not in names:
                 raise ConfigError(f": {unknown('key', str(key), names)}")
-        rows = {name: _row(name, given.get(name, _NOMINAL[name]), n) for name in names if name not in _SINGLE}
+        rows = {
+            name: _row(name, given.get(name, _NOMINAL[name]), _THREE.get(name, n))
+            for name in names
+            if name not in _SINGLE
+        }
         single = {name: _number(name, given.get(name, 0)) for name in _SINGLE}
         return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
+
+    @property
+    def parasitic(self) -> bool:
+        """Whether a joint feels torque that is neither its motor's nor even friction."""
+        rows = (self.bias_torque, self.uneven_damping, self.cogging_cosine, self.cogging_sine)
+        return any(row.any() for row in rows)
 
     def plain(self) -> dict[str, Any]:
         """Plain values, as `from_values` takes them."""
@@ -77,7 +100,9 @@ _SINGLE = ("delay", "seed")
 _NOMINAL = dict.fromkeys((field.name for field in fields(Drive)), 0.0) | {
     "strength": 1.0, "stiction": 1.0, "mass_scale": 1.0, "stribeck_speed": 0.1,
 }  # fmt: skip
-_LEAST = {"stiction": 1.0, "encoder_offset": -math.inf}
+_SIGNED = ("encoder_offset", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "tilt")
+_LEAST = {"stiction": 1.0} | dict.fromkeys(_SIGNED, -math.inf)
+_THREE = {"tilt": 3}
 _POSITIVE = ("strength", "stribeck_speed", "mass_scale")
 
 

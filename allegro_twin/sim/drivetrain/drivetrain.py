@@ -7,7 +7,8 @@ from collections import deque
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.drivetrain import backlash, lugre_friction
+from allegro_twin.kinematics.orientation import rotate_vector
+from allegro_twin.sim.drivetrain import backlash, lugre_friction, parasitic_torque
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Ailment, Drive
 from allegro_twin.types import Vector
@@ -16,7 +17,7 @@ _WEIGHT = 0.005  # m, radius of a weight at a fingertip.
 
 
 def build_drive(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
-    """Edit a hand's MjSpec: strength, friction that breaks away, masses, and weights at the fingertips."""
+    """Edit a hand's MjSpec: strength, friction that breaks away, parasitic torque, masses, weights at fingertips."""
     for index, name in enumerate(spec.joints):
         motor, limit = hand.actuator(name), spec.actuation.torque_limit[index] * drive.strength[index]
         motor.gainprm[0] = drive.strength[index]
@@ -26,6 +27,8 @@ def build_drive(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
         link = hand.joint(name).parent
         if drive.backlash[index] > 0.0:
             backlash.add_backlash(hand, name, drive.backlash[index])
+        if drive.parasitic:
+            parasitic_torque.add_torque(hand, name)
         if drive.mass_scale[index] != 1.0:
             link.mass *= drive.mass_scale[index]
             link.inertia *= drive.mass_scale[index]
@@ -63,6 +66,10 @@ class Drivetrain:
         # What went wrong: what motors still give, how far encoders have moved, and how fast they do, rad and rad/s.
         self._share, self._moved, self._drift = np.ones((3, spec.n_joints)) * [[1.0], [0.0], [0.0]]
         self._loaded = bool(drive.load_friction.any())
+        self._strays: list[int] = []
+        if drive.parasitic:
+            self._strays = [model.actuator(parasitic_torque.torque_actuator(name)).id for name in spec.joints]
+            self._angles = np.array([model.joint(name).qposadr[0] for name in spec.joints])
         self.reset()
 
     def suffer(self, what: Ailment, joint: int, amount: float) -> None:
@@ -107,6 +114,9 @@ class Drivetrain:
             data.ctrl[self._motors] = self._coming.popleft()[1] * self._share
         if self._loaded:
             self._rub(self._dry + self._drive.load_friction * np.abs(data.actuator_force[self._motors]))
+        if self._strays:
+            angle, speed = data.qpos[self._angles], data.qvel[self._dofs]
+            data.ctrl[self._strays] = parasitic_torque.torque(self._drive, angle, speed)
         self._step += 1
         self._moved += self._drift * self._model.opt.timestep
 
@@ -117,6 +127,11 @@ class Drivetrain:
         if len(soft):
             rows = (each[soft] for each in (dry, drive.stiction, drive.stribeck_speed, drive.bristle, self._armature))
             lugre_friction.set_friction(self._model, self._elements, *rows)
+
+    def reported_gravity(self, gravity: Vector) -> Vector:
+        """What the hand says of gravity in its palm's frame, (3,), m/s²."""
+        tilt = self._drive.tilt
+        return rotate_vector(gravity, -tilt) if tilt.any() else gravity
 
     def reported(self, position: Vector, data: mujoco.MjData) -> Vector:
         """What the encoders say of joint positions (n,), rad."""

@@ -268,10 +268,10 @@ class SimBackend:
         position, velocity = self._moved()
         if not math.isfinite(position.sum()):
             raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {self.world.warned()}")
-        if self._train is not None:
-            position = self._train.reported(position, data)
         torque = data.actuator_force[self._motors].copy()
         gravity = self.model.opt.gravity @ data.xmat[self._root].reshape(3, 3)
+        if self._train is not None:
+            position, gravity = self._train.reported(position, data), self._train.reported_gravity(gravity)
         wrench = NO_WRENCH if self._feels is None else -data.sensordata[self._feels]
         for array in (position, velocity, torque, gravity, wrench):
             array.setflags(write=False)

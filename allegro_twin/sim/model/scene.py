@@ -12,6 +12,7 @@ import mujoco
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.appearance import STAND, TABLE
+from allegro_twin.kinematics.orientation import quaternion_from_vector, quaternion_product
 from allegro_twin.sim.drivetrain import drivetrain
 from allegro_twin.sim.drivetrain.servos import limit_forces
 from allegro_twin.sim.hand_import.adapt import adapt_hand, compile_model, find_mjcf, read_mjcf, rename_parts
@@ -113,6 +114,8 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
             geom.friction = friction
     root = scene.body(spec.root)
     root.pos, root.quat = stage.position, stage.quaternion
+    if spec.drive is not None and spec.drive.tilt.any():
+        root.quat = quaternion_product(stage.quaternion, quaternion_from_vector(-spec.drive.tilt))
     root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # A file may say it otherwise, which would count.
     if stage.wrist:
         add_wrist(scene, root, ("wrist_z",) if stage.slide else WRIST_JOINTS)

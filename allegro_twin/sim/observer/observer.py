@@ -24,9 +24,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.sim.observer.kalman import JointKalman
-from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer
+from allegro_twin.sim.open_loop import BEFORE, PARASITIC, DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -69,7 +70,8 @@ class StateObserver:
         noise: Vector | None = None,
     ) -> None:
         """`noise`: standard deviation of what encoders report, (n,), rad; None, and at least: NOISE."""
-        self._player, self._drive = OpenLoopPlayer(spec, period, bristly=bristly), drive
+        parasitic = any(getattr(drive, name).any() for name in PARASITIC)
+        self._player, self._drive = OpenLoopPlayer(spec, period, bristly=bristly, parasitic=parasitic), drive
         self._model = self._player.prepared(drive)
         self._data = mujoco.MjData(self._model)
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
@@ -181,11 +183,13 @@ class StateObserver:
         """What will be reported after one more period, (n,), rad."""
         data, player = self._data, self._player
         self._sent.append(duty)
-        self._model.opt.gravity[:] = gravity
+        tilt = self._drive.tilt
+        self._model.opt.gravity[:] = rotate_vector(gravity, tilt[0]) if len(tilt) else gravity
         controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
         player.rub(self._drive, controls.mean(axis=0))
         for control in controls:
             data.ctrl[player.motors] = control
+            player.stray(self._drive, data)
             mujoco.mj_step(self._model, data)
         return np.asarray(data.qpos[player.qpos] + self._offset)
 

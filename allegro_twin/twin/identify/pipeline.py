@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import parse_yaml
+from allegro_twin.files.yaml_edit import has_content, read_text
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.open_loop import OpenLoopPlayer
@@ -19,13 +21,14 @@ from allegro_twin.twin.identify.fitting.regress import regress, regress_breakawa
 from allegro_twin.twin.identify.motions.limits import FoundLimits, centring_offsets
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, check_same_hand, read_motion
 from allegro_twin.twin.identify.results.gap import Gap, drive_parameters, make_player, measure_gap
-from allegro_twin.twin.identify.results.hand_file import offset_shift
+from allegro_twin.twin.identify.results.hand_file import drive_to_write, offset_shift
 from allegro_twin.twin.identify.results.uncertainty import (
     IdentifiedValue,
     MotionCoverage,
     identified_values,
     motion_coverage,
 )
+from allegro_twin.twin.identify.results.written_drive import WrittenDrive
 from allegro_twin.types import Vector
 
 
@@ -49,6 +52,8 @@ class Identification:
     coverage: MotionCoverage
     fit: DriveFit
     values: Mapping[str, IdentifiedValue]
+    written: WrittenDrive
+    """What a hand's file gets, and how well that predicts what the fit has not seen."""
     end_stop_offsets: Vector
     """Encoder offsets from the joints' end stops, (n,), rad, where the hand's file has measured limits; else NaN."""
 
@@ -80,7 +85,12 @@ def identify_hand(
     progress("the motion as the model would make it")
     fitted = fit_drive(motions, start, regress_breakaway(motions, player, start), base, masses, friction)
     stops = _stops(file, nominal) if file is not None else np.full(spec.n_joints, np.nan)
-    return Identification(tuple(motions), coverage, fitted, identified_values(fitted, coverage), stops)
+    values = identified_values(fitted, coverage)
+    progress("what the fit has not seen")
+    path = Path(hand)
+    content = parse_yaml(read_text(path), hand) if file is not None and has_content(read_text(path)) else {}
+    written = drive_to_write(path, content, fitted, values, motions)
+    return Identification(tuple(motions), coverage, fitted, values, written, stops)
 
 
 def _stops(file: HandSpec, model: HandSpec) -> Vector:

@@ -15,6 +15,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import NAMES
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.shooting import cut_segments
 from allegro_twin.twin.identify.pipeline import Identification
+from allegro_twin.twin.identify.results.findings import describe_prediction, describe_rest, describe_terms
 from allegro_twin.twin.identify.results.hand_file import SCALE
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
 from allegro_twin.types import Array
@@ -25,7 +26,9 @@ _UNITS = {
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
     "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
     "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
-    "backlash": ("backlash, mrad", 1e3),
+    "backlash": ("backlash, mrad", 1e3), "bias_torque": ("constant torque / k, mN·m", 1e3),
+    "uneven_damping": ("damping by direction / k, mN·m·s/rad", 1e3),
+    "cogging_cosine": ("cogging, cosine / k, mN·m", 1e3), "cogging_sine": ("cogging, sine / k, mN·m", 1e3),
 }  # fmt: skip
 _SHOWN = 1.0  # s of motion in a picture.
 
@@ -39,6 +42,7 @@ def report_page(found: Identification) -> str:
         f"{sum(motion.seconds for motion in found.motions):.0f} s · N·m from {SCALE[found.fit.masses]}"
     )
     parts = (
+        summary(found),
         values_table(found),
         missing_values(found),
         motion_figures(found),
@@ -47,6 +51,26 @@ def report_page(found: Identification) -> str:
         spread_tables(found),
     )
     return html_page(title, about, parts)
+
+
+def summary(found: Identification) -> str:
+    """What the hand has, and how well each drive predicts what the fit has not seen, joint by joint."""
+    labels, written = _joints(found), found.written
+    said = [*describe_terms(found.fit, labels), describe_prediction(written), describe_rest(found.fit, labels)]
+    text = "".join(f"<p>{escape(line)}</p>" for line in said if line)
+    if not written.errors:
+        return text
+    heads = "".join(f"<th>{name}</th>" for name in ("joint", *written.errors, "has"))
+    lines = []
+    for joint, alias in enumerate(labels):
+        cells = "".join(f"<td class='n'>{1e3 * row[joint]:.1f}</td>" for row in written.errors.values())
+        lines.append(f"<tr><td>{escape(alias)}</td>{cells}<td>{written.source[joint]}</td></tr>")
+    return (
+        f"{text}<h2>What the fit has not seen</h2><p class='soft'>Root mean square error of {written.seconds:.1f} s of "
+        "open loop in the part that was kept back, mrad: with the nominal drive, with the determined values alone, "
+        "with all values, and with what is written.</p>"
+        f"<div class='wide'><table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
+    )
 
 
 def figure_card(title: str, caption: str, drawing: str) -> str:

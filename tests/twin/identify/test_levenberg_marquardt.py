@@ -23,6 +23,7 @@ class Toy:
 
     fingers = ((0,), (1,))
     active = np.arange(3)
+    shared = np.array([2])
     prior = 1e-3 * np.eye(3)
     cuts = SimpleNamespace(recording=np.zeros(W))
 
@@ -131,8 +132,9 @@ def test_derivatives_of_single_joints_are_found_anew_in_every_round_only_where_t
 def bounded(least: list[float], active: list[int] | None = None) -> Any:
     """What a step asks of a problem: two fingers with a parameter each, and the delay."""
     return SimpleNamespace(
-        columns=lambda finger: np.array([finger]), active=np.array(active or [0, 1, 2]), least=np.array(least)
-    )
+        columns=lambda finger: np.array([finger]), active=np.array(active or [0, 1, 2]), least=np.array(least),
+        shared=np.array([2]),
+    )  # fmt: skip
 
 
 NORMAL = np.array([[2.0, 0.0, 0.5], [0.0, 1.0, -0.3], [0.5, -0.3, 4.0]])

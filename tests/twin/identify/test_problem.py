@@ -31,7 +31,7 @@ def made() -> tuple[Problem, DriveParameters]:
 
 def values(problem: Problem, x: Vector) -> Vector:
     """Of a drive, in the order of `index`."""
-    drive = from_scaled(x)
+    drive = problem.drive_of(x)
     names = ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     return np.concatenate([getattr(drive, name) for name in names])
 
@@ -39,7 +39,7 @@ def values(problem: Problem, x: Vector) -> Vector:
 @pytest.mark.slow
 def test_a_drive_comes_back_as_it_went(made: tuple[Problem, DriveParameters]) -> None:
     _, drive = made
-    back = from_scaled(to_scaled(drive))
+    back = from_scaled(to_scaled(drive), drive)
     for name in ("torque_constant", "armature", "damping", "frictionloss", "load_friction", "delay"):
         np.testing.assert_allclose(getattr(back, name), getattr(drive, name), rtol=1e-12)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.sim.open_loop import OpenLoopPlayer
-from allegro_twin.twin.identify.fitting.regress import _shift, _solve_near_likely, regress, regress_breakaway
+from allegro_twin.twin.identify.fitting.regress import _solve_near_likely, regress, regress_breakaway, shifted_duty
 from allegro_twin.twin.identify.motions.motion import read_motion
 from allegro_twin.types import Array, Vector
 from tests.twin.identify import hidden
@@ -114,9 +114,9 @@ def test_friction_that_is_larger_when_slow_is_found_beside_that_of_a_load() -> N
 
 def test_what_acted_around_a_row_is_the_mean_of_the_periods_beside_it_earlier_by_the_delay() -> None:
     duty = np.array([[0.0], [1.0], [3.0], [2.0]])
-    np.testing.assert_allclose(_shift(duty, 0.0), [[0.5], [2.0], [2.5], [2.0]])
-    np.testing.assert_allclose(_shift(duty, 1.0), [[0.5], [0.5], [2.0], [2.5]])
-    np.testing.assert_allclose(_shift(duty, 0.5), [[0.5], [1.25], [2.25], [2.25]])
+    np.testing.assert_allclose(shifted_duty(duty, 0.0), [[0.5], [2.0], [2.5], [2.0]])
+    np.testing.assert_allclose(shifted_duty(duty, 1.0), [[0.5], [0.5], [2.0], [2.5]])
+    np.testing.assert_allclose(shifted_duty(duty, 0.5), [[0.5], [1.25], [2.25], [2.25]])
 
 
 def test_a_motor_that_is_likely_is_held_as_firmly_as_what_is_left_is_large() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaling_jacobian, to_scaled, units
-from allegro_twin.twin.identify.results.hand_file import select_values
+from allegro_twin.twin.identify.results.written_drive import select_values
 from tests.twin.identify import hidden
 
 JOINT, LOAD = 3, 0.05

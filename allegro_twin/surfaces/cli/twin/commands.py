@@ -107,6 +107,8 @@ def identify(
         found = identification.identify_drive(
             recordings, weights, path, known_masses, friction.value, lambda line: bar.update(job, description=line)
         )
+    for line in identification.head_lines(found):
+        console.console.print(line, soft_wrap=True, highlight=False)
     console.console.print(identification.table(found))
     for line in identification.lines(found):
         console.console.print(line, soft_wrap=True, highlight=False)
@@ -117,7 +119,8 @@ def identify(
         console.console.print(f"Report: {report}", soft_wrap=True)
     if path is not None:
         console.warn(identification.store_values(path, found))
-        console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
+        if not found.written.nothing:
+            console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
     else:
         console.hint("Next: --hand FILE writes these values into the hand's own file")
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 _HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/rad", "friction/k\nmN·m", "offset\nmrad")
 _SHOWN = (1.0, 1e3, 1e3, 1e3, 1e3)
-_WEAK = 3.0  # Times the noise: larger residuals mean that the model does not fit the hand.
+MOST = 10
+"""Lines of advice: what follows is on the page."""
 
 
 def hand_file(name: str) -> Path:
@@ -104,19 +105,48 @@ def table(found: Identification) -> Table:
     return made
 
 
+def head_lines(found: Identification) -> Iterator[str]:
+    """What comes first: what the hand has beyond friction, how well it is predicted, what is not explained."""
+    from allegro_twin.twin.identify.results import findings
+
+    labels = found.motions[0].spec.joint_labels
+    yield from findings.describe_terms(found.fit, labels)
+    yield findings.describe_prediction(found.written)
+    if rest := findings.describe_rest(found.fit, labels):
+        yield rest
+
+
 def lines(found: Identification) -> Iterator[str]:
-    """Notes: the source of the scale of N·m, and values that are not determined, with the reason."""
+    """Notes: the source of the scale of N·m, and values that are not determined, with the reason, MOST at most."""
     from allegro_twin.twin.identify.results.hand_file import SCALE
 
     yield f"Scale of N·m: {SCALE[found.fit.masses]}."
+    missing = list(_missing(found))
+    yield from missing[:MOST]
+    if len(missing) > MOST:
+        yield f"… and {len(missing) - MOST} more: --report FILE.html has them all"
+    yield from _notes(found)
+
+
+def _missing(found: Identification) -> Iterator[str]:
+    """Values that are not determined, with the reason; those that most joints lack first."""
     spec = found.motions[0].spec
+    said: list[tuple[int, str]] = []
     for name, value in found.values.items():
         reasons: dict[str, list[str]] = {}
         for joint, why in enumerate(value.reason):
             if why:
                 reasons.setdefault(why, []).append(_name(spec, joint) if name != "delay" else "all")
         for why, joints in reasons.items():
-            yield f"{name.replace('_', ' ')} of {', '.join(joints)}: not determined, because {why}"
+            said.append(
+                (len(joints), f"{name.replace('_', ' ')} of {', '.join(joints)}: not determined, because {why}")
+            )
+    for _, line in sorted(said, key=lambda each: -each[0]):
+        yield line
+
+
+def _notes(found: Identification) -> Iterator[str]:
+    spec = found.motions[0].spec
     offset = found.values["offset"]
     if np.isfinite(found.end_stop_offsets).all() and offset.determined.any():
         apart = np.where(offset.determined, np.abs(offset.value - found.end_stop_offsets), 0.0)
@@ -124,12 +154,6 @@ def lines(found: Identification) -> Iterator[str]:
         yield (
             f"Encoder offsets by weight and by end stops are {1000 * usual:.1f} mrad apart "
             f"in the median, {1000 * apart[most]:.1f} at most ({_name(spec, most)})."
-        )
-    worst = int(np.argmax(found.fit.spread.residual))
-    if found.fit.spread.residual[worst] > _WEAK:
-        yield (
-            f"The model does not explain {_name(spec, worst)}: {found.fit.spread.residual[worst]:.0f} times the noise "
-            "is left. Its friction is not Coulomb's, or something touched it; the intervals do not cover that."
         )
     left = [f"{motion.name} {100 * motion.saturated:.1f} %" for motion in found.motions if motion.saturated > 0.005]
     if left:

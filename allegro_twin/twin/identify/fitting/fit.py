@@ -9,6 +9,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from allegro_twin.sim.open_loop import STEP, DriveParameters, OpenLoopPlayer
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.fitting.extra_terms import NO_EXTRAS, ExtraTerms, screen_terms
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing_cost
 from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
@@ -39,6 +41,8 @@ class FitStage(NamedTuple):
 
 ROUGH = {False: FitStage(0, LONG, STEP[False], 2, 0.1), True: FitStage(0, SHORT, 0.00075, 6, 0.1)}
 """First stage, by whether friction breaks away or links are loose."""
+NEAR = FitStage(0, SHORT, STEP[False], 6, 0.1)
+"""First stage with extra terms: in long pieces a joint with another torque slips where it should stick."""
 
 
 class ModelKind(NamedTuple):
@@ -48,6 +52,13 @@ class ModelKind(NamedTuple):
     """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
     """Links have backlash."""
+    extras: ExtraTerms = NO_EXTRAS
+    """Terms that some joints have besides."""
+
+    def player(self, spec: HandSpec, period: float, step: float | None = None) -> OpenLoopPlayer:
+        """The model that plays motions."""
+        parasitic = self.extras.parasitic
+        return OpenLoopPlayer(spec, period, step, bristly=self.bristly, loose=self.loose, parasitic=parasitic)
 
 
 COULOMB = ModelKind(bristly=False, loose=False)
@@ -59,6 +70,8 @@ FINE = {
 round. With breakaway friction long pieces say most, but only of a joint that is nearly right: a wrong one slips in them
 where it should stick, and no derivative shows that. Loose links take 2.3 times the time per step; with half the pieces
 three hands were twice as far off in the open loop."""
+FURTHER = FitStage(1, LONG, STEP[False], 3, 0.05)
+"""Later stage of Coulomb's friction with extra terms, whose rough solution is from short pieces."""
 PLAIN = 1.3
 """Times the noise: with this much left over there is nothing more to explain."""
 SUSPICIOUS = 3.0
@@ -91,10 +104,12 @@ class DriveFit:
     """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
     """Links have backlash."""
+    extras: ExtraTerms
+    """Terms that some joints have besides."""
 
     def player(self, motion: RecordedMotion) -> OpenLoopPlayer:
         """The model that plays a motion with this drive."""
-        return OpenLoopPlayer(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
+        return ModelKind(self.bristly, self.loose, self.extras).player(motion.spec, motion.period)
 
     def columns(self, name: str) -> slice:
         return index(name, len(self.floor))
@@ -116,12 +131,16 @@ def fit_drive(
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
     def problem(kind: ModelKind, stage: FitStage) -> Problem:
-        player = OpenLoopPlayer(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
-        return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
+        player = kind.player(spec, period, stage.step)
+        return Problem(motions, player, floor, center, masses, stage.every or few, stage.length, kind.extras)
 
-    drive, kind = _rough_fit(problem, start, slow, friction)
+    def screened() -> ExtraTerms:
+        return screen_terms(motions, COULOMB.player(spec, period), start)
+
+    drive, kind = _rough_fit(problem, start, slow, friction, screened)
     spreads = []
-    for stage in FINE[kind.bristly or kind.loose]:
+    plain = not (kind.bristly or kind.loose)
+    for stage in (FURTHER,) if plain and kind.extras else FINE[not plain]:
         whole = problem(kind, stage)
         # What a joint takes from others changes with the teeth in contact.
         last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
@@ -149,23 +168,34 @@ class _Candidate(NamedTuple):
 
 
 def _rough_fit(
-    problem: Problems, start: DriveParameters, slow: DriveParameters, friction: Friction
+    problem: Problems,
+    start: DriveParameters,
+    slow: DriveParameters,
+    friction: Friction,
+    screen: Callable[[], ExtraTerms],
 ) -> tuple[DriveParameters, ModelKind]:
-    """A drive from some of the motion, and the kind of its model. With `auto`, breakaway friction is tried where
-    Coulomb's leaves more than SUSPICIOUS. Backlash is tried where more than PLAIN is left and backlash would remove
-    some of that. Schwarz's criterion (1978) chooses among the models, on the same pieces."""
+    """A drive from some of the motion, and the kind of its model. Where Coulomb's friction leaves more than PLAIN, the
+    terms that `screen` finds are added. With `auto`, breakaway friction is tried where SUSPICIOUS is still left.
+    Backlash is tried where more than PLAIN is left and backlash would remove some of that. Schwarz's criterion (1978)
+    chooses among the models, on the same pieces."""
     stage = ROUGH[False]
-    first = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough)
+    first, kind = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough), COULOMB
     if first.left <= PLAIN and friction != "lugre":
         return first.drive, COULOMB
-    begun = [(first.drive, COULOMB)] if friction != "lugre" else []
+    extras = screen()
+    if extras:
+        kind = ModelKind(False, False, extras)
+        first = descend(problem(kind, NEAR), extras.add_to(start), NEAR.rounds, NEAR.enough)
+        if first.left <= PLAIN and friction != "lugre":
+            return first.drive, kind
+    begun = [(first.drive, kind)] if friction != "lugre" else []
     if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
-        begun.append((slow, ModelKind(True, False)))
-    tried = [_try(problem, drive, kind) for drive, kind in begun]
+        begun.append((extras.add_to(slow), kind._replace(bristly=True)))
+    tried = [_try(problem, drive, each) for drive, each in begun]
     best = min(tried, key=_Candidate.least)
     if best.left > PLAIN and (play := _find_backlash(problem, best)):
         row = np.full(len(best.drive.backlash), play)
-        loose = [_try(problem, replace(o.drive, backlash=row), ModelKind(o.kind.bristly, True)) for o in tried]
+        loose = [_try(problem, replace(o.drive, backlash=row), o.kind._replace(loose=True)) for o in tried]
         best = min(best, *loose, key=_Candidate.least)
     return best.drive, best.kind
 

@@ -1,10 +1,11 @@
 """Levenberg-Marquardt method, finger by finger: one that is stuck does not hold up the others.
 
-Fingers share nothing but the delay. A step is solved for all at once, with damping for each finger; where a finger's
-cost rises its old parameters stay. A piece in which a finger slips where the model sticks is off by tens of the noise,
-which no derivative shows. Its weight is w = 1 / (1 + c / (LARGE² median c)), c: its mean square (Cauchy's). A piece
-that is about to slip responds to the smallest change, so also to every error of the model. It has a further weight of 1
-/ (1 + s / (LARGE² median s)), s: the mean square of its derivatives, parameters in their units.
+Fingers share nothing but the delay and the tilt of the palm. A step is solved for all at once, with damping for each
+finger; where a finger's cost rises its old parameters stay. A piece in which a finger slips where the model sticks is
+off by tens of the noise, which no derivative shows. Its weight is w = 1 / (1 + c / (LARGE² median c)), c: its mean
+square (Cauchy's). A piece that is about to slip responds to the smallest change, so also to every error of the model.
+It has a further weight of 1 / (1 + s / (LARGE² median s)), s: the mean square of its derivatives, parameters in their
+units.
 """
 
 from __future__ import annotations
@@ -121,19 +122,20 @@ def _steps(
         for finger in np.flatnonzero(~better):
             own = problem.columns(int(finger))
             tried[own] = x[own]
-        x = tried
-        r = residuals if better.all() else problem.residuals(x)
-        costs = _costs(problem, r, costs.calm, costs.scale)
-        now = costs.total()
+        residuals = residuals if better.all() else problem.residuals(tried)
+        found = _costs(problem, residuals, costs.calm, costs.scale)
+        if len(problem.shared) > 1 and found.total().sum() > now.sum():
+            damping *= _MORE  # A lean that suits one finger has to suit the others, too.
+            continue
+        x, r, costs, now = tried, residuals, found, found.total()
     return x, r, costs
 
 
 def _normal(problem: Problem, J: Array) -> Array:
-    """JᵀJ, (p, p); rows of one finger have columns of their own and the delay's."""
-    p = J.shape[1]
+    """JᵀJ, (p, p); rows of one finger have columns of their own and those that all share."""
     found: Array = problem.prior.T @ problem.prior
     for number, rows in problem.parts():
-        columns = np.append(problem.columns(number), p - 1)
+        columns = np.concatenate([problem.columns(number), problem.shared])
         own = J[rows][:, columns]
         found[np.ix_(columns, columns)] += own.T @ own
     return found
@@ -145,6 +147,8 @@ def _step(problem: Problem, x: Vector, normal: Array, gradient: Vector, damping:
     more = np.zeros(len(x))
     for finger, own in enumerate(damping):
         more[problem.columns(finger)] = own
+    if len(problem.shared) > 1:
+        more[problem.shared[1:]] = damping.max()
     damped = normal + np.diag(more * np.diag(normal))
     free: NDArray[np.bool_] = np.zeros(len(x), bool)
     free[problem.active] = True

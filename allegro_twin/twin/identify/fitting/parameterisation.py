@@ -1,12 +1,14 @@
 """Scaled parameters of a drive: one row of numbers of about the same size.
 
-K = k (1 − μ) replaces the torque constant k, μ: friction added by a motor's torque. A / K, B / K and F / K replace
-armature, damping and friction. A joint whose motor drives and hardly ever brakes determines K and not μ; a joint whose
-link weighs little determines what is divided by K and not K. A descent in k, A, B and F would have to follow a narrow
-curved valley.
+K = k (1 − μ) replaces the torque constant k, μ: friction added by a motor's torque. A / K, B / K, F / K and parasitic
+torque / K replace armature, damping, friction and parasitic torque. A joint whose motor drives and hardly ever brakes
+determines K and not μ; a joint whose link weighs little determines what is divided by K and not K. A descent in k, A, B
+and F would have to follow a narrow curved valley.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,69 +16,81 @@ from allegro_twin.sim.drivetrain.backlash import SMALLEST
 from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.types import Array, Vector
 
+STRAY = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
+"""Parameters of parasitic torque."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
-PULLED = NAMES[1:4]
+PULLED = (*NAMES[1:4], *STRAY)
 """Parameters that a recording determines per torque constant."""
 SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Parameters of friction that breaks away and grows with the motor's torque."""
 PLAY = ("backlash",)
 """Parameters of loose links."""
-ALL = (*NAMES, *SHAPE, *PLAY)
+ALL = (*NAMES, *SHAPE, *PLAY, *STRAY)
 """All parameters that every joint has."""
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
     "load_friction": 0.02, "backlash": 5e-4,
+    "bias_torque": 2e-3, "uneven_damping": 3e-3, "cogging_cosine": 1e-3, "cogging_sine": 1e-3, "tilt": 0.01,
 }  # fmt: skip
-"""How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad."""
+"""How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad, N·m, N·m·s/rad, N·m,
+N·m, rad."""
+_FAR = -1e3
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
     "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
     "backlash": SMALLEST,
-}  # fmt: skip
+} | dict.fromkeys(STRAY, _FAR)  # fmt: skip
 
 
 def index(name: str, n: int) -> slice:
-    """Place of one kind of parameter: n values each, the delay last."""
+    """Place of one kind of parameter: n values each, then the delay, then the tilt of every recording, three numbers
+    each, if any."""
+    if name == "tilt":
+        return slice(len(ALL) * n + 1, None)
     if name == "delay":
         return slice(len(ALL) * n, len(ALL) * n + 1)
     first = ALL.index(name) * n
     return slice(first, first + n)
 
 
-def units(n: int) -> Vector:
-    """Unit of each number, (p,)."""
-    return np.concatenate([np.full(n, _UNITS[name]) for name in ALL] + [[_UNITS["delay"]]])
+def units(n: int, recordings: int = 0) -> Vector:
+    """Unit of each number, (p,). `recordings`: those that have a tilt."""
+    joints = [np.full(n, _UNITS[name]) for name in ALL]
+    return np.concatenate([*joints, [_UNITS["delay"]], np.full(3 * recordings, _UNITS["tilt"])])
 
 
-def lower_bounds(n: int) -> Vector:
+def lower_bounds(n: int, recordings: int = 0) -> Vector:
     """Lower bound of each number, (p,)."""
-    return np.concatenate([np.full(n, _LEAST[name]) for name in ALL] + [[0.0]]) / units(n)
+    joints = [np.full(n, _LEAST[name]) for name in ALL]
+    return np.concatenate([*joints, [0.0], np.full(3 * recordings, _FAR)]) / units(n, recordings)
 
 
 def to_scaled(drive: DriveParameters) -> Vector:
     """Scaled parameters, (p,), in the order of `index`."""
-    values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
-    values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
-    values[1:4] = [value / pulls for value in values[1:4]]
-    return np.asarray(np.concatenate(values) / units(len(pulls)))
+    pulls = drive.torque_constant * (1.0 - drive.load_friction)
+    values = {name: getattr(drive, name) for name in ALL} | {"torque_constant": pulls}
+    values |= {name: values[name] / pulls for name in PULLED}
+    row = np.concatenate([*values.values(), drive.delay[:1], drive.tilt.ravel()])
+    return np.asarray(row / units(len(pulls), len(drive.tilt)))
 
 
-def from_scaled(x: Vector) -> DriveParameters:
-    """Inverse of `to_scaled`."""
-    n = len(x) // len(ALL)
-    values = x * units(n)
+def from_scaled(x: Vector, like: DriveParameters) -> DriveParameters:
+    """Inverse of `to_scaled`. `like`: a drive of the same hand, for what is not among the parameters."""
+    n = len(like.torque_constant)
+    values = x * units(n, len(like.tilt))
     rows = {name: values[index(name, n)] for name in ALL}
     pulls = rows["torque_constant"]
     rows |= {name: rows[name] * pulls for name in PULLED}
     rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
-    return DriveParameters(**rows, delay=np.full(n, values[-1]))
+    delay, tilt = np.full(n, values[index("delay", n)]), values[index("tilt", n)].reshape(-1, 3)
+    return replace(like, **rows, delay=delay, tilt=tilt)
 
 
 def scaling_jacobian(drive: DriveParameters) -> Array:
     """Derivative of a drive's values, in the order of `index`, by the scaled parameters, (p, p)."""
     n = len(drive.torque_constant)
-    unit = units(n)
+    unit = units(n, len(drive.tilt))
     found = np.diag(unit)
     k, load = index("torque_constant", n), index("load_friction", n)
     found[k, k] /= 1.0 - drive.load_friction[:, None]

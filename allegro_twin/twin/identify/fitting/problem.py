@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.extra_terms import NO_EXTRAS, ExtraTerms
 from allegro_twin.twin.identify.fitting.parameterisation import (
     ALL,
     PLAY,
     PULLED,
     SHAPE,
+    STRAY,
     from_scaled,
     index,
     lower_bounds,
@@ -22,7 +24,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import (
     units,
 )
 from allegro_twin.twin.identify.fitting.regress import LOAD
-from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut_segments
+from allegro_twin.twin.identify.fitting.shooting import LONG, SEEN, Shooting, cut_segments
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
@@ -35,16 +37,19 @@ PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
     "load_friction": LOAD[1], "backlash": 5e-3,
+    "bias_torque": 0.03, "uneven_damping": 0.05, "cogging_cosine": 0.02, "cogging_sine": 0.02,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that any informative data outweigh them."""
+TILT_OF_ALL, TILT_OF_EACH = 0.05, 0.02
+"""rad: of a palm that is mounted askew, the same in all recordings; and of one that lies otherwise in each."""
 _KNOWN = 1e-4  # Of masses that are fixed.
 
 
 class Problem:
     """The problem of some motions, with every `every`-th piece of `length` periods."""
 
-    x_of, drive_of = staticmethod(to_scaled), staticmethod(from_scaled)
-    """Scaled parameters of a drive, and back."""
+    x_of = staticmethod(to_scaled)
+    """Scaled parameters of a drive."""
 
     def __init__(
         self,
@@ -55,36 +60,55 @@ class Problem:
         masses: Masses,
         every: int = 1,
         length: int = LONG,
+        extras: ExtraTerms = NO_EXTRAS,
     ) -> None:
+        """`nominal`: the center of the prior; `extras`: terms that some joints have besides."""
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
-        self.cuts = cut_segments(motions, player.spec, length, every * length)
+        self.cuts = cut_segments(motions, player.spec, length, every * length, SEEN)
         self.shooting = Shooting(player, self.cuts, floor)
-        self.unit, self.least = units(self.n), lower_bounds(self.n)
-        moving = [name for name in ALL if self._moves(name)] + ["delay"]
-        self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
+        self.extras, tilted = extras, len(motions) if extras.tilted else 0
+        self._like = extras.begin(nominal, len(motions))
+        self.unit, self.least = units(self.n, tilted), lower_bounds(self.n, tilted)
+        moving = [name for name in (*ALL, "delay", "tilt") if self._moves(name)]
+        free = np.zeros(len(self.unit), dtype=bool)
+        for name in moving:
+            free[index(name, self.n)] = extras.of_joints(name, self.n) if name in STRAY else True
+        self.active = np.flatnonzero(free)
         """Indices of free parameters."""
-        self._center = to_scaled(nominal)
+        self.shared = np.arange(len(ALL) * self.n, len(self.unit))
+        """Indices of what all fingers share."""
+        self._center = to_scaled(self._like)
         self.prior = self._prior_rows()
+
+    def drive_of(self, x: Vector) -> DriveParameters:
+        """Inverse of `x_of`."""
+        return from_scaled(x, self._like)
 
     def residuals(self, x: Vector) -> Vector:
         return np.concatenate(
-            [self.flat(self.shooting.residuals(from_scaled(x)), start=True), self.prior @ (x - self._center)]
+            [self.flat(self.shooting.residuals(self.drive_of(x)), start=True), self.prior @ (x - self._center)]
         )
 
     def jacobian(self, x: Vector) -> Array:
         """Derivatives of `residuals`; those by fixed masses are zero."""
-        drive = from_scaled(x)
+        drive = self.drive_of(x)
         base = self.shooting.residuals(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
         for name in ALL:
             if self._moves(name):
                 self.write_derivatives(drive, base, name, found)
         data = len(found) - len(self.prior)
-        found[:data, -1] = self.flat(self.shooting.delay_derivative(drive, base)) * self.unit[-1]
+        late = index("delay", self.n)
+        found[:data, late] = (self.flat(self.shooting.delay_derivative(drive, base)) * self.unit[late])[:, None]
+        if len(drive.tilt):
+            tilts = index("tilt", self.n)
+            for column, change in enumerate(self.shooting.tilt_derivatives(drive, base), tilts.start):
+                found[:data, column] = self.flat(change) * self.unit[column]
         found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
         for name in PULLED:
             found[:data, index(name, self.n)] *= drive.torque_constant * (1.0 - drive.load_friction)
+        found[:data, np.setdiff1d(np.arange(len(x)), self.active)] = 0.0
         found[data:] = self.prior
         return found
 
@@ -93,6 +117,10 @@ class Problem:
             return self.player.bristly
         if name in PLAY:
             return self.player.loose
+        if name in STRAY:
+            return bool(self.extras.of_joints(name, self.n).any())
+        if name == "tilt":
+            return self.extras.tilted
         return name != "mass_scale" or self._masses == "weighed"
 
     def write_derivatives(self, drive: DriveParameters, base: Array, name: str, into: Array) -> None:
@@ -124,8 +152,11 @@ class Problem:
         """L⁻¹ of the prior's covariance, in scaled parameters."""
         covariance = np.zeros((len(self.unit), len(self.unit)))
         for name, sd in PRIOR.items():
-            part = index(name, self.n)
-            covariance[part, part] = np.eye(part.stop - part.start) * sd**2
+            own = np.arange(len(self.unit))[index(name, self.n)]
+            covariance[own, own] = sd**2
+        tilts = np.arange(len(self.unit))[index("tilt", self.n)]
+        together = np.kron(np.ones((len(tilts) // 3,) * 2), np.eye(3)) * TILT_OF_ALL**2
+        covariance[np.ix_(tilts, tilts)] = together + np.eye(len(tilts)) * TILT_OF_EACH**2
         part = index("mass_scale", self.n)
         covariance[part, part] = mass_covariance(self) if self._masses == "weighed" else np.eye(self.n) * _KNOWN**2
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(self.unit, self.unit))))

@@ -38,14 +38,14 @@ class SmoothedMotion(NamedTuple):
 
 
 def smooth_motion(motion: RecordedMotion) -> SmoothedMotion:
-    position = _filter(motion.position, motion.period, SMOOTH)
+    position = low_pass(motion.position, motion.period, SMOOTH)
     velocity = np.gradient(position, motion.period, axis=0)
     return SmoothedMotion(position, velocity, np.gradient(velocity, motion.period, axis=0))
 
 
 def smooth_duty(motion: RecordedMotion) -> Array:
     """Duty around each row, as fractions of full PWM, filtered as `smooth_motion` does, (k, n)."""
-    return _filter(_shift(motion.duty, 0.0), motion.period, SMOOTH)
+    return low_pass(shifted_duty(motion.duty, 0.0), motion.period, SMOOTH)
 
 
 def regress(motions: list[RecordedMotion], player: OpenLoopPlayer, mass_scale: Vector) -> DriveParameters:
@@ -113,7 +113,7 @@ def _solve(
     B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
     n = motions[0].spec.n_joints
     solved, left = np.zeros((n, 6 if stribeck else 4)), np.zeros(n)
-    late = [_filter(_shift(m.duty, delay / m.period), m.period, BAND) for m in motions]
+    late = [low_pass(shifted_duty(m.duty, delay / m.period), m.period, BAND) for m in motions]
     for joint in range(n):
         rows, right = [], []
         for motion, (smooth, torque), duty in zip(motions, parts, late, strict=True):
@@ -124,7 +124,7 @@ def _solve(
                 terms += [side * np.exp(-np.square(v / stribeck)), side * np.abs(duty[:, joint])]
             columns = np.stack(terms, axis=1)
             kept = (np.abs(v) > STILL) & (motion.good[:, joint] > 0)
-            rows.append(_filter(columns, motion.period, BAND)[kept][::THIN])
+            rows.append(low_pass(columns, motion.period, BAND)[kept][::THIN])
             right.append(duty[kept, joint][::THIN])
         a, b = np.concatenate(rows), np.concatenate(right)
         if len(a) < 8:
@@ -148,7 +148,7 @@ def _solve_near_likely(a: Array, b: Vector, left: float) -> Vector:
     return np.asarray(np.linalg.lstsq(rows, np.concatenate([b, about * weight]))[0])
 
 
-def _shift(duty: Array, periods: float) -> Array:
+def shifted_duty(duty: Array, periods: float) -> Array:
     """Duty around each row, (k, n): the mean of the periods before and after it, `periods` earlier."""
     k = len(duty)
     ahead = np.concatenate([duty[1:], duty[-1:]])
@@ -157,6 +157,6 @@ def _shift(duty: Array, periods: float) -> Array:
     return np.stack([np.interp(at, np.arange(k), column) for column in middle.T], axis=1)
 
 
-def _filter(values: Array, period: float, cut: float) -> Array:
+def low_pass(values: Array, period: float, cut: float) -> Array:
     b, a = butter(2, cut * 2.0 * period)
     return np.asarray(filtfilt(b, a, values, axis=0))

@@ -7,14 +7,16 @@ Then Q from [S; Λ] = QR removes what a better start would explain, r ← r − 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.fitting.parameterisation import PULLED
 from allegro_twin.twin.identify.fitting.regress import smooth_duty, smooth_motion
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
@@ -69,9 +71,10 @@ NUDGE = {
     "mass_scale": 0.03,
     "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
     "load_friction": 0.01, "backlash": 2e-4,
+    "bias_torque": 5e-4, "uneven_damping": 1.5e-3, "cogging_cosine": 5e-4, "cogging_sine": 5e-4, "tilt": 2e-3,
 }  # fmt: skip
 """Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
-rad, 1, rad."""
+rad, 1, rad, N·m, N·m·s/rad, N·m, N·m, rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,14 +94,24 @@ class MotionSegments:
     """Index of each piece's motion, (w,)."""
 
 
+KEPT_BACK = 0.2
+"""Share of every motion, at its end, that a fit does not see: what a drive is worth shows there."""
+SEEN, UNSEEN, WHOLE = (0.0, 1.0 - KEPT_BACK), (1.0 - KEPT_BACK, 1.0), (0.0, 1.0)
+
+
 def cut_segments(
-    motions: list[RecordedMotion], spec: HandSpec, length: int = LONG, stride: int | None = None
+    motions: Sequence[RecordedMotion],
+    spec: HandSpec,
+    length: int = LONG,
+    stride: int | None = None,
+    part: tuple[float, float] = WHOLE,
 ) -> MotionSegments:
-    """Cut motions into all whole pieces, `stride` rows apart; by default one after the other."""
+    """Cut a part of each motion into all whole pieces, `stride` rows apart; by default one after the other."""
     parts: list[list[Array]] = [[] for _ in range(10)]
     for number, motion in enumerate(motions):
         smooth, push = smooth_motion(motion), smooth_duty(motion)
-        for first in range(BEFORE, len(motion.position) - length, stride or length):
+        begin, end = (round(share * len(motion.position)) for share in part)
+        for first in range(max(begin, BEFORE), end - length, stride or length):
             rows = slice(first + 1, first + 1 + length)
             good = motion.good[rows].mean(axis=0)
             trust = np.array([good[list(f.joints)].min() >= TRUSTED for f in spec.fingers], dtype=float)
@@ -107,8 +120,8 @@ def cut_segments(
                 motion.gravity, motion.weight, smooth.acceleration[first], push[first - BEFORE : first + 1],
                 motion.position[rows], trust, np.array(number),
             )  # fmt: skip
-            for part, value in zip(parts, found, strict=True):
-                part.append(value)
+            for column, value in zip(parts, found, strict=True):
+                column.append(value)
     arrays = [np.array(part) for part in parts]
     return MotionSegments(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
 
@@ -201,8 +214,8 @@ class Shooting:
 
     def derivatives(self, drive: DriveParameters, base: Array, name: str) -> Iterator[Array]:
         """Derivatives by one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the
-        second, … By `torque_constant`: with armature, damping and friction in proportion. By `load_friction`: with k (1
-        − μ) constant. `base`: residuals of the same drive."""
+        second, … By `torque_constant`: with what is determined per torque constant in proportion. By `load_friction`:
+        with k (1 − μ) constant. `base`: residuals of the same drive."""
         return self._answers.derivatives(
             name, lambda joints: (self.residuals(_nudge(drive, name, joints)) - base) / NUDGE[name]
         )
@@ -212,10 +225,23 @@ class Shooting:
         everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
         return (self.residuals(everywhere) - base) / NUDGE["delay"]
 
+    def tilt_derivatives(self, drive: DriveParameters, base: Array) -> Iterator[Array]:
+        """Derivatives by the tilt of each recording, about each axis, likewise: each recording's in its own pieces."""
+        axes = []
+        for axis in range(3):
+            tilt = drive.tilt.copy()
+            tilt[:, axis] += NUDGE["tilt"]
+            axes.append((self.residuals(replace(drive, tilt=tilt)) - base) / NUDGE["tilt"])
+        for number in range(len(drive.tilt)):
+            own = (self._cuts.recording == number)[:, None, None]
+            yield from (np.where(own, each, 0.0) for each in axes)
+
     def _play(self, drive: DriveParameters, off: Array, player: OpenLoopPlayer | None) -> Array:
         cuts = self._cuts
-        played = (player or self._player).play
-        return played(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces, off[2])
+        played, pieces = (player or self._player).play, cuts.pieces
+        if len(drive.tilt):
+            pieces = pieces._replace(gravity=rotate_vector(pieces.gravity, drive.tilt[cuts.recording]))
+        return played(drive, cuts.position + off[0], cuts.velocity + off[1], pieces, off[2])
 
     def _means(self, residual: Array) -> Array:
         w, k, n = residual.shape
@@ -239,9 +265,7 @@ def _nudge(drive: DriveParameters, name: str, joints: list[int]) -> DriveParamet
     nudged = drive.changed(name, joints, NUDGE[name])
     if name == "torque_constant":
         by = nudged.torque_constant / drive.torque_constant
-        return replace(
-            nudged, armature=by * drive.armature, damping=by * drive.damping, frictionloss=by * drive.frictionloss
-        )
+        return replace(nudged, **{each: by * getattr(drive, each) for each in PULLED})
     if name == "load_friction":
         pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
         return replace(nudged, torque_constant=pulls)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.sim.open_loop import PARASITIC, DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.twin.identify.fitting.shooting import MotionSegments, cut_segments
@@ -70,6 +71,8 @@ def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) ->
         bristle=np.full(n, SMALLEST) if drive is None else np.maximum(drive.bristle, SMALLEST),
         load_friction=np.zeros(n) if drive is None else drive.load_friction,
         backlash=np.full(n, LEAST_PLAY) if drive is None else np.maximum(drive.backlash, LEAST_PLAY),
+        **({} if drive is None else {name: getattr(drive, name) for name in PARASITIC}),
+        tilt=drive.tilt[None] if drive is not None and drive.tilt.any() else np.zeros((0, 3)),
     )
 
 
@@ -81,7 +84,11 @@ def has_breakaway_friction(drive: Drive | None) -> bool:
 def make_player(spec: HandSpec, period: float, drive: Drive | None) -> OpenLoopPlayer:
     """The model that plays motions of a hand with this drive."""
     return OpenLoopPlayer(
-        spec, period, bristly=has_breakaway_friction(drive), loose=drive is not None and bool(drive.backlash.any())
+        spec,
+        period,
+        bristly=has_breakaway_friction(drive),
+        loose=drive is not None and bool(drive.backlash.any()),
+        parasitic=drive is not None and drive.parasitic,
     )
 
 
@@ -106,11 +113,17 @@ def gap_errors(
     for horizon in horizons:
         length = round(horizon / motion.period)
         cuts = cut_segments([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
-        error = player.play(drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
+        pieces = cuts.pieces._replace(gravity=leaning(cuts.pieces.gravity, drive))
+        error = player.play(drive, cuts.position, cuts.velocity, pieces) - cuts.measured
         rows.append(_rms(error))
         if horizon == HORIZONS[1]:
             phase = _phases(error, cuts, player.spec, motion.period)
     return GapErrors(np.array(rows), phase)
+
+
+def leaning(gravity: Array, drive: DriveParameters) -> Array:
+    """Gravity (w, 3) in a palm that leans as a drive has it, the same in all recordings."""
+    return rotate_vector(gravity, np.tile(drive.tilt[0], (len(gravity), 1))) if len(drive.tilt) else gravity
 
 
 def _phases(error: Array, cuts: MotionSegments, spec: HandSpec, period: float) -> Array:

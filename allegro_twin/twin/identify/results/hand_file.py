@@ -8,45 +8,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
 from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
-from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.sim.engine.backend import ENGINE
-from allegro_twin.sim.open_loop import DriveParameters
+from allegro_twin.sim.open_loop import PARASITIC
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit
-from allegro_twin.twin.identify.fitting.parameterisation import (
-    PLAY,
-    SHAPE,
-    from_scaled,
-    index,
-    lower_bounds,
-    scaling_jacobian,
-    to_scaled,
-)
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
-from allegro_twin.twin.identify.results.gap import SHORTEST
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedValue
+from allegro_twin.twin.identify.results.written_drive import (
+    NONE,
+    WrittenDrive,
+    choose_drive,
+    replacements,
+    unwritten,
+)
 from allegro_twin.types import Vector
 from allegro_twin.version import __version__
-
-KeptValues = Mapping[str, NDArray[np.bool_]]
-"""Values that stay as they were, (n,) for each kind; one for the delay."""
 
 SCALE = {
     "known": "the link masses in this file, declared to be right",
     "assumed": "the link masses of the model, assumed: all N·m here are as far off as these are",
     "weighed": "a known weight at a fingertip",
 }
-_NONE = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0, "load_friction": 0.0, "backlash": 0.0}
-"""Values of a joint in which none was found."""
-_TOGETHER = ("stiction", "stribeck_speed", "bristle")
-"""Friction breaks away by all three, or by none."""
+NOTHING_WRITTEN = "nothing is written: the nominal hand predicts what the fit has not seen best"
 _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
@@ -61,7 +51,10 @@ def write_hand_file(
         text = read_text(path)
         content = parse_yaml(text, str(path)) if has_content(text) else {}
         check_hand_file(path, content, motions)
-        made = replace_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
+        blocks = _blocks(path, content, found, values, motions, day)
+        if not blocks:
+            return NOTHING_WRITTEN
+        made = replace_document(text, content | blocks, str(path))
         kept = _kept_offsets(path, content, motions[0])
         write_text(path, set_note(made, ("identified",), _NOTE, f", {day}; docs/explanation/identification.md"))
     return " ".join(filter(None, (_strength_note(path, content), _offset_note(path, kept, values, motions))))
@@ -117,6 +110,22 @@ def check_hand_file(path: Path, content: Mapping[str, Any], motions: Sequence[Re
         )
 
 
+def drive_to_write(
+    path: Path, content: Mapping[str, Any], found: DriveFit, values: Mapping[str, IdentifiedValue],
+    motions: Sequence[RecordedMotion],
+) -> WrittenDrive:  # fmt: skip
+    """The drive that a hand's file, whose content this is, gets."""
+    first, drive = motions[0], content.get("drive") or {}
+    before, kept = replacements(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
+    stays = {}
+    if kept is not None:
+        stays["offset"] = np.ones(first.spec.n_joints, dtype=bool)
+        before = replace(before, offset=offset_shift(first.version, first.calibration, kept))
+    # Already part of the identified values.
+    before = replace(before, torque_constant=before.torque_constant * np.array(drive.get("strength", 1.0)))
+    return choose_drive(found, values, motions, before, stays)
+
+
 def _blocks(
     path: Path,
     content: Mapping[str, Any],
@@ -125,52 +134,40 @@ def _blocks(
     motions: Sequence[RecordedMotion],
     day: str,
 ) -> dict[str, Any]:
-    first = motions[0]
-    spec, drive, kept_values = first.spec, dict(content.get("drive") or {}), _unwritten(values)
-    before, kept = _replacements(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
-    if kept is not None:
-        kept_values = dict(kept_values) | {"offset": np.ones(spec.n_joints, dtype=bool)}
-        before = replace(before, offset=offset_shift(first.version, first.calibration, kept))
-    strength = drive.pop("strength", 1.0)  # Already part of the identified values.
-    before = replace(before, torque_constant=before.torque_constant * np.array(strength))
-    own = select_values(found, kept_values, before)
+    first, kept = motions[0], _kept_offsets(path, content, motions[0])
+    spec, drive, doubted = first.spec, dict(content.get("drive") or {}), unwritten(values)
+    chosen = drive_to_write(path, content, found, values, motions)
+    if chosen.nothing:
+        return {}
+    own, source = chosen.drive, np.array(chosen.source)
+    drive.pop("strength", None)
     actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
     wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
-    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY)}
-    if not kept_values["delay"][0]:
-        drive["delay"] = float(f"{own.delay[0]:.3g}")
-    for name, none in _NONE.items():
-        if name in kept_values:
-            drive[name] = _plain(np.where(kept_values[name], none, getattr(own, name)))
+    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY, *PARASITIC, "tilt")}
+    drive["delay"] = float(f"{own.delay[0]:.3g}")
+    for name, none in NONE.items():
+        if name in doubted:
+            without = (source == "nominal") | ((source == "determined") & doubted[name])
+            drive[name] = _plain(np.where(without, none, getattr(own, name)))
+    if found.extras.parasitic:
+        drive["cogging_periods"] = _plain(own.cogging_periods)
+    if len(own.tilt):
+        drive["tilt"] = _plain(own.tilt[0])
     if found.masses == "weighed":
         drive["mass_scale"] = _plain(own.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
-    return blocks | {"identified": _basis(found, values, motions, spec, day)}
+    return blocks | {"identified": _basis(found, values, motions, spec, day) | _proof(chosen, spec)}
 
 
-def _unwritten(values: Mapping[str, IdentifiedValue]) -> KeptValues:
-    """Values that are not written: those that are not determined; all three of breakaway friction where one is not; and
-    backlash whose interval contains zero."""
-    kept_values = {name: ~value.determined for name, value in values.items()}
-    if "backlash" in values:
-        kept_values["backlash"] |= values["backlash"].value <= values["backlash"].half
-    if "stiction" in values:
-        any_of: NDArray[np.bool_] = np.logical_or.reduce([kept_values[name] for name in _TOGETHER])
-        kept_values |= dict.fromkeys(_TOGETHER, any_of)
-    return kept_values
-
-
-def _replacements(first: RecordedMotion, delay: float, found: DriveFit) -> DriveParameters:
-    """Values that replace those that are not written."""
-    n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
-    none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
-    return DriveParameters(
-        torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
-        frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
-        mass_scale=found.drive.mass_scale, **none,
-    )  # fmt: skip
+def _proof(chosen: WrittenDrive, spec: HandSpec) -> dict[str, Any]:
+    """What was written, joint by joint, and how well it predicts what the fit has not seen."""
+    if not chosen.errors:
+        return {"written": "determined values; the recordings are too short to keep a part back"}
+    table = {name: _plain(row) for name, row in chosen.errors.items()}
+    labels = {joint: chosen.source[k] for k, joint in enumerate(spec.joint_labels)}
+    return {"written": labels, "kept_back": {"seconds": float(f"{chosen.seconds:.3g}"), "rms_rad": table}}
 
 
 def _basis(
@@ -188,12 +185,12 @@ def _basis(
         "scale": SCALE[found.masses],
         "friction": "LuGre" if found.bristly else "Coulomb",
         "backlash": "seen" if found.loose else "none seen",
-        "units": "per_pwm: armature, damping, frictionloss over the torque constant; torque_constant N·m at full PWM; "
+        "units": "per_pwm: armature, damping, frictionloss and parasitic torque over the torque constant; "
+        "torque_constant N·m at full PWM; "
         "offset and backlash rad; delay s; interval: half of 95 %",
-        "per_pwm": {name: _plain(values[name].value) for name in PER_PWM},
-        "value": {name: _plain(values[name].value) for name in values if name not in PER_PWM},
+        "per_pwm": {name: _plain(values[name].value) for name in values if name in PULLED},
+        "value": {name: _plain(values[name].value) for name in values if name not in PULLED},
         "interval": {name: _plain(value.half) for name, value in values.items()},
-        "written": "what is not determined as it was, and the other values what they must be then",
         "not_determined": {name: table for name, table in missing.items() if table},
         "residual": _plain(found.spread.residual),
         "noise": _plain(found.floor),
@@ -232,28 +229,3 @@ def _joint(spec: HandSpec, number: int) -> str:
 
 def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
-
-
-def select_values(found: DriveFit, kept_values: KeptValues, before: DriveParameters) -> DriveParameters:
-    """The drive for a hand's file: values that are not determined stay as `before`, and the others fit them. `before`:
-    what is in the file, relative to the calibration of the recordings.
-
-    Values that look alike in the motion are uncertain each and certain together: a torque constant that was found with
-    4 % of load friction is 4 % too high in a file without any. With x the scaled values, C their covariance, h those
-    that stay as they were (x°) and r the others, the most likely r are
-
-        x_r + C_rh C_hh⁻¹ (x°_h − x_h)
-    """
-    drive, n = found.drive, len(found.floor)
-    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in kept_values.items()}
-    x, there = to_scaled(drive), to_scaled(replace(drive, **stays))
-    fixed = np.zeros(len(x), dtype=bool)
-    for name, mask in kept_values.items():
-        fixed[index(name, n)] = mask
-    inverse = np.linalg.inv(scaling_jacobian(drive))
-    C = inverse @ found.spread.covariance @ inverse.T
-    moved = np.linalg.solve(C[np.ix_(fixed, fixed)], (there - x)[fixed])
-    x = np.where(fixed, there, x + C[:, fixed] @ moved)
-    made = from_scaled(np.maximum(x, lower_bounds(n)))
-    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in kept_values.items()}
-    return replace(made, **stays)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.fit import DriveFit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE, STRAY
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.spread import Spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
@@ -44,6 +44,7 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
     0.003,
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
 WIDEST_PLAY = 0.001  # rad, of backlash.
+WIDEST_STRAY, WIDEST_UNEVEN = 0.005, 0.02  # N·m and N·m·s/rad, at 1 N·m of full PWM, of parasitic torque.
 SOLVED = {"damping": (1.5e-4, 0.0), "frictionloss": (0.0, 1e-5)}
 """Difference between the engine's two ways to solve dry friction, noslip iterations and stiffness: share, and N·m per
 N·m at full PWM. From the quietest hidden hands 20 and 22, whose noise is less than that."""
@@ -52,6 +53,10 @@ _WIDEST_ABSOLUTE = {
     "offset": (WIDEST_OFFSET, 1000.0, "mrad"),
     "load_friction": (WIDEST_LOAD, 100.0, "% of the torque"),
     "backlash": (WIDEST_PLAY, 1000.0, "mrad"),
+    "bias_torque": (WIDEST_STRAY, 1000.0, "mN·m"),
+    "uneven_damping": (WIDEST_UNEVEN, 1000.0, "mN·m·s/rad"),
+    "cogging_cosine": (WIDEST_STRAY, 1000.0, "mN·m"),
+    "cogging_sine": (WIDEST_STRAY, 1000.0, "mN·m"),
 }
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
@@ -65,6 +70,8 @@ class IdentifiedValue(NamedTuple):
     """Half the 95 % interval."""
     reason: tuple[str, ...]
     """Why it is not determined; empty where it is."""
+    shown: tuple[bool, ...] = ()
+    """Whether the motions show it at all, whatever its interval; where nothing is said they do."""
 
     @property
     def determined(self) -> NDArray[np.bool_]:
@@ -118,17 +125,22 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
-    for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ())):
+    strays = tuple(name for name in STRAY if found.extras.of_joints(name, len(k)).any())
+    for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ()), *strays):
         own = getattr(found.drive, name)
-        value = own / k if name in PER_PWM else own
+        value = own / k if name in PULLED else own
         share, more = SOLVED.get(name, (TOOTH if name in PLAY else 0.0, 0.0))
         half = _half(found, name, found.covariance) + share * value + more
         # Masses that are only assumed make all N·m uncertain, and so does a model that differs from the hand, but the
         # twin moves no worse for it.
         covariance = found.covariance if name == "offset" else found.spread.covariance
         sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
-        reasons = tuple(_reason(name, j, value, sure, coverage, loose=found.loose) for j in range(len(k)))
-        result[name] = IdentifiedValue(value, half, reasons)
+        if name in STRAY:  # A joint without the term has none, for sure.
+            has = found.extras.of_joints(name, len(k))
+            half, sure = np.where(has, half, 0.0), np.where(has, sure, 0.0)
+        unseen = [_unseen(name, j, coverage, loose=found.loose) for j in range(len(k))]
+        reasons = tuple(why or _wide(name, value[j], sure[j]) for j, why in enumerate(unseen))
+        result[name] = IdentifiedValue(value, half, reasons, tuple(not why for why in unseen))
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
     return result | {"delay": IdentifiedValue(late, half, (short,))}
@@ -172,21 +184,22 @@ def _per_pwm(found: DriveFit, name: str) -> Array:
     rows = np.arange(part.stop - part.start)
     transform = np.zeros((len(rows), size))
     transform[rows, part.start + rows] = 1.0
-    if name in PER_PWM:
+    if name in PULLED:
         k, constants = found.drive.torque_constant, found.columns("torque_constant")
         transform[rows, part.start + rows] = 1.0 / k
         transform[rows, constants.start + rows] = -getattr(found.drive, name) / k**2
     return transform
 
 
-def _reason(name: str, joint: int, value: Vector, half: Vector, coverage: MotionCoverage, *, loose: bool) -> str:
+def _unseen(name: str, joint: int, coverage: MotionCoverage, *, loose: bool) -> str:
+    """Why the motions do not show a value, whatever its interval; empty where they do."""
     if loose and name == "offset" and coverage.pull[joint] < PULL_LOOSE:
         return (f"gravity's torque on it differs by {1000 * coverage.pull[joint]:.1f} mN·m only, and behind backlash "
                 f"{1000 * PULL_LOOSE:g} tell: `calibrate limits --offsets` finds it from the end stops")  # fmt: skip
-    return next(iter(_reasons(name, joint, value, half, coverage)), "")
+    return next(_lacks(name, joint, coverage), "")
 
 
-def _reasons(name: str, joint: int, value: Vector, half: Vector, coverage: MotionCoverage) -> Iterator[str]:
+def _lacks(name: str, joint: int, coverage: MotionCoverage) -> Iterator[str]:
     if coverage.seconds[joint] < SHORTEST:
         yield f"only {coverage.seconds[joint]:.0f} s of it can be used: record at least {SHORTEST:g} s"
     if coverage.travel[joint] < MOVED:
@@ -202,13 +215,15 @@ def _reasons(name: str, joint: int, value: Vector, half: Vector, coverage: Motio
                f"from {FAST} rad/s: `excite` moves it faster")  # fmt: skip
     if name in ("frictionloss", *SHAPE) and coverage.creeping[:, joint].min() <= 0.0:
         yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
+
+
+def _wide(name: str, value: float, half: float) -> str:
+    """Why an interval is too wide; empty where it is not."""
     if name in WIDEST:
-        if half[joint] > WIDEST[name] * value[joint]:
-            yield f"its interval is ± {100 * half[joint] / value[joint]:.0f} %: record more of `excite`"
-        return
+        wide = half > WIDEST[name] * value
+        return f"its interval is ± {100 * half / value:.0f} %: record more of `excite`" if wide else ""
     widest, by, unit = _WIDEST_ABSOLUTE[name]
-    if half[joint] > widest:
-        yield f"its interval is ± {by * half[joint]:.0f} {unit}: record more"
+    return f"its interval is ± {by * half:.0f} {unit}: record more" if half > widest else ""
 
 
 def _directions(motions: list[RecordedMotion]) -> int:

@@ -1,0 +1,319 @@
+"""Terms beyond friction and backlash, and which joints have them, by the shape of the torque that is left over.
+
+With the torque τ that moves the links, every joint is one linear regression (`regress`):
+
+    u = [τ, a, v, sgn v, sgn v exp(−(v/v_s)²), |u| sgn v, ∂τ/∂q] x + [1 | |v| | cos Nq, sin Nq | ∂τ/∂ω] y
+
+u: fraction of full PWM. The terms in y are tried one kind after the other; the kind that lowers Schwarz's criterion
+most, over all joints, stays in those where it lowers it by more than EVIDENCE; in all, if it does in half of them. ω,
+the lean of the palm in each recording, is one for all joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.kinematics.orientation import rotate_vector
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.parameterisation import STRAY
+from allegro_twin.twin.identify.fitting.regress import (
+    BAND,
+    STILL,
+    THIN,
+    low_pass,
+    shifted_duty,
+    smooth_motion,
+)
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
+from allegro_twin.types import Array, Vector
+
+EVIDENCE = 10.0
+"""By which Schwarz's criterion must fall: odds of 1 to 150 against the term (Kass and Raftery 1995: very strong)."""
+INDEPENDENT = 5.0
+"""Rows of which one is a row of its own: what a model leaves over goes on for some time."""
+PERIODS = np.arange(5.0, 121.0, 1.0)
+"""Of cogging in a turn, that are tried: with fewer a joint that moves by a radian shows no more than an offset."""
+_LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
+ALIKE = 10.0
+"""By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
+LIKELY = 0.02
+"""Standard deviation of a term's torque, in full PWM: what looks like weight and friction together is not enormous."""
+_STRIBECK = 0.1  # rad/s, of the friction that is taken away first.
+_NUDGE = 1e-3  # rad, of finite differences.
+_TORQUE = {"bias": ("bias_torque",), "uneven": ("uneven_damping",), "cogging": ("cogging_cosine", "cogging_sine")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtraTerms:
+    """Which joints have which terms, and their values in the regression: (n,) each."""
+
+    bias_torque: Vector
+    """N·m."""
+    uneven_damping: Vector
+    """N·m·s/rad."""
+    cogging_cosine: Vector
+    """N·m."""
+    cogging_sine: Vector
+    """N·m."""
+    cogging_periods: Vector
+    """In a turn."""
+    tilt: Array
+    """(recordings, 3), rad; no row where the palm does not lean."""
+    joints: Mapping[str, NDArray[np.bool_]]
+    """Which joints have a term, (n,), by its name."""
+
+    @property
+    def tilted(self) -> bool:
+        return len(self.tilt) > 0
+
+    @property
+    def parasitic(self) -> bool:
+        """Whether any joint feels parasitic torque."""
+        return any(each.any() for each in self.joints.values())
+
+    def __bool__(self) -> bool:
+        return self.parasitic or self.tilted
+
+    def of_joints(self, name: str, n: int) -> NDArray[np.bool_]:
+        """Which joints have a term, (n,)."""
+        return self.joints.get(name, np.zeros(n, dtype=bool))
+
+    def begin(self, drive: DriveParameters, recordings: int) -> DriveParameters:
+        """A drive with these terms at zero."""
+        if not self:
+            return drive
+        tilt = np.zeros((recordings if self.tilted else 0, 3))
+        return replace(drive, cogging_periods=self.cogging_periods, tilt=tilt)
+
+    def add_to(self, drive: DriveParameters) -> DriveParameters:
+        """A drive with these terms as the regression has them."""
+        if not self:
+            return drive
+        names = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods", "tilt")
+        return replace(drive, **{name: getattr(self, name) for name in names})
+
+
+_NO = np.zeros(0)
+NO_EXTRAS = ExtraTerms(_NO, _NO, _NO, _NO, _NO, np.zeros((0, 3)), {})
+
+
+class _Joint:
+    """The regression of one joint: the columns that are always there are taken out of all others."""
+
+    def __init__(self, u: Vector, base: Array, columns: dict[str, Array], tilt: Array) -> None:
+        scale = np.sqrt(np.square(base).sum(axis=0))
+        self._Q: Array = np.linalg.qr(base / np.maximum(scale, 1e-12))[0]
+        self.columns = columns
+        """The terms that may be taken: (rows, 1), or for every number of cogging periods (rows, 2)."""
+        self.u, self.tilt, self.count = self.without(u), self.without(tilt), len(u) / INDEPENDENT
+        self._always, self._whole = self._Q, self.u
+        self.taken: list[str] = []
+        self.gains: dict[str, float] = {}
+        self.usual = ""
+        """The term whose gain counts ALIKE more, where there is evidence for it in other joints."""
+
+    def without(self, column: Array) -> Array:
+        """What the columns so far do not explain."""
+        return np.asarray(column - self._Q @ (self._Q.T @ column))
+
+    def take(self, key: str) -> None:
+        """Add a term to what is taken out."""
+        more = np.linalg.qr(self.without(self.columns[key]))[0]
+        self._Q = np.concatenate([self._Q, more], axis=1)
+        self.u, self.tilt = self.without(self.u), self.without(self.tilt)
+        self.taken.append(key)
+        family = key.partition(":")[0]
+        self.columns |= {f"taken {key}": self.columns[key]}
+        self.columns = {name: each for name, each in self.columns.items() if name.partition(":")[0] != family}
+        self.weigh()
+
+    def weigh(self) -> None:
+        """By how much Schwarz's criterion falls with each term."""
+        self.gains = {key: self._gain(each) for key, each in self.columns.items() if not key.startswith("taken ")}
+        if self.usual in self.gains:
+            self.gains[self.usual] += ALIKE
+
+    def best(self) -> dict[str, tuple[str, float]]:
+        """The best term of each family, and its gain."""
+        found: dict[str, tuple[str, float]] = {}
+        for key, gain in self.gains.items():
+            family = key.partition(":")[0]
+            if gain > found.get(family, ("", -np.inf))[1]:
+                found[family] = key, gain
+        return found
+
+    def value(self, key: str) -> Vector:
+        """Coefficients of a taken term, the others that are taken as well; in u."""
+        names = [f"taken {each}" for each in self.taken]
+        own = np.concatenate([self.columns[name] for name in names], axis=1)
+        own = own - self._always @ (self._always.T @ own)
+        hold = INDEPENDENT * float(np.square(self.u).mean()) / LIKELY**2
+        found = np.linalg.solve(own.T @ own + hold * np.eye(own.shape[1]), own.T @ self._whole)
+        first = sum(self.columns[name].shape[1] for name in names[: self.taken.index(key)])
+        return np.asarray(found[first : first + self.columns[f"taken {key}"].shape[1]])
+
+    def _gain(self, columns: Array) -> float:
+        if self.count < 3 * columns.shape[1] + 10:
+            return -np.inf
+        own = self.without(columns)
+        left = self.u - own @ np.linalg.lstsq(own, self.u)[0]
+        before, after = float(self.u @ self.u), float(left @ left)
+        return float(self.count * np.log(before / max(after, 1e-30)) - columns.shape[1] * np.log(self.count))
+
+    def lean(self, part: Vector) -> None:
+        """Take out what a lean of the palm explains, (rows,), in u."""
+        self._whole = self._whole - (part - self._always @ (self._always.T @ part))
+        self.u = self.u - self.without(part)
+        self.weigh()
+
+
+def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters) -> ExtraTerms:
+    """The terms that the motions ask for. `start`: a drive from `regress`, for its delay, constants and masses."""
+    joints = _regressions(motions, player, start)
+    n, tilt = len(joints), np.zeros((0, 3))
+    while True:
+        _agree(joints)
+        # A family as a whole: a lean, one for all joints, would otherwise come after what mimics it in single ones.
+        best = [each.best() for each in joints]
+        families = {family: [each.get(family, ("", 0.0)) for each in best] for family in _TORQUE}
+        totals = {family: sum(gain for _, gain in each if gain > EVIDENCE) for family, each in families.items()}
+        family = max(totals, key=lambda name: totals[name])
+        if not len(tilt):
+            lean, gained = _lean(joints, start.torque_constant, len(motions))
+            if gained > max(EVIDENCE, totals[family]):
+                tilt = lean.reshape(-1, 3)
+                for each, k in zip(joints, start.torque_constant, strict=True):
+                    each.lean(each.tilt @ lean / k)
+                continue
+        if totals[family] <= 0.0:
+            break
+        for each, (key, gain) in zip(joints, families[family], strict=True):
+            if gain > EVIDENCE:
+                each.take(key)
+    rows = {name: np.zeros(n) for name in (*STRAY, "cogging_periods")}
+    has = {name: np.zeros(n, dtype=bool) for name in STRAY}
+    for number, (each, k) in enumerate(zip(joints, start.torque_constant, strict=True)):
+        for key in each.taken:
+            family, _, count = key.partition(":")
+            for name, value in zip(_TORQUE[family], each.value(key), strict=True):
+                rows[name][number], has[name][number] = -k * value, True
+            if count:
+                rows["cogging_periods"][number] = float(count)
+    for mask in has.values():
+        mask |= mask.sum() >= n / 2.0
+    periods = rows["cogging_periods"]
+    if periods.any():
+        usual = float(np.median(periods[periods > 0.0]))
+        rows["cogging_periods"] = np.where(has["cogging_sine"] & (periods == 0.0), usual, periods)
+    return ExtraTerms(**rows, tilt=tilt, joints=has)
+
+
+def _agree(joints: Sequence[_Joint]) -> None:
+    """Of the numbers of cogging periods, prefer the one that suits all joints best."""
+    total = {f"cogging:{count:g}": 0.0 for count in PERIODS}
+    for each in joints:
+        for key, gain in each.gains.items():
+            if key in total:
+                total[key] += max(gain - ALIKE * (key == each.usual), 0.0)
+        for key in each.taken:
+            if key in total:
+                total[key] += EVIDENCE
+    usual = max(total, key=lambda key: total[key])
+    for each in joints:
+        before, each.usual = each.usual, usual
+        if before != usual:
+            for key, change in ((before, -ALIKE), (usual, ALIKE)):
+                if key in each.gains:
+                    each.gains[key] += change
+
+
+def _lean(joints: Sequence[_Joint], constant: Vector, recordings: int) -> tuple[Vector, float]:
+    """The lean that explains most of what is left over in all joints, (3 recordings,), rad, and its gain."""
+    rows, right = [], []
+    for each, k in zip(joints, constant, strict=True):
+        sure = 1.0 / max(float(np.sqrt(np.square(each.u).mean())), 1e-12)
+        rows.append(each.tilt / k * sure)
+        right.append(each.u * sure)
+    A, b = np.concatenate(rows), np.concatenate(right)
+    found = np.linalg.lstsq(A.T @ A + _LOOSE * np.trace(A.T @ A) * np.eye(A.shape[1]), A.T @ b)[0]
+    gain = 0.0
+    for each, k in zip(joints, constant, strict=True):
+        left = each.u - each.tilt @ found / k
+        gain += each.count * float(np.log((each.u @ each.u) / max(float(left @ left), 1e-30)))
+    return found, gain - 2.0 * recordings * float(np.log(sum(each.count for each in joints)))
+
+
+def _regressions(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters) -> list[_Joint]:
+    """The rows of every joint, filtered as in `regress`."""
+    parts = [_Sensitivity(motion, player, start) for motion in motions]
+    delay = float(start.delay[0])
+    late = [low_pass(shifted_duty(m.duty, delay / m.period), m.period, BAND) for m in motions]
+    found = []
+    for joint in range(player.spec.n_joints):
+        u, base, tilt = list[Array](), list[Array](), list[Array]()
+        columns = list[dict[str, Array]]()
+        for number, (motion, part, duty) in enumerate(zip(motions, parts, late, strict=True)):
+            v = part.smooth.velocity[:, joint]
+            kept = np.flatnonzero((np.abs(v) > STILL) & (motion.good[:, joint] > 0))[::THIN]
+            made = low_pass(part.base(joint, motion.duty), motion.period, BAND)[kept]
+            leans = np.zeros((len(kept), 3 * len(motions)))
+            leans[:, 3 * number : 3 * number + 3] = low_pass(part.by_lean[:, :, joint].T, motion.period, BAND)[kept]
+            terms = {key: low_pass(each, motion.period, BAND)[kept] for key, each in part.terms(joint).items()}
+            u.append(duty[kept, joint])
+            base.append(made)
+            tilt.append(leans)
+            columns.append(terms)
+        each = {key: np.concatenate([part[key] for part in columns]) for key in columns[0]}
+        found.append(_Joint(np.concatenate(u), np.concatenate(base), each, np.concatenate(tilt)))
+        found[-1].weigh()
+    return found
+
+
+class _Sensitivity:
+    """The torque that the links of a motion take, and its derivatives."""
+
+    def __init__(self, motion: RecordedMotion, player: OpenLoopPlayer, start: DriveParameters) -> None:
+        self.smooth = smooth_motion(motion)
+        player.links_only(start.mass_scale, motion.weight)
+        self.torque = self._links(player, motion.gravity)
+        down = motion.gravity
+        axes = rotate_vector(np.tile(down, (3, 1)), _NUDGE * np.eye(3))
+        self.by_lean = np.array([(self._links(player, each) - self.torque) / _NUDGE for each in axes])
+        self.by_place = np.zeros_like(self.torque)
+        longest = max(len(finger.joints) for finger in player.spec.fingers)
+        for place in range(longest):
+            own = [finger.joints[place] for finger in player.spec.fingers if place < len(finger.joints)]
+            off = np.zeros(player.spec.n_joints)
+            off[own] = _NUDGE
+            self.by_place[:, own] = ((self._links(player, down, off) - self.torque) / _NUDGE)[:, own]
+
+    def base(self, joint: int, duty: Array) -> Array:
+        """The columns that are always there, (k, 7)."""
+        v = self.smooth.velocity[:, joint]
+        side = np.tanh(v / STILL)
+        slow, load = side * np.exp(-np.square(v / _STRIBECK)), side * np.abs(duty[:, joint])
+        columns = (
+            self.torque[:, joint],
+            self.smooth.acceleration[:, joint],
+            v,
+            side,
+            slow,
+            load,
+            self.by_place[:, joint],
+        )
+        return np.stack(columns, axis=1)
+
+    def terms(self, joint: int) -> dict[str, Array]:
+        """The columns that may be there."""
+        q, v = self.smooth.position[:, joint], self.smooth.velocity[:, joint]
+        found = {"bias": np.ones((len(q), 1)), "uneven": -np.abs(v)[:, None]}
+        waves = {f"cogging:{count:g}": np.stack([np.cos(count * q), np.sin(count * q)], axis=1) for count in PERIODS}
+        return found | waves
+
+    def _links(self, player: OpenLoopPlayer, down: Vector, off: Vector | float = 0.0) -> Array:
+        motion = zip(*self.smooth, strict=True)
+        return np.array([player.link_torque(q + off, v, a, down) for q, v, a in motion])

@@ -1,0 +1,87 @@
+"""What an identification says in sentences: what the hand has beyond friction, how well it is predicted, what is
+left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.results.written_drive import WrittenDrive
+from allegro_twin.types import Vector
+
+LEFT = 3.0
+"""Times the noise: with more left over the model does not explain a joint."""
+_SAME = np.radians(0.6)  # Between the leans of recordings that count as one.
+
+
+def describe_terms(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
+    """What the model has beyond Coulomb's friction, and by which shape of what was left over it was found."""
+    drive, extras = found.drive, found.extras
+    if found.bristly:
+        yield "Friction breaks away: it is larger at rest, and grows with the motor's torque."
+    if found.loose:
+        yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels)} mrad."
+    if extras.tilted:
+        lean = np.degrees(np.linalg.norm(drive.tilt, axis=1))
+        apart = float(np.ptp(drive.tilt, axis=0).max())
+        alike = "the same way in all recordings" if apart < _SAME else "another way in each recording"
+        yield (
+            f"The palm leans by {lean.mean():.1f}° from what the recordings say of gravity, {alike}: torque that all "
+            "joints lack together."
+        )
+    if (has := extras.of_joints("bias_torque", len(labels))).any():
+        yield (
+            f"Constant torque, {_up_to(1e3 * np.abs(drive.bias_torque), has, labels)} mN·m: a cable, or dry friction "
+            "that is larger one way."
+        )
+    if (has := extras.of_joints("uneven_damping", len(labels))).any():
+        size = _up_to(1e3 * np.abs(drive.uneven_damping), has, labels)
+        yield f"Damping that differs by direction, {size} mN·m·s/rad."
+    if (has := extras.of_joints("cogging_sine", len(labels))).any():
+        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels)
+        counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
+        yield f"Cogging, {size} mN·m, {counts} times a turn: torque that comes again with the angle."
+
+
+def describe_prediction(written: WrittenDrive) -> str:
+    """How well what is written predicts what the fit has not seen."""
+    if not written.errors:
+        return "The recordings are too short to keep a part back: what is determined is written, and nothing proves it."
+    rms = {name: 1e3 * float(np.sqrt(np.square(row).mean())) for name, row in written.errors.items()}
+    text = (
+        f"Kept back, the last fifth of every motion, {written.seconds:.1f} s of open loop: nominal "
+        f"{rms['nominal']:.1f} mrad, written {rms['written']:.1f}, determined values alone {rms['determined']:.1f}, "
+        f"all values {rms['all']:.1f}."
+    )
+    if written.nothing:
+        return f"{text} Nominal is best: nothing is to be written."
+    nominal = written.source.count("nominal")
+    return f"{text} Of {nominal} joints nominal is best, and stays." if nominal else text
+
+
+def describe_rest(found: DriveFit, labels: tuple[str, ...]) -> str:
+    """Which joints the model does not explain; empty where it explains all."""
+    left = found.spread.residual
+    bad = np.flatnonzero(left > LEFT)
+    if not len(bad):
+        return ""
+    worst = bad[np.argsort(-left[bad])]
+    names = ", ".join(f"{labels[k]} ({left[k]:.0f})" for k in worst[:4])
+    more = f" and {len(bad) - 4} more" if len(bad) > 4 else ""
+    return (
+        f"Not explained: {names}{more}, in times the noise; intervals do not cover what no term of the model is. "
+        "Warmth, teeth that bend, and a finger that touched something look like that."
+    )
+
+
+def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...]) -> str:
+    """The median and the largest of some joints' sizes."""
+    most = int(np.argmax(np.where(has, size, -np.inf)))
+    if has.sum() == 1:
+        return f"{size[most]:.1f} ({labels[most]})"
+    return (
+        f"{np.median(size[has]):.1f} in the median of {has.sum()} joints and {size[most]:.1f} at most ({labels[most]})"
+    )

@@ -1,0 +1,213 @@
+"""Which drive a hand's file gets: the one that best predicts the part of the motions which the fit has not seen.
+
+Candidates are the nominal drive, the one in which only determined values are changed, and the one in which all are as
+found that the motions show at all, however wide their intervals. Of every finger the best counts, then of every joint,
+as long as its finger's error falls. Where two are as good, the one that changes less counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.hands.description.specs import load_actuation
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.fitting.parameterisation import (
+    STRAY,
+    from_scaled,
+    index,
+    lower_bounds,
+    scaling_jacobian,
+    to_scaled,
+)
+from allegro_twin.twin.identify.fitting.shooting import UNSEEN, MotionSegments, cut_segments
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
+from allegro_twin.twin.identify.results.gap import SHORTEST, leaning
+from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
+from allegro_twin.types import Vector
+
+KeptValues = Mapping[str, NDArray[np.bool_]]
+"""Values that stay as they were, (n,) for each kind; one for the delay."""
+Source: TypeAlias = Literal["nominal", "determined", "all"]
+"""What of a fit a joint has: nothing, the determined values, or all."""
+SOURCES: tuple[Source, ...] = ("nominal", "determined", "all")
+BETTER = 0.95
+"""Times the error: a candidate that changes more must be this much better."""
+LONGEST = 5.0
+"""s of open loop, at most."""
+
+_ZERO = ("bristle", "load_friction", "backlash", *STRAY)
+NONE = {"stiction": 1.0, "stribeck_speed": 0.1} | dict.fromkeys(_ZERO, 0.0)
+"""Values of a joint in which none was found."""
+_TOGETHER = ("stiction", "stribeck_speed", "bristle")
+"""Friction breaks away by all three, or by none."""
+
+
+class WrittenDrive(NamedTuple):
+    """What goes into a hand's file, and why."""
+
+    drive: DriveParameters
+    source: tuple[Source, ...]
+    """Of each joint."""
+    errors: Mapping[str, Vector]
+    """Open-loop error on what the fit has not seen, with each candidate and as `written`: rms of each joint, (n,), rad;
+    nothing where the motions are too short."""
+    seconds: float
+    """How long the open loop is, s."""
+
+    @property
+    def nothing(self) -> bool:
+        """Whether the nominal drive is the best of every joint."""
+        return set(self.source) == {"nominal"}
+
+
+def choose_drive(
+    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], before: DriveParameters,
+    kept: KeptValues,
+) -> WrittenDrive:  # fmt: skip
+    """The drive that predicts best. `before`: what the file has; `kept`: what stays in any case."""
+    unseen = {name: np.array([not each for each in value.shown] or [False]) for name, value in values.items()}
+    unseen = {name: np.resize(mask, len(values[name].value)) for name, mask in unseen.items()}
+    candidates: dict[Source, DriveParameters] = {
+        "nominal": _upright(before),
+        "determined": _leaning(select_values(found, {**unwritten(values), **kept}, before)),
+        "all": _leaning(select_values(found, {**unseen, **kept}, before)),
+    }
+    trial = _Trial(found, motions)
+    if not trial.pieces:
+        return WrittenDrive(candidates["determined"], tuple(SOURCES[1] for _ in found.floor), {}, 0.0)
+    for name in SOURCES[1:]:
+        upright = _upright(candidates[name])
+        if trial.total(upright) <= trial.total(candidates[name]) / BETTER:
+            candidates[name] = upright
+    errors: dict[str, Vector] = {name: trial.errors(each) for name, each in candidates.items()}
+    best = _fewest([float(np.square(errors[name]).sum()) for name in SOURCES])
+    made, source = candidates[SOURCES[best]], np.full(len(found.floor), best)
+    for finger in trial.fingers:
+        one = _fewest([float(np.square(errors[name][finger]).sum()) for name in SOURCES])
+        made = _swapped(made, candidates[SOURCES[one]], finger)
+        source[finger] = one
+    now = trial.errors(made)
+    for finger in trial.fingers:
+        for joint in finger:
+            for other in range(len(SOURCES)):
+                if errors[SOURCES[other]][joint] > BETTER * now[joint] or other == source[joint]:
+                    continue
+                tried = _swapped(made, candidates[SOURCES[other]], [joint])
+                left = trial.errors(tried)
+                if np.square(left[finger]).sum() < BETTER**2 * np.square(now[finger]).sum():
+                    made, now, source[joint] = tried, left, other
+    errors["written"] = now
+    return WrittenDrive(made, tuple(SOURCES[each] for each in source), errors, trial.seconds)
+
+
+class _Trial:
+    """The pieces of the motions that the fit has not seen."""
+
+    def __init__(self, found: DriveFit, motions: Sequence[RecordedMotion]) -> None:
+        first = motions[0]
+        self.fingers = [list(finger.joints) for finger in first.spec.fingers]
+        shortest = min(len(motion.position) for motion in motions)
+        length = min(round(LONGEST / first.period), round((UNSEEN[1] - UNSEEN[0]) * shortest) - 2)
+        self.seconds = length * first.period
+        self._cuts: MotionSegments | None = None
+        if self.seconds >= SHORTEST_TRIAL:
+            self._cuts = cut_segments(motions, first.spec, length, max(length // 2, 1), UNSEEN)
+        self._player: OpenLoopPlayer = found.player(first)
+
+    @property
+    def pieces(self) -> int:
+        return 0 if self._cuts is None else len(self._cuts.position)
+
+    def errors(self, drive: DriveParameters) -> Vector:
+        """Root mean square of each joint, (n,), rad."""
+        assert self._cuts is not None
+        cuts = self._cuts
+        pieces = cuts.pieces._replace(gravity=leaning(cuts.pieces.gravity, drive))
+        wrong = self._player.play(drive, cuts.position, cuts.velocity, pieces) - cuts.measured
+        return np.asarray(np.sqrt(np.square(wrong).mean(axis=(0, 1))))
+
+    def total(self, drive: DriveParameters) -> float:
+        return float(np.square(self.errors(drive)).sum())
+
+
+SHORTEST_TRIAL = 0.6
+"""s of open loop that tell a drive from another."""
+
+
+def _fewest(costs: list[float]) -> int:
+    """The least cost; the first one that is nearly as low."""
+    return next(k for k, cost in enumerate(costs) if BETTER**2 * cost <= min(costs))
+
+
+def _swapped(drive: DriveParameters, other: DriveParameters, joints: list[int]) -> DriveParameters:
+    """A drive with another's values at some joints; the lean of the palm and the delay are one for all."""
+    found = {}
+    for field in fields(drive):
+        if field.name not in ("tilt", "delay"):
+            row = np.array(getattr(drive, field.name))
+            row[joints] = getattr(other, field.name)[joints]
+            found[field.name] = row
+    return replace(drive, **found)
+
+
+def _upright(drive: DriveParameters) -> DriveParameters:
+    return replace(drive, tilt=np.zeros((0, 3)))
+
+
+def _leaning(drive: DriveParameters) -> DriveParameters:
+    """With one lean for all recordings: their mean, as the prior has it for them."""
+    return replace(drive, tilt=drive.tilt.mean(axis=0, keepdims=True)) if len(drive.tilt) else drive
+
+
+def unwritten(values: Mapping[str, IdentifiedValue]) -> KeptValues:
+    """Values that are not written: those that are not determined; all three of breakaway friction where one is not; and
+    backlash whose interval contains zero."""
+    kept_values = {name: ~value.determined for name, value in values.items()}
+    if "backlash" in values:
+        kept_values["backlash"] |= values["backlash"].value <= values["backlash"].half
+    if "stiction" in values:
+        any_of: NDArray[np.bool_] = np.logical_or.reduce([kept_values[name] for name in _TOGETHER])
+        kept_values |= dict.fromkeys(_TOGETHER, any_of)
+    return kept_values
+
+
+def replacements(first: RecordedMotion, delay: float, found: DriveFit) -> DriveParameters:
+    """Values that replace those that are not written."""
+    n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
+    none = {name: np.full(n, value) for name, value in (NONE | SHORTEST).items()}
+    return DriveParameters(
+        torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
+        frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
+        mass_scale=found.drive.mass_scale, **none,
+    )  # fmt: skip
+
+
+def select_values(found: DriveFit, kept_values: KeptValues, before: DriveParameters) -> DriveParameters:
+    """The drive for a hand's file: values that are not determined stay as `before`, and the others fit them. `before`:
+    what is in the file, relative to the calibration of the recordings.
+
+    Values that look alike in the motion are uncertain each and certain together: a torque constant that was found with
+    4 % of load friction is 4 % too high in a file without any. With x the scaled values, C their covariance, h those
+    that stay as they were (x°) and r the others, the most likely r are
+
+        x_r + C_rh C_hh⁻¹ (x°_h − x_h)
+    """
+    drive, n = found.drive, len(found.floor)
+    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in kept_values.items()}
+    x, there = to_scaled(drive), to_scaled(replace(drive, **stays))
+    fixed = np.zeros(len(x), dtype=bool)
+    for name, mask in kept_values.items():
+        fixed[index(name, n)] = mask
+    inverse = np.linalg.inv(scaling_jacobian(drive))
+    C = inverse @ found.spread.covariance @ inverse.T
+    moved = np.linalg.solve(C[np.ix_(fixed, fixed)], (there - x)[fixed])
+    x = np.where(fixed, there, x + C[:, fixed] @ moved)
+    made = from_scaled(np.maximum(x, lower_bounds(n, len(drive.tilt))), drive)
+    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in kept_values.items()}
+    return replace(made, **stays)

@@ -1,0 +1,239 @@
+"""A hidden hand in plain MuJoCo with physics that no drive of the package has, behind the real protocol.
+
+Nothing of `allegro_twin.sim` is in it: links are the hand's MJCF without its losses; motors, friction, cogging, cables,
+warmth and teeth are integrated here, at 0.1 ms. What it tells of itself goes through the v4 codec.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from allegro_twin.app.config import RunConfig
+from allegro_twin.backend import torque_of
+from allegro_twin.drivers.can.config import CanSettings
+from allegro_twin.drivers.can.opening import open_can
+from allegro_twin.files.assets import data_root
+from allegro_twin.kinematics.orientation import rotate_vector
+from allegro_twin.loop import run, until
+from allegro_twin.plugins import BackendContext
+from allegro_twin.recording.recorder import record
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
+from allegro_twin.types import Command, HandState, Vector, frozen
+
+N = 16
+STEP = 1e-4  # s
+KINDS = ("plain", "lugre", "tilt", "tilt_each", "cogging", "direction", "warm", "teeth", "cable")
+"""What is unlike our own drives: nothing; friction that breaks away with a weak motor; a base that leans by 3°, as one
+in the palm's frame, or another way in each recording; torque that comes again with the angle; friction of two
+directions with heavier links; warmth with cogging and cables; teeth that bend; cables alone."""
+
+
+@dataclass(slots=True)
+class Physics:
+    """A hand's truth, a row a joint: N·m, kg·m², N·m·s/rad, rad, s."""
+
+    constant: Vector
+    armature: Vector
+    damping: Vector
+    friction: Vector
+    noise: float = 5e-5
+    offset: Vector = field(default_factory=lambda: np.zeros(N))
+    delay: int = 30
+    """Steps of STEP."""
+    mass: Vector = field(default_factory=lambda: np.ones(N))
+    ratio: Vector = field(default_factory=lambda: np.ones(N))
+    """Breakaway over sliding friction."""
+    stribeck: float = 0.12
+    bristle: float = 0.0
+    """How far a joint gives before it breaks away, rad; 0: it does not give."""
+    load: Vector = field(default_factory=lambda: np.zeros(N))
+    uneven: Vector = field(default_factory=lambda: np.zeros(N))
+    """Share by which friction and damping are larger forwards than on average."""
+    cogging: Vector = field(default_factory=lambda: np.zeros(N))
+    teeth: Vector = field(default_factory=lambda: np.full(N, 6.0))
+    """Periods of the cogging in a turn."""
+    phase: Vector = field(default_factory=lambda: np.zeros(N))
+    cable: Vector = field(default_factory=lambda: np.zeros(N))
+    cold: float = 0.0
+    """Share by which friction and damping are larger at the start of a recording."""
+    warming: float = 8.0
+    play: Vector = field(default_factory=lambda: np.zeros(N))
+    spring: float = 0.0
+    """Of the teeth, N·m/rad; 0: none, motors are one with their links."""
+    lean: dict[str, Vector] = field(default_factory=dict)
+    """By pose, or "" for all: rotation of gravity in the palm's frame, (3,), rad."""
+
+
+def draw(kind: str, seed: int) -> Physics:
+    """A hand of one kind."""
+    rng = np.random.default_rng((seed, 977, KINDS.index(kind)))
+    each = Physics(
+        rng.uniform(0.85, 1.15, N), rng.uniform(0.002, 0.004, N), rng.uniform(0.05, 0.1, N),
+        rng.uniform(0.01, 0.045, N), offset=rng.uniform(-0.01, 0.01, N), delay=int(rng.integers(5, 60)),
+    )  # fmt: skip
+    axis = rng.normal(size=(4, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    match kind:
+        case "lugre":
+            each.ratio, each.load, each.bristle = rng.uniform(1.3, 1.7, N), rng.uniform(0.02, 0.06, N), 8e-4
+            each.constant[int(rng.integers(N))] *= 0.7
+        case "tilt":
+            each.lean[""] = np.radians(3.0) * axis[0]
+        case "tilt_each":
+            each.lean = {
+                pose: np.radians(2.0) * a for pose, a in zip(("up", "palm-up", "side", "palm-down"), axis, strict=True)
+            }
+        case "cogging":
+            each.cogging, each.phase = np.full(N, 0.005), rng.uniform(0.0, 2.0 * np.pi, N)
+        case "direction":
+            each.uneven, each.mass = 0.2 * rng.choice([-1.0, 1.0], N), np.full(N, 1.15)
+        case "warm":
+            each.ratio, each.bristle, each.cold = rng.uniform(1.3, 1.7, N), 8e-4, 0.3
+            each.cogging, each.phase = np.full(N, 0.003), rng.uniform(0.0, 2.0 * np.pi, N)
+            each.cable = 0.01 * rng.choice([-1.0, 1.0], N)
+        case "teeth":
+            each.play, each.spring = np.full(N, 0.008), 15.0
+        case "cable":
+            each.cable = rng.uniform(-0.015, 0.015, N)
+    return each
+
+
+class ForeignHand:
+    """The hand, as a backend that takes torques."""
+
+    live = False
+
+    def __init__(self, spec: HandSpec, physics: Physics, gravity: Vector, period: float, seed: int) -> None:
+        self._spec, self._truth, self.period, self._seed = spec, physics, period, seed
+        model = mujoco.MjModel.from_xml_path(str(data_root() / "models" / "mjcf" / f"{spec.name}.xml"))
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        model.opt.timestep, model.opt.noslip_iterations = STEP, 0
+        model.opt.gravity[:] = gravity
+        self._dofs = np.array([model.joint(name).dofadr[0] for name in spec.joints])
+        self._qpos = np.array([model.joint(name).qposadr[0] for name in spec.joints])
+        model.dof_frictionloss[:], model.dof_damping[:] = 0.0, 0.0
+        model.dof_solimp[:, :2] = 0.9999  # Dry friction holds, and does not creep.
+        model.dof_armature[self._dofs] = 2e-5 if physics.spring else physics.armature
+        for joint, name in enumerate(spec.joints):
+            body = int(model.joint(name).bodyid[0])
+            model.body_mass[body] *= physics.mass[joint]
+            model.body_inertia[body] *= physics.mass[joint]
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        self._model, self._data = model, mujoco.MjData(model)
+        self._constant = np.ones(N)  # What its driver takes full PWM for, N·m, as an unknown hand's host does.
+        self._begun = np.array((spec.lower + spec.upper) / 2.0)
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._spec
+
+    def reset(self) -> HandState:
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[self._qpos] = self._begun
+        self._motor, self._speed, self._bent = self._begun.copy(), np.zeros(N), np.zeros(N)
+        self._rng, self._ticks, self._steps = np.random.default_rng(self._seed), 0, 0
+        self._coming: list[tuple[int, Vector]] = []
+        self._duty = np.zeros(N)
+        mujoco.mj_forward(self._model, self._data)
+        return self._state()
+
+    def write(self, command: Command) -> None:
+        duty = torque_of(command, self._spec) / self._constant
+        self._coming.append((self._steps + self._truth.delay, duty))
+
+    def read(self) -> HandState:
+        for _ in range(round(self.period / STEP)):
+            while self._coming and self._coming[0][0] <= self._steps:
+                self._duty = self._coming.pop(0)[1]
+            self._step()
+            self._steps += 1
+        self._ticks += 1
+        return self._state()
+
+    def close(self) -> None:
+        self._duty = np.zeros(N)
+
+    def _step(self) -> None:
+        own, data = self._truth, self._data
+        link, moving = data.qpos[self._qpos], data.qvel[self._dofs]
+        angle, speed = (self._motor, self._speed) if own.spring else (link, moving)
+        pull = own.constant * self._duty
+        warm = 1.0 + own.cold * np.exp(-self._steps * STEP / own.warming)
+        side = 1.0 + own.uneven * np.sign(speed)
+        slides = own.friction * side * warm
+        slides = slides * (1.0 + (own.ratio - 1.0) * np.exp(-np.square(speed / own.stribeck))) + own.load * np.abs(pull)
+        torque = pull - own.damping * side * warm * speed
+        torque = torque + own.cable + own.cogging * np.sin(own.teeth * angle + own.phase)
+        if own.bristle:
+            stiff = own.friction * own.ratio / own.bristle
+            rate = speed - stiff * np.abs(speed) / slides * self._bent
+            self._bent = np.clip(self._bent + STEP * rate, -slides / stiff, slides / stiff)
+            torque = torque - stiff * self._bent - np.sqrt(stiff * own.armature) * rate
+        if own.spring:
+            torque = self._turned(torque, slides, link, moving)
+        elif not own.bristle:
+            self._model.dof_frictionloss[self._dofs] = slides
+        data.qfrc_applied[self._dofs] = torque
+        mujoco.mj_step(self._model, data)
+
+    def _turned(self, torque: Vector, slides: Vector, link: Vector, moving: Vector) -> Vector:
+        """Turn the motors by a step; what their teeth pass on to the links."""
+        own = self._truth
+        apart = self._motor - link
+        over = apart - np.clip(apart, -own.play / 2.0, own.play / 2.0)
+        passed = own.spring * over + np.where(over != 0.0, 0.01 * (self._speed - moving), 0.0)
+        free, holds = self._speed + STEP * (torque - passed) / own.armature, STEP * slides / own.armature
+        self._speed = np.sign(free) * np.maximum(np.abs(free) - holds, 0.0)
+        self._motor = self._motor + STEP * self._speed
+        return passed
+
+    def _state(self) -> HandState:
+        said = self._data.qpos[self._qpos] + self._truth.offset + self._truth.noise * self._rng.standard_normal(N)
+        return HandState(
+            t=self._ticks * self.period, tick=self._ticks, position=frozen(said),
+            velocity=frozen(self._data.qvel[self._dofs].copy()), torque=frozen(self._duty * self._constant),
+            temperature=frozen(np.full(N, np.nan)), gravity=frozen(np.full(3, np.nan)),
+        )  # fmt: skip
+
+
+class _Place:
+    """Where a hidden hand stands: what opens it in the place of a simulation."""
+
+    def __init__(self, physics: Physics, gravity: Vector, seed: int) -> None:
+        self._physics, self._gravity, self._seed = physics, gravity, seed
+
+    def check(self, spec: HandSpec) -> None:
+        """Any hand will do."""
+
+    def simulate(self, settings: object, spec: HandSpec, step: float) -> Any:
+        return ForeignHand(spec, self._physics, self._gravity, step, self._seed)
+
+
+def recorded(kind: str, seed: int, poses: Sequence[str], seconds: Mapping[str, float], folder: Path) -> list[Path]:
+    """Excite a hand of one kind in some poses; a recording each."""
+    physics, paths = draw(kind, seed), []
+    for number, name in enumerate(poses):
+        pose = find_pose(name, "right")
+        backend: dict[str, Any] = {
+            "kind": "can", "version": "v4", "interface": "allegro-virtual", "gravity": list(pose.gravity),
+            "scene": {"kind": "sim"},
+        }  # fmt: skip
+        config = RunConfig.model_validate({"backend": backend, "controller": {"kind": "torque"}})
+        assert isinstance(config.backend, CanSettings)
+        lean = physics.lean.get(name, physics.lean.get("", np.zeros(3)))
+        place = _Place(physics, rotate_vector(pose.gravity, lean), 31 * seed + number)
+        rig = open_can(config.backend, BackendContext(config.hand, config.period, place.check, place.simulate))
+        motion = rehearse(rig.spec, pose, 100 * seed + number, seconds[name]).excitation
+        paths.append(folder / f"{name}.arrow")
+        meta = {"calibration": dict(rig.calibration), "config": config.model_dump(mode="json")}
+        for _ in record(until(seconds[name], run(rig, motion)), paths[-1], rig.spec, config.period, meta=meta):
+            pass
+        rig.close()
+    return paths
