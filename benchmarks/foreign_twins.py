@@ -60,6 +60,9 @@ def one(kind: str, seed: int) -> dict[str, Any]:
         every = gap_errors(motion, found.fit.player(motion), _leaning(found.fit.drive, drive))
     truth, constant = draw(kind, seed), found.values["torque_constant"]
     off = np.abs(constant.value - truth.constant)
+    per_pwm = {"armature": truth.armature, "damping": truth.damping, "frictionloss": truth.friction}
+    covered = {"torque_constant": _covered(constant, truth.constant)}
+    covered |= {name: _covered(found.values[name], true / truth.constant) for name, true in per_pwm.items()}
     return {
         "kind": kind, "seed": seed, "cpu_s": cost,
         "nominal_mrad": 1e3 * gap.before.all[-1], "written_mrad": 1e3 * gap.after.all[-1],
@@ -67,7 +70,7 @@ def one(kind: str, seed: int) -> dict[str, Any]:
         "kept_back_mrad": {name: 1e3 * _rms(row) for name, row in found.written.errors.items()},
         "residual": [float(np.median(found.fit.spread.residual)), float(found.fit.spread.residual.max())],
         "constant_off": [float(np.median(off / truth.constant)), float((off / truth.constant).max())],
-        "inside": int((off <= constant.half)[constant.determined].sum()), "determined": int(constant.determined.sum()),
+        "covered": covered,
         "bristly": found.fit.bristly, "loose": found.fit.loose,
         "said": list(describe_terms(found.fit, found.motions[0].spec.joint_labels)),
     }  # fmt: skip
@@ -75,11 +78,20 @@ def one(kind: str, seed: int) -> dict[str, Any]:
 
 def line(row: dict[str, Any]) -> str:
     """A row of the table."""
+    covered = ", ".join(f"{inside} of {of}" for inside, of in row["covered"].values())
+    left = f"{row['residual'][0]:.1f} / {row['residual'][1]:.1f}"
     return (
         f"| {row['kind']} {row['seed']} | {row['nominal_mrad']:.0f} | {row['written_mrad']:.1f} | "
-        f"{row['all_mrad']:.1f} | {row['worst_joint_mrad']:.1f} | {row['residual'][0]:.1f} / {row['residual'][1]:.1f} | "
-        f"{row['inside']} of {row['determined']} | {row['cpu_s']:.0f} | {' '.join(row['said'])} |"
+        f"{row['all_mrad']:.1f} | {row['worst_joint_mrad']:.1f} | {left} | "
+        f"{covered} | {row['cpu_s']:.0f} | "
+        f"{' '.join(row['said'])} |"
     )
+
+
+def _covered(value: Any, true: Any) -> list[int]:
+    """Of how many determined values the interval holds the truth, and how many are determined."""
+    inside = np.abs(value.value - true) <= value.half
+    return [int(inside[value.determined].sum()), int(value.determined.sum())]
 
 
 def _rms(row: Any) -> float:

@@ -19,6 +19,7 @@ from allegro_twin.types import Array, Vector
 _NONE: Vector = np.zeros(0)
 _UPRIGHT: Array = np.zeros((0, 3))
 PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods")
+WARMTH = ("cold_friction", "warm_up")
 """What a motor neither commands nor loses evenly to friction."""
 BEFORE = 6
 """Periods of commands that are still on their way when a piece begins: the longest delay."""
@@ -63,14 +64,22 @@ class DriveParameters:
     """N·m."""
     cogging_periods: Vector = field(default_factory=lambda: _NONE)
     """Periods of the cogging in a turn."""
+    cold_friction: Vector = field(default_factory=lambda: _NONE)
+    """Share by which friction and damping are larger when the motors are switched on, for a player that warms."""
+    warm_up: Vector = field(default_factory=lambda: _NONE)
+    """Time constant in which that falls, s, likewise; 0: it does not."""
     tilt: Array = field(default_factory=lambda: _UPRIGHT)
     """By how much the palm leans from what each recording says of gravity: a rotation of that in the palm's frame,
     (recordings, 3), rad; no row where it does not lean."""
 
     def __post_init__(self) -> None:
-        for name in PARASITIC:
+        for name in (*PARASITIC, *WARMTH):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(len(self.torque_constant)))
+
+    def warmth(self, t: Array | float) -> Array:
+        """Factor on friction and damping at times since the motors were switched on, (…, 1) s → (…, n)."""
+        return np.asarray(1.0 + self.cold_friction * np.exp(-t / np.maximum(self.warm_up, 1e-3)))
 
     def changed(self, name: str, joints: list[int], by: float) -> Self:
         """The same, but for one of them at some joints."""
@@ -93,6 +102,8 @@ class Segments(NamedTuple):
     push: Array
     """Fractions of full PWM around the row where it begins and BEFORE rows before that, as smooth as the acceleration,
     (w, BEFORE + 1, n)."""
+    time: Vector
+    """Since the motors were switched on, when it begins, (w,), s."""
 
 
 STEP = {False: 0.001, True: 0.0006}
@@ -112,10 +123,13 @@ class OpenLoopPlayer:
         bristly: bool = False,
         loose: bool = False,
         parasitic: bool = False,
+        warming: bool = False,
     ) -> None:
         """`bristly`: friction breaks away; otherwise it is Coulomb's. `loose`: there is backlash. `parasitic`: joints
-        feel parasitic torque. The time step is the longest near STEP."""
-        self.spec, self._period, self.bristly, self.loose, self.parasitic = spec, period, bristly, loose, parasitic
+        feel parasitic torque. `warming`: friction falls while the hand warms up. The time step is the longest near
+        STEP."""
+        self.spec, self._period, self.bristly, self.loose = spec, period, bristly, loose
+        self.parasitic, self.warming = parasitic, warming
         self._steps = round(period / (timestep or STEP[bristly or loose]))
         self.timestep = period / self._steps
         self._model = _bare(spec, self.timestep, bristly, loose, parasitic)
@@ -154,7 +168,7 @@ class OpenLoopPlayer:
         """The same at half the time step."""
         return OpenLoopPlayer(
             self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose,
-            parasitic=self.parasitic,
+            parasitic=self.parasitic, warming=self.warming,
         )  # fmt: skip
 
     def links(self, qpos: Array) -> Array:
@@ -167,10 +181,17 @@ class OpenLoopPlayer:
         self._set(drive, np.zeros(self.spec.n_joints))
         return self._model
 
-    def rub(self, drive: DriveParameters, duty: Vector) -> None:
-        """Set the friction that motors at a fraction of full PWM, (n,), add to their joints in the `prepared` model."""
-        if self.bristly and drive.load_friction.any():
-            dry = drive.frictionloss + drive.load_friction * drive.torque_constant * np.abs(duty)
+    def rub(self, drive: DriveParameters, duty: Vector, time: float) -> None:
+        """Set the friction of the `prepared` model, with what motors at a fraction of full PWM, (n,), add, some time
+        after they were switched on, s."""
+        warm: Vector | float = 1.0
+        if self.warming:
+            warm = drive.warmth(time)
+            self._model.dof_damping[self.dofs] = warm * drive.damping
+            if not self.bristly:
+                self._model.dof_frictionloss[self.dofs] = warm * drive.frictionloss
+        if self.bristly and (drive.load_friction.any() or self.warming):
+            dry = warm * drive.frictionloss + drive.load_friction * drive.torque_constant * np.abs(duty)
             shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
             lugre_friction.set_friction(self._model, self._friction, dry, *shape, drive.armature)
 
@@ -231,16 +252,27 @@ class OpenLoopPlayer:
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
         qvel = sims.bind("qvel") if self.parasitic else qpos
         rubbing = (
-            lugre_friction.BatchedFriction(sims, self._friction) if self.bristly and drive.load_friction.any() else None
+            lugre_friction.BatchedFriction(sims, self._friction)
+            if self.bristly and (drive.load_friction.any() or self.warming)
+            else None
         )
         share = drive.load_friction * drive.torque_constant
         found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
+        if self.warming:
+            damping = sims.expand("dof_damping")
+            dry_friction = None if self.bristly else sims.expand("dof_frictionloss")
+        warm: Array = np.ones(1)
         for k in range(len(found)):
+            if self.warming:
+                warm = drive.warmth(pieces.time[:, None] + k * self._period)
+                damping[:, self.dofs] = warm * drive.damping
+                if dry_friction is not None:
+                    dry_friction[:, self.dofs] = warm * drive.frictionloss
             for step in range(self._steps):
                 now = control[k * self._steps + step]
                 ctrl[:, self.motors] = now
                 if rubbing is not None:
-                    dry = drive.frictionloss + share * np.abs(now)
+                    dry = drive.frictionloss * warm + share * np.abs(now)
                     rubbing.set(dry, drive.stiction, drive.bristle, drive.armature)
                 if self.parasitic:
                     ctrl[:, self._strays] = parasitic_torque.torque(drive, qpos[:, self.qpos], qvel[:, self.dofs])
@@ -275,6 +307,8 @@ class OpenLoopPlayer:
         if self.parasitic:
             held = held + parasitic_torque.torque(drive, position - drive.offset, velocity)
         dry = drive.frictionloss + drive.load_friction * np.abs(push)
+        if self.warming:
+            dry = dry + drive.frictionloss * (drive.warmth(pieces.time[:, None]) - 1.0)
         sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
         steady = lugre_friction.steady_deflection(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
         moving = 1.0 - np.exp(-np.square(velocity / _SLIDES))

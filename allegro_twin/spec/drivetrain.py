@@ -49,6 +49,10 @@ class Drive:
     """… and this times sin(N q), N·m …"""
     cogging_periods: Vector
     """… with N periods in a turn; 0: none."""
+    cold_friction: Vector
+    """Share by which friction and damping are larger when the motors are switched on …"""
+    warm_up: Vector
+    """… and the time constant in which that falls, s; 0: it does not fall, and there is none."""
     tip_mass: Vector
     """Mass of a weight at the fingertip, kg: at the last joint of a finger; 0 elsewhere."""
     tilt: Vector
@@ -78,6 +82,11 @@ class Drive:
         rows = (self.bias_torque, self.uneven_damping, self.cogging_cosine, self.cogging_sine)
         return any(row.any() for row in rows)
 
+    @property
+    def warming(self) -> bool:
+        """Whether friction of a joint changes while the hand warms up."""
+        return bool((self.cold_friction * self.warm_up).any())
+
     def plain(self) -> dict[str, Any]:
         """Plain values, as `from_values` takes them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -100,7 +109,7 @@ _SINGLE = ("delay", "seed")
 _NOMINAL = dict.fromkeys((field.name for field in fields(Drive)), 0.0) | {
     "strength": 1.0, "stiction": 1.0, "mass_scale": 1.0, "stribeck_speed": 0.1,
 }  # fmt: skip
-_SIGNED = ("encoder_offset", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "tilt")
+_SIGNED = ("encoder_offset", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cold_friction", "tilt")
 _LEAST = {"stiction": 1.0} | dict.fromkeys(_SIGNED, -math.inf)
 _THREE = {"tilt": 3}
 _POSITIVE = ("strength", "stribeck_speed", "mass_scale")

@@ -100,8 +100,41 @@ def test_a_palm_that_leans_says_what_it_believes_of_gravity_and_feels_what_is(
     np.testing.assert_allclose(leaning.model.opt.gravity @ palm, rotate_vector(nominal, lean), atol=1e-12)
 
 
+@pytest.mark.parametrize("bristly", [False, True])
+def test_friction_falls_while_a_hand_warms_up_in_the_simulation_and_in_the_model(
+    spec: HandSpec, make_sim: MakeSim, *, bristly: bool
+) -> None:
+    shape = {"stiction": 1.4, "stribeck_speed": 0.1, "bristle": 1e-3} if bristly else {}
+    warmth = {"cold_friction": np.full(16, 1.0), "warm_up": np.full(16, 0.1)}
+    rows = {name: np.full(16, value) for name, value in shape.items()}
+    drive = parameters(spec, **warmth, **rows)
+    cold, warm = (
+        played_at(OpenLoopPlayer(spec, 0.003, 0.001, bristly=bristly, warming=True), drive, time)
+        for time in (0.0, 10.0)
+    )
+    there = simulated(make_sim, driven(spec, **warmth, **shape), duties())
+    assert np.median(np.abs(cold - there).max(axis=0)) < 1e-3
+    ever = played_at(OpenLoopPlayer(spec, 0.003, 0.001, bristly=bristly), parameters(spec, **rows), 0.0)
+    np.testing.assert_allclose(warm, ever, atol=1e-9)
+    assert np.median(np.abs(cold - ever).max(axis=0)) > 0.01
+
+
+def played_at(player: OpenLoopPlayer, drive: Any, time: float) -> np.ndarray:
+    pieces = piece(player, drive, np.concatenate([np.zeros((6, 16)), duties()]), DOWN)
+    pieces = pieces._replace(time=np.array([time]))
+    played: np.ndarray = player.play(drive, MIDDLE[None], np.zeros((1, 16)), pieces)[0]
+    return played
+
+
+def test_a_hand_that_begins_anew_is_cold_again(spec: HandSpec, make_sim: MakeSim) -> None:
+    backend = make_sim(driven(spec, cold_friction=0.5, warm_up=0.1))
+    first, again = moved(backend, 0.1), moved(backend, 0.1)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_allclose(backend.model.dof_damping[:16], spec.actuation.damping, rtol=0.05)
+
+
 def test_a_mirror_that_knows_it_feels_nothing_from_outside(spec: HandSpec, make_sim: MakeSim) -> None:
-    known = driven(spec, **STRAY, tilt=np.array([0.05, -0.04, 0.03]))
+    known = driven(spec, **STRAY, tilt=np.array([0.05, -0.04, 0.03]), cold_friction=0.5, warm_up=1.0)
     backend = make_sim(known, posture=MIDDLE)
     felt = {}
     for name, own in (("knows", known), ("does not", spec)):

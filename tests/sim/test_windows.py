@@ -52,7 +52,7 @@ def piece(player: OpenLoopPlayer, drive: DriveParameters, duty: Array, gravity: 
     player.links_only(drive.mass_scale, np.zeros(16))
     weight = player.link_torque(MIDDLE, np.zeros(16), np.zeros(16), gravity)
     push = np.broadcast_to(weight / drive.torque_constant, (1, BEFORE + 1, 16))
-    return Segments(duty[None], gravity[None], np.zeros((1, 16)), np.zeros((1, 16)), push)
+    return Segments(duty[None], gravity[None], np.zeros((1, 16)), np.zeros((1, 16)), push, np.zeros(1))
 
 
 def played(spec: HandSpec, drive: DriveParameters, duty: Array, *, bristly: bool = False) -> Array:

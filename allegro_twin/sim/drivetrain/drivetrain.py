@@ -66,6 +66,9 @@ class Drivetrain:
         # What went wrong: what motors still give, how far encoders have moved, and how fast they do, rad and rad/s.
         self._share, self._moved, self._drift = np.ones((3, spec.n_joints)) * [[1.0], [0.0], [0.0]]
         self._loaded = bool(drive.load_friction.any())
+        self._warming = drive.warming
+        self._damping = model.dof_damping[self._dofs].copy()
+        self._cold = np.where(drive.warm_up > 0.0, drive.cold_friction, 0.0)
         self._strays: list[int] = []
         if drive.parasitic:
             self._strays = [model.actuator(parasitic_torque.torque_actuator(name)).id for name in spec.joints]
@@ -112,13 +115,26 @@ class Drivetrain:
         """One physics step is about to pass."""
         while self._coming and self._coming[0][0] <= self._step:
             data.ctrl[self._motors] = self._coming.popleft()[1] * self._share
-        if self._loaded:
-            self._rub(self._dry + self._drive.load_friction * np.abs(data.actuator_force[self._motors]))
+        if self._loaded or self._warming:
+            self._rub(self._warmed(self._dry) + self._load(data))
+        if self._warming:
+            self._model.dof_damping[self._dofs] = self._warmed(self._damping)
         if self._strays:
             angle, speed = data.qpos[self._angles], data.qvel[self._dofs]
             data.ctrl[self._strays] = parasitic_torque.torque(self._drive, angle, speed)
         self._step += 1
         self._moved += self._drift * self._model.opt.timestep
+
+    def _warmed(self, cold: Vector) -> Vector:
+        """Friction or damping now, (n,)."""
+        if not self._warming:
+            return cold
+        time = self._step * self._model.opt.timestep
+        return np.asarray(cold * (1.0 + self._cold * np.exp(-time / np.maximum(self._drive.warm_up, 1e-3))))
+
+    def _load(self, data: mujoco.MjData) -> Vector:
+        """Friction by the motors' torques, (n,), N·m."""
+        return np.asarray(self._drive.load_friction * np.abs(data.actuator_force[self._motors]))
 
     def _rub(self, dry: Vector) -> None:
         """Set dry friction, (n,), N·m."""

@@ -27,7 +27,7 @@ import numpy as np
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.sim.observer.kalman import JointKalman
-from allegro_twin.sim.open_loop import BEFORE, PARASITIC, DriveParameters, OpenLoopPlayer
+from allegro_twin.sim.open_loop import BEFORE, PARASITIC, WARMTH, DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -70,8 +70,9 @@ class StateObserver:
         noise: Vector | None = None,
     ) -> None:
         """`noise`: standard deviation of what encoders report, (n,), rad; None, and at least: NOISE."""
-        parasitic = any(getattr(drive, name).any() for name in PARASITIC)
-        self._player, self._drive = OpenLoopPlayer(spec, period, bristly=bristly, parasitic=parasitic), drive
+        parasitic, warming = (any(getattr(drive, name).any() for name in names) for names in (PARASITIC, WARMTH))
+        self._player = OpenLoopPlayer(spec, period, bristly=bristly, parasitic=parasitic, warming=warming)
+        self._drive, self._periods = drive, 0
         self._model = self._player.prepared(drive)
         self._data = mujoco.MjData(self._model)
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
@@ -93,7 +94,7 @@ class StateObserver:
         """Begin where the hand reports to be, (n,), rad, at rest."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._player.qpos] = position - self._offset
-        zero = np.zeros(len(position))
+        zero, self._periods = np.zeros(len(position)), 0
         self._sent: deque[Vector] = deque([zero] * (BEFORE + 1), maxlen=BEFORE + 1)
 
     @property
@@ -186,7 +187,8 @@ class StateObserver:
         tilt = self._drive.tilt
         self._model.opt.gravity[:] = rotate_vector(gravity, tilt[0]) if len(tilt) else gravity
         controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
-        player.rub(self._drive, controls.mean(axis=0))
+        player.rub(self._drive, controls.mean(axis=0), self._periods * self.period)
+        self._periods += 1
         for control in controls:
             data.ctrl[player.motors] = control
             player.stray(self._drive, data)

@@ -2,11 +2,13 @@
 
 With the torque τ that moves the links, every joint is one linear regression (`regress`):
 
-    u = [τ, a, v, sgn v, sgn v exp(−(v/v_s)²), |u| sgn v, ∂τ/∂q] x + [1 | |v| | cos Nq, sin Nq | ∂τ/∂ω] y
+    u = [τ, a, v, sgn v, sgn v exp(−(v/v_s)²), |u| sgn v, ∂τ/∂q] x
+        + [1 | |v| | cos Nq, sin Nq | f exp(−t/τ_w) | ∂τ/∂ω] y
 
-u: fraction of full PWM. The terms in y are tried one kind after the other; the kind that lowers Schwarz's criterion
-most, over all joints, stays in those where it lowers it by more than EVIDENCE; in all, if it does in half of them. ω,
-the lean of the palm in each recording, is one for all joints.
+u: fraction of full PWM, f: friction and damping, t: since the motors were switched on. The terms in y are tried one
+kind after the other; the kind that lowers Schwarz's criterion most, over all joints, stays in those where it lowers it
+by more than EVIDENCE; in all, if it does in half of them. ω, the lean of the palm in each recording, is one for all
+joints.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
-from allegro_twin.twin.identify.fitting.parameterisation import STRAY
+from allegro_twin.twin.identify.fitting.parameterisation import COLD, STRAY
 from allegro_twin.twin.identify.fitting.regress import (
     BAND,
     STILL,
@@ -40,11 +42,19 @@ PERIODS = np.arange(5.0, 121.0, 1.0)
 _LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
 ALIKE = 10.0
 """By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
+_COUNTS = {"cogging": "cogging_periods", "warmth": "warm_up"}
 LIKELY = 0.02
 """Standard deviation of a term's torque, in full PWM: what looks like weight and friction together is not enormous."""
+_LIKELY = {"warm": 0.5}  # Likewise, a share.
 _STRIBECK = 0.1  # rad/s, of the friction that is taken away first.
 _NUDGE = 1e-3  # rad, of finite differences.
-_TORQUE = {"bias": ("bias_torque",), "uneven": ("uneven_damping",), "cogging": ("cogging_cosine", "cogging_sine")}
+_TORQUE = {"bias": ("bias_torque",), "uneven": ("uneven_damping",), "cogging": ("cogging_cosine", "cogging_sine"),
+           "warmth": ("cold_friction",)}  # fmt: skip
+EXTRA = tuple(name for names in _TORQUE.values() for name in names)
+"""Parameters that only some joints have."""
+WARM_UPS = (3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 22.0, 32.0, 48.0)
+"""Time constants that are tried, s."""
+_TRIED = {"cogging": tuple(PERIODS.tolist()), "warmth": WARM_UPS}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +71,10 @@ class ExtraTerms:
     """N·m."""
     cogging_periods: Vector
     """In a turn."""
+    cold_friction: Vector
+    """Share by which friction is larger at first."""
+    warm_up: Vector
+    """s."""
     tilt: Array
     """(recordings, 3), rad; no row where the palm does not lean."""
     joints: Mapping[str, NDArray[np.bool_]]
@@ -73,10 +87,15 @@ class ExtraTerms:
     @property
     def parasitic(self) -> bool:
         """Whether any joint feels parasitic torque."""
-        return any(each.any() for each in self.joints.values())
+        return any(self.joints[name].any() for name in STRAY if name in self.joints)
+
+    @property
+    def warming(self) -> bool:
+        """Whether friction falls while the hand warms up."""
+        return "cold_friction" in self.joints and bool(self.joints["cold_friction"].any())
 
     def __bool__(self) -> bool:
-        return self.parasitic or self.tilted
+        return self.parasitic or self.warming or self.tilted
 
     def of_joints(self, name: str, n: int) -> NDArray[np.bool_]:
         """Which joints have a term, (n,)."""
@@ -87,18 +106,17 @@ class ExtraTerms:
         if not self:
             return drive
         tilt = np.zeros((recordings if self.tilted else 0, 3))
-        return replace(drive, cogging_periods=self.cogging_periods, tilt=tilt)
+        return replace(drive, cogging_periods=self.cogging_periods, warm_up=self.warm_up, tilt=tilt)
 
     def add_to(self, drive: DriveParameters) -> DriveParameters:
         """A drive with these terms as the regression has them."""
         if not self:
             return drive
-        names = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods", "tilt")
-        return replace(drive, **{name: getattr(self, name) for name in names})
+        return replace(drive, **{name: getattr(self, name) for name in (*EXTRA, "cogging_periods", "warm_up", "tilt")})
 
 
 _NO = np.zeros(0)
-NO_EXTRAS = ExtraTerms(_NO, _NO, _NO, _NO, _NO, np.zeros((0, 3)), {})
+NO_EXTRAS = ExtraTerms(_NO, _NO, _NO, _NO, _NO, _NO, _NO, np.zeros((0, 3)), {})
 
 
 class _Joint:
@@ -113,8 +131,8 @@ class _Joint:
         self._always, self._whole = self._Q, self.u
         self.taken: list[str] = []
         self.gains: dict[str, float] = {}
-        self.usual = ""
-        """The term whose gain counts ALIKE more, where there is evidence for it in other joints."""
+        self.usual: set[str] = set()
+        """Terms whose gain counts ALIKE more, for they suit all joints best."""
 
     def without(self, column: Array) -> Array:
         """What the columns so far do not explain."""
@@ -134,8 +152,8 @@ class _Joint:
     def weigh(self) -> None:
         """By how much Schwarz's criterion falls with each term."""
         self.gains = {key: self._gain(each) for key, each in self.columns.items() if not key.startswith("taken ")}
-        if self.usual in self.gains:
-            self.gains[self.usual] += ALIKE
+        for key in self.usual & self.gains.keys():
+            self.gains[key] += ALIKE
 
     def best(self) -> dict[str, tuple[str, float]]:
         """The best term of each family, and its gain."""
@@ -151,8 +169,11 @@ class _Joint:
         names = [f"taken {each}" for each in self.taken]
         own = np.concatenate([self.columns[name] for name in names], axis=1)
         own = own - self._always @ (self._always.T @ own)
-        hold = INDEPENDENT * float(np.square(self.u).mean()) / LIKELY**2
-        found = np.linalg.solve(own.T @ own + hold * np.eye(own.shape[1]), own.T @ self._whole)
+        likely = np.concatenate(
+            [np.full(self.columns[n].shape[1], _LIKELY.get(n.split()[1][:4], LIKELY)) for n in names]
+        )
+        hold = INDEPENDENT * float(np.square(self.u).mean()) / np.square(likely)
+        found = np.linalg.solve(own.T @ own + np.diag(hold), own.T @ self._whole)
         first = sum(self.columns[name].shape[1] for name in names[: self.taken.index(key)])
         return np.asarray(found[first : first + self.columns[f"taken {key}"].shape[1]])
 
@@ -194,41 +215,41 @@ def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, star
         for each, (key, gain) in zip(joints, families[family], strict=True):
             if gain > EVIDENCE:
                 each.take(key)
-    rows = {name: np.zeros(n) for name in (*STRAY, "cogging_periods")}
-    has = {name: np.zeros(n, dtype=bool) for name in STRAY}
+    rows = {name: np.zeros(n) for name in (*EXTRA, "cogging_periods", "warm_up")}
+    has = {name: np.zeros(n, dtype=bool) for name in EXTRA}
     for number, (each, k) in enumerate(zip(joints, start.torque_constant, strict=True)):
         for key in each.taken:
             family, _, count = key.partition(":")
             for name, value in zip(_TORQUE[family], each.value(key), strict=True):
-                rows[name][number], has[name][number] = -k * value, True
+                # What is a torque resists in the equation of u.
+                rows[name][number], has[name][number] = value if name in COLD else -k * value, True
             if count:
-                rows["cogging_periods"][number] = float(count)
+                rows[_COUNTS[family]][number] = float(count)
     for mask in has.values():
         mask |= mask.sum() >= n / 2.0
-    periods = rows["cogging_periods"]
-    if periods.any():
-        usual = float(np.median(periods[periods > 0.0]))
-        rows["cogging_periods"] = np.where(has["cogging_sine"] & (periods == 0.0), usual, periods)
+    for name, of in (("cogging_periods", "cogging_sine"), ("warm_up", "cold_friction")):
+        counts = rows[name]
+        if counts.any():
+            usual = float(np.median(counts[counts > 0.0]))
+            rows[name] = np.where(has[of] & (counts == 0.0), usual, counts)
     return ExtraTerms(**rows, tilt=tilt, joints=has)
 
 
 def _agree(joints: Sequence[_Joint]) -> None:
-    """Of the numbers of cogging periods, prefer the one that suits all joints best."""
-    total = {f"cogging:{count:g}": 0.0 for count in PERIODS}
+    """Of the numbers of cogging periods, and of the times of warming up, prefer the one that suits all joints best."""
+    total = {f"{family}:{count:g}": 0.0 for family, counts in _TRIED.items() for count in counts}
     for each in joints:
         for key, gain in each.gains.items():
             if key in total:
-                total[key] += max(gain - ALIKE * (key == each.usual), 0.0)
+                total[key] += max(gain - ALIKE * (key in each.usual), 0.0)
         for key in each.taken:
             if key in total:
                 total[key] += EVIDENCE
-    usual = max(total, key=lambda key: total[key])
+    usual = {max((key for key in total if key.startswith(name)), key=lambda key: total[key]) for name in _TRIED}
     for each in joints:
-        before, each.usual = each.usual, usual
-        if before != usual:
-            for key, change in ((before, -ALIKE), (usual, ALIKE)):
-                if key in each.gains:
-                    each.gains[key] += change
+        for key in each.gains:
+            each.gains[key] += ALIKE * ((key in usual) - (key in each.usual))
+        each.usual = usual
 
 
 def _lean(joints: Sequence[_Joint], constant: Vector, recordings: int) -> tuple[Vector, float]:
@@ -278,6 +299,9 @@ class _Sensitivity:
 
     def __init__(self, motion: RecordedMotion, player: OpenLoopPlayer, start: DriveParameters) -> None:
         self.smooth = smooth_motion(motion)
+        self._time = np.arange(len(motion.position)) * motion.period
+        self._friction = start.frictionloss / start.torque_constant
+        self._damping = start.damping / start.torque_constant
         player.links_only(start.mass_scale, motion.weight)
         self.torque = self._links(player, motion.gravity)
         down = motion.gravity
@@ -312,7 +336,9 @@ class _Sensitivity:
         q, v = self.smooth.position[:, joint], self.smooth.velocity[:, joint]
         found = {"bias": np.ones((len(q), 1)), "uneven": -np.abs(v)[:, None]}
         waves = {f"cogging:{count:g}": np.stack([np.cos(count * q), np.sin(count * q)], axis=1) for count in PERIODS}
-        return found | waves
+        rubs = self._friction[joint] * np.tanh(v / STILL) + self._damping[joint] * v
+        cold = {f"warmth:{time:g}": (rubs * np.exp(-self._time / time))[:, None] for time in WARM_UPS}
+        return found | waves | cold
 
     def _links(self, player: OpenLoopPlayer, down: Vector, off: Vector | float = 0.0) -> Array:
         motion = zip(*self.smooth, strict=True)

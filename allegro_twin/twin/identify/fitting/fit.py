@@ -57,8 +57,10 @@ class ModelKind(NamedTuple):
 
     def player(self, spec: HandSpec, period: float, step: float | None = None) -> OpenLoopPlayer:
         """The model that plays motions."""
-        parasitic = self.extras.parasitic
-        return OpenLoopPlayer(spec, period, step, bristly=self.bristly, loose=self.loose, parasitic=parasitic)
+        parasitic, warming = self.extras.parasitic, self.extras.warming
+        return OpenLoopPlayer(
+            spec, period, step, bristly=self.bristly, loose=self.loose, parasitic=parasitic, warming=warming
+        )
 
 
 COULOMB = ModelKind(bristly=False, loose=False)

@@ -18,6 +18,8 @@ from allegro_twin.types import Array, Vector
 
 STRAY = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
 """Parameters of parasitic torque."""
+COLD = ("cold_friction",)
+"""Parameters of friction that falls while a hand warms up."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
 PULLED = (*NAMES[1:4], *STRAY)
 """Parameters that a recording determines per torque constant."""
@@ -25,21 +27,22 @@ SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Parameters of friction that breaks away and grows with the motor's torque."""
 PLAY = ("backlash",)
 """Parameters of loose links."""
-ALL = (*NAMES, *SHAPE, *PLAY, *STRAY)
+ALL = (*NAMES, *SHAPE, *PLAY, *STRAY, *COLD)
 """All parameters that every joint has."""
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
     "load_friction": 0.02, "backlash": 5e-4,
     "bias_torque": 2e-3, "uneven_damping": 3e-3, "cogging_cosine": 1e-3, "cogging_sine": 1e-3, "tilt": 0.01,
+    "cold_friction": 0.1,
 }  # fmt: skip
 """How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad, N·m, N·m·s/rad, N·m,
-N·m, rad."""
+N·m, rad, 1."""
 _FAR = -1e3
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
     "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
-    "backlash": SMALLEST,
+    "backlash": SMALLEST, "cold_friction": -0.5,
 } | dict.fromkeys(STRAY, _FAR)  # fmt: skip
 
 

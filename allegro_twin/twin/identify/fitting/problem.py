@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
-from allegro_twin.twin.identify.fitting.extra_terms import NO_EXTRAS, ExtraTerms
+from allegro_twin.twin.identify.fitting.extra_terms import EXTRA, NO_EXTRAS, ExtraTerms
 from allegro_twin.twin.identify.fitting.parameterisation import (
     ALL,
     PLAY,
     PULLED,
     SHAPE,
-    STRAY,
     from_scaled,
     index,
     lower_bounds,
@@ -38,6 +37,7 @@ PRIOR = {
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
     "load_friction": LOAD[1], "backlash": 5e-3,
     "bias_torque": 0.03, "uneven_damping": 0.05, "cogging_cosine": 0.02, "cogging_sine": 0.02,
+    "cold_friction": 0.5,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that any informative data outweigh them."""
 TILT_OF_ALL, TILT_OF_EACH = 0.05, 0.02
@@ -73,7 +73,7 @@ class Problem:
         moving = [name for name in (*ALL, "delay", "tilt") if self._moves(name)]
         free = np.zeros(len(self.unit), dtype=bool)
         for name in moving:
-            free[index(name, self.n)] = extras.of_joints(name, self.n) if name in STRAY else True
+            free[index(name, self.n)] = extras.of_joints(name, self.n) if name in EXTRA else True
         self.active = np.flatnonzero(free)
         """Indices of free parameters."""
         self.shared = np.arange(len(ALL) * self.n, len(self.unit))
@@ -117,7 +117,7 @@ class Problem:
             return self.player.bristly
         if name in PLAY:
             return self.player.loose
-        if name in STRAY:
+        if name in EXTRA:
             return bool(self.extras.of_joints(name, self.n).any())
         if name == "tilt":
             return self.extras.tilted

@@ -72,9 +72,10 @@ NUDGE = {
     "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
     "load_friction": 0.01, "backlash": 2e-4,
     "bias_torque": 5e-4, "uneven_damping": 1.5e-3, "cogging_cosine": 5e-4, "cogging_sine": 5e-4, "tilt": 2e-3,
+    "cold_friction": 0.05,
 }  # fmt: skip
 """Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
-rad, 1, rad, N·m, N·m·s/rad, N·m, N·m, rad."""
+rad, 1, rad, N·m, N·m·s/rad, N·m, N·m, rad, 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +108,7 @@ def cut_segments(
     part: tuple[float, float] = WHOLE,
 ) -> MotionSegments:
     """Cut a part of each motion into all whole pieces, `stride` rows apart; by default one after the other."""
-    parts: list[list[Array]] = [[] for _ in range(10)]
+    parts: list[list[Array]] = [[] for _ in range(11)]
     for number, motion in enumerate(motions):
         smooth, push = smooth_motion(motion), smooth_duty(motion)
         begin, end = (round(share * len(motion.position)) for share in part)
@@ -118,12 +119,13 @@ def cut_segments(
             found = (
                 smooth.position[first], smooth.velocity[first], motion.duty[first + 1 - BEFORE : first + 1 + length],
                 motion.gravity, motion.weight, smooth.acceleration[first], push[first - BEFORE : first + 1],
+                np.array(first * motion.period),
                 motion.position[rows], trust, np.array(number),
             )  # fmt: skip
             for column, value in zip(parts, found, strict=True):
                 column.append(value)
     arrays = [np.array(part) for part in parts]
-    return MotionSegments(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
+    return MotionSegments(arrays[0], arrays[1], Segments(*arrays[2:8]), *arrays[8:])
 
 
 class Shooting:

@@ -44,6 +44,16 @@ def describe_terms(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
         size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels)
         counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
         yield f"Cogging, {size} mN·m, {counts} times a turn: torque that comes again with the angle."
+    yield from _warmth(found, labels)
+
+
+def _warmth(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
+    drive = found.drive
+    if (has := found.extras.of_joints("cold_friction", len(labels))).any():
+        yield (
+            f"Friction that is larger at first, by {_up_to(100.0 * drive.cold_friction, has, labels)} %, and falls in "
+            f"{np.median(drive.warm_up[has]):.0f} s: warmth."
+        )
 
 
 def describe_prediction(written: WrittenDrive) -> str:
@@ -73,7 +83,7 @@ def describe_rest(found: DriveFit, labels: tuple[str, ...]) -> str:
     more = f" and {len(bad) - 4} more" if len(bad) > 4 else ""
     return (
         f"Not explained: {names}{more}, in times the noise; intervals do not cover what no term of the model is. "
-        "Warmth, teeth that bend, and a finger that touched something look like that."
+        "Teeth that bend and a finger that touched something look like that."
     )
 
 

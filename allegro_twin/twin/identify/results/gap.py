@@ -10,7 +10,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop import PARASITIC, DriveParameters, OpenLoopPlayer
+from allegro_twin.sim.open_loop import PARASITIC, WARMTH, DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.twin.identify.fitting.shooting import MotionSegments, cut_segments
@@ -71,7 +71,7 @@ def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) ->
         bristle=np.full(n, SMALLEST) if drive is None else np.maximum(drive.bristle, SMALLEST),
         load_friction=np.zeros(n) if drive is None else drive.load_friction,
         backlash=np.full(n, LEAST_PLAY) if drive is None else np.maximum(drive.backlash, LEAST_PLAY),
-        **({} if drive is None else {name: getattr(drive, name) for name in PARASITIC}),
+        **({} if drive is None else {name: getattr(drive, name) for name in (*PARASITIC, *WARMTH)}),
         tilt=drive.tilt[None] if drive is not None and drive.tilt.any() else np.zeros((0, 3)),
     )
 
@@ -89,6 +89,7 @@ def make_player(spec: HandSpec, period: float, drive: Drive | None) -> OpenLoopP
         bristly=has_breakaway_friction(drive),
         loose=drive is not None and bool(drive.backlash.any()),
         parasitic=drive is not None and drive.parasitic,
+        warming=drive is not None and drive.warming,
     )
 
 

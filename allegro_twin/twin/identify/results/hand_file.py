@@ -15,7 +15,7 @@ from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
 from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
 from allegro_twin.sim.engine.backend import ENGINE
-from allegro_twin.sim.open_loop import PARASITIC
+from allegro_twin.sim.open_loop import PARASITIC, WARMTH
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE
@@ -145,7 +145,7 @@ def _blocks(
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
     wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
-    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY, *PARASITIC, "tilt")}
+    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY, *PARASITIC, *WARMTH, "tilt")}
     drive["delay"] = float(f"{own.delay[0]:.3g}")
     for name, none in NONE.items():
         if name in doubted:
@@ -153,6 +153,8 @@ def _blocks(
             drive[name] = _plain(np.where(without, none, getattr(own, name)))
     if found.extras.parasitic:
         drive["cogging_periods"] = _plain(own.cogging_periods)
+    if found.extras.warming:
+        drive["warm_up"] = _plain(own.warm_up)
     if len(own.tilt):
         drive["tilt"] = _plain(own.tilt[0])
     if found.masses == "weighed":

@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t  # type: ignore[import-untyped]  # Its types are a package of its own.
 
 from allegro_twin.sim.open_loop import OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.extra_terms import EXTRA
 from allegro_twin.twin.identify.fitting.fit import DriveFit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE, STRAY
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.spread import Spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
@@ -45,6 +47,7 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
 WIDEST_PLAY = 0.001  # rad, of backlash.
 WIDEST_STRAY, WIDEST_UNEVEN = 0.005, 0.02  # N·m and N·m·s/rad, at 1 N·m of full PWM, of parasitic torque.
+WIDEST_COLD = 0.2  # Share, of friction when cold.
 SOLVED = {"damping": (1.5e-4, 0.0), "frictionloss": (0.0, 1e-5)}
 """Difference between the engine's two ways to solve dry friction, noslip iterations and stiffness: share, and N·m per
 N·m at full PWM. From the quietest hidden hands 20 and 22, whose noise is less than that."""
@@ -57,6 +60,7 @@ _WIDEST_ABSOLUTE = {
     "uneven_damping": (WIDEST_UNEVEN, 1000.0, "mN·m·s/rad"),
     "cogging_cosine": (WIDEST_STRAY, 1000.0, "mN·m"),
     "cogging_sine": (WIDEST_STRAY, 1000.0, "mN·m"),
+    "cold_friction": (WIDEST_COLD, 100.0, "% of the friction"),
 }
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
@@ -125,7 +129,7 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
-    strays = tuple(name for name in STRAY if found.extras.of_joints(name, len(k)).any())
+    strays = tuple(name for name in EXTRA if found.extras.of_joints(name, len(k)).any())
     for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ()), *strays):
         own = getattr(found.drive, name)
         value = own / k if name in PULLED else own
@@ -135,7 +139,7 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
         # twin moves no worse for it.
         covariance = found.covariance if name == "offset" else found.spread.covariance
         sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
-        if name in STRAY:  # A joint without the term has none, for sure.
+        if name in EXTRA:  # A joint without the term has none, for sure.
             has = found.extras.of_joints(name, len(k))
             half, sure = np.where(has, half, 0.0), np.where(has, sure, 0.0)
         unseen = [_unseen(name, j, coverage, loose=found.loose) for j in range(len(k))]
@@ -147,19 +151,31 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
 
 
 def _half(found: DriveFit, name: str, covariance: Array) -> Vector:
-    """Half the interval. Long pieces that leave more than noise of a joint are misled by its slips. Then the interval
-    of the shorter pieces counts if it is wider, times the ratio of the residual to noise. With loose links a few pieces
-    that begin at the wrong tooth leave most, and have little weight: there it counts once."""
+    """Half the interval. Of a joint that the model leaves more of than noise, the model's error counts as well, for each
+    value as far as that value shows it: what shorter pieces say of it, which slips mislead less, and how it
+    scatters between the recordings, with Student's t of as few as these are."""
     transform, apart = _per_pwm(found, name), name not in PLAY
     half = _linear(found.spread, transform, covariance, apart=apart)
-    if found.shorter is None:
-        return half
     residual = found.spread.residual
     left = np.array([np.median(residual)]) if name == "delay" else residual
-    wider = np.maximum(half, _linear(found.shorter, transform, found.shorter.covariance, apart=apart))
-    if found.loose:
-        return wider
-    return np.where(left > BELIEVED, left * wider, half)
+    wider = half
+    if found.shorter is not None:
+        wider = np.maximum(half, _linear(found.shorter, transform, found.shorter.covariance, apart=apart))
+    if apart and len(found.spread.by_recording) > 1:
+        wider = np.maximum(wider, _student(found.spread, transform))
+    return wider if found.loose else np.where(left > BELIEVED, wider, half)
+
+
+def _student(spread: Spread, transform: Array) -> Vector:
+    """Half of a 95 % interval by the scatter between recordings, of as few as there are."""
+    moved = spread.by_recording @ transform.T
+    return np.asarray(t.ppf(0.975, len(moved) - 1) * _between(moved))
+
+
+def _between(moved: Array) -> Vector:
+    """Standard deviation by leaving each recording out (jackknife)."""
+    m = len(moved)
+    return np.asarray(np.sqrt((m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)))
 
 
 def _linear(spread: Spread, transform: Array, covariance: Array, *, apart: bool) -> Vector:
@@ -169,10 +185,8 @@ def _linear(spread: Spread, transform: Array, covariance: Array, *, apart: bool)
     from the rough solution."""
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
     moved = spread.by_recording @ transform.T
-    m = len(moved)
-    if apart and m > 1:
-        between = (m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)
-        variance = np.maximum(variance, between)
+    if apart and len(moved) > 1:
+        variance = np.maximum(variance, np.square(_between(moved)))
     linear = NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ spread.step)
     linear += np.abs(transform @ spread.rest)
     return np.asarray(np.maximum(linear, np.abs(transform @ spread.path)))

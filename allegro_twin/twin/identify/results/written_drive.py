@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from allegro_twin.hands.description.specs import load_actuation
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
+from allegro_twin.twin.identify.fitting.extra_terms import EXTRA
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import (
-    STRAY,
     from_scaled,
     index,
     lower_bounds,
@@ -41,7 +41,7 @@ BETTER = 0.95
 LONGEST = 5.0
 """s of open loop, at most."""
 
-_ZERO = ("bristle", "load_friction", "backlash", *STRAY)
+_ZERO = ("bristle", "load_friction", "backlash", *EXTRA)
 NONE = {"stiction": 1.0, "stribeck_speed": 0.1} | dict.fromkeys(_ZERO, 0.0)
 """Values of a joint in which none was found."""
 _TOGETHER = ("stiction", "stribeck_speed", "bristle")
