@@ -125,6 +125,7 @@ class CellActions:
                     self._back(t, state)
             case "Look":
                 self._asked, self._refused, self.way, self._track = None, None, None, None
+                self._sight = None
                 self._idle.clear()
             case "ToTargetPose":
                 assert self.way is not None
@@ -266,7 +267,9 @@ class CellActions:
         if now.released > self._selector.released:
             self._selector.put_away()
         elif self.way is not None and self.solid is not None:
-            self._selector.missed(self.way.card, self.solid, leave=now.tries == 1)
+            stands = self._sight is not None and bool(self._sight.left)
+            apart = stands and self.checked is not None and self.checked.held  # One thing is in the hand, another not.
+            self._selector.missed(self.way.card, self.solid, leave=now.tries == 1, apart=apart)
 
     def _release_path(self, now: MachineState, state: HandState) -> ReleasePath | None:
         """The way to where the object is let go; where there is none, the next observation says so."""
@@ -459,7 +462,7 @@ class CellActions:
         if isinstance(seen, PerceptionRefusal):
             self._refused = CellOutcome("refused", seen.reason, seen.sentence)
             return
-        self._take(self._selector.one(seen, frame, alone))
+        self._take(self._selector.first([seen], frame, alone))
 
     def _take(self, chosen: SelectedObject | CellOutcome) -> None:
         """Go for it, or remember why that cannot be."""
