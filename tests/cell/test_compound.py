@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,17 @@ from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.touching import forms_one_body, make_compound
 from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, compound_object, detected_scenario
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
-from allegro_twin.cell.planning.stored_grasps import extent_mismatch, own_parts, stored_grasps, table_object
+from allegro_twin.cell.planning.stored_grasps import (
+    extent_mismatch,
+    own_parts,
+    stored_grasps,
+    table_object,
+    yaw_rotation,
+)
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import GraspPlanningSettings, TraySettings
+from allegro_twin.grasping.plan.candidate import Candidate
+from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage, place_object
 from allegro_twin.hands.description.specs import load_spec
@@ -76,6 +85,8 @@ def test_a_compound_lies_in_the_box_around_its_parts() -> None:
     tall = make_compound([box(0.0, 0.0, (0.03, 0.02, 0.1)), box(0.025, 0.0, (0.02, 0.02, 0.1))])
     assert tall.size == pytest.approx((0.1, 0.05, 0.02))
     assert abs(tall.axes[2, 0]) == pytest.approx(1.0)
+    for edges in ((0.1, 0.05, 0.07), (0.05, 0.1, 0.07), (0.05, 0.07, 0.1), (0.07, 0.05, 0.1)):
+        assert np.linalg.det(make_compound([box(0.0, 0.0, edges)]).axes) == pytest.approx(1.0)
 
 
 def test_a_body_with_a_notch_is_seen_as_a_compound_and_as_its_parts_besides(tmp_path: Path) -> None:
@@ -150,20 +161,31 @@ def test_compounds_are_alike_only_with_their_parts_in_the_same_places() -> None:
     assert extent_mismatch(one, table_object(moved)) < 1e-9
 
 
-def test_grasps_of_a_compound_are_sought_on_each_of_its_parts(tmp_path: Path) -> None:
+def test_grasps_of_a_compound_are_sought_on_each_of_its_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     adapter = GraspAdapter(load_spec("allegro"), GraspPlanningSettings(rounds=1, closed=2))
     body = table_object(make_compound([LEG, FOOT]))
     search = AdaptationSearch(adapter, body, (), 700.0, tmp_path)
-    near = list[int]()
+    sought = list[Candidate]()
 
-    def seen(card: Any) -> bool:
-        at = card.palm.position[:2]
-        near.append(int(np.argmin([np.linalg.norm(part.position[:2] - at) for part in own_parts(body)])))
-        return False
+    def near(_: Proposer, seeds: Sequence[Candidate], *__: object) -> list[Candidate]:
+        sought.extend(seeds)
+        return []
 
-    search._settings = GraspPlanningSettings(rounds=1, closed=20)
-    search.round(seen)
-    assert set(near) == {0, 1}
+    monkeypatch.setattr(Proposer, "near", near)
+    monkeypatch.setattr(Proposer, "grow", near)
+    search.round(lambda card: False)
+    cards = {card.name: card for card in stored_grasps("allegro")}
+    for target in own_parts(body):
+        own = np.array(target.extents) / 2.0
+        for turn in (0.0, np.pi):  # A box is as it was.
+            back = yaw_rotation(-target.yaw - turn)
+            found = 0
+            for seed in sought:
+                stored = cards[seed.template]
+                at, far = stored.palm.position, np.array(stored.body.extents) / 2.0
+                wanted = at + np.sign(at) * (own - far) * np.minimum(np.abs(at) / far, 1.0)
+                found += np.allclose(back @ (seed.position - search._bench.placed.position - target.position), wanted)
+            assert found >= 6
 
 
 def test_both_parts_of_a_compound_are_in_the_way_and_what_is_taken_away_is_not() -> None:
