@@ -10,6 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.checks.camera_check import lifted_part
+from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.touching import forms_one_body, make_compound
@@ -36,6 +39,13 @@ from tests.cell.test_run import cell_of
 LONG, SHORT, THICK, HIGH = 0.11, 0.07, 0.035, 0.06
 """m, of an L: two legs, their width, and its height."""
 TURNED = 0.4
+
+
+LEG_AND_FOOT = [
+    {"name": "leg", "shape": "box", "size": [LONG, THICK, HIGH], "mass": 0.12, "at": [0.02, -0.0175]},
+    {"name": "foot", "shape": "box", "size": [THICK, 0.05, HIGH], "mass": 0.08, "at": [-0.0175, 0.026]},
+]
+"""Two boxes that look like an L."""
 
 
 def box(x: float, y: float, edges: tuple[float, float, float], turn: float = TURNED) -> Solid:
@@ -113,20 +123,35 @@ def test_things_that_touch_are_seen_apart_and_as_one_body_besides() -> None:
     cell.close()
 
 
-def test_a_compound_that_a_lift_has_taken_apart_is_read_as_several_things_first(tmp_path: Path) -> None:
+def test_a_compound_is_read_as_several_things_after_it_is_read_as_one(tmp_path: Path) -> None:
     cell = cell_of(objects=[angle_iron(tmp_path)])
     selector, (_, _, seen) = ObjectSelector(cell), looked(cell)
     cell.close()
-    (found,) = seen
-    assert isinstance(found, Detection)
+    readings = [each for each in selector._readings(seen) if not isinstance(each, PerceptionRefusal)]
+    assert [each.thing.solid.shape for each in readings] == ["compound", "box", "box"]
+    assert [len(each.beside) for each in readings] == [0, 1, 1]
 
-    def order() -> list[str]:
-        return [one.thing.solid.shape for one in selector._readings(seen)]  # type: ignore[union-attr]
 
-    assert order() == ["compound", "box", "box"]
-    assert [len(one.beside) for one in selector._readings(seen)] == [0, 1, 1]  # type: ignore[union-attr]
-    selector.missed(stored_grasps("allegro")[0], found.solid, leave=False, apart=True)
-    assert order() == ["box", "box", "compound"]
+@pytest.mark.parametrize("lifted", ["nothing", "leg", "foot"])
+def test_the_part_of_a_compound_that_is_gone_alone_was_an_object_of_its_own(lifted: str) -> None:
+    cell = cell_of(objects=LEG_AND_FOOT, tray=TraySettings().model_dump())
+    (before,) = looked(cell)[2]
+    assert isinstance(before, Detection)
+    assert before.solid.shape == "compound"
+    if lifted != "nothing":
+        place = int(cell.robot.world.model.joint(lifted).qposadr[0])
+        cell.robot.world.data.qpos[place + 1] += 2.0
+        mujoco.mj_forward(cell.robot.world.model, cell.robot.world.data)
+    frame = cell.camera.capture(cell.robot.world.data)
+    cloud = CellActions(cell)._without_tray(frame.cloud, frame)
+    same = (cell.security, cell.security)
+    part = lifted_part(frame, cloud, before, np.empty((0, 3)), same, 0.15, cell.settings.perception)
+    cell.close()
+    assert (part is not None) == (lifted != "nothing")
+    if part is not None:
+        at = {"leg": (0.02, -0.0175), "foot": (-0.0175, 0.026)}[lifted]
+        assert np.linalg.norm(part.found.solid.position[:2] - at) < 0.025
+        assert part.sight.gone
 
 
 def test_a_compound_in_physics_is_one_body_with_the_mass_and_the_middle_of_the_union(tmp_path: Path) -> None:
@@ -220,11 +245,8 @@ def test_boxes_side_by_side_that_look_like_one_body_are_cleared_one_after_the_ot
     """What the first lift tells."""
     cell = cell_of(
         tray=TraySettings().model_dump(),
-        objects=[
-            {"name": "leg", "shape": "box", "size": [LONG, THICK, HIGH], "mass": 0.12, "at": [0.02, -0.0175]},
-            {"name": "foot", "shape": "box", "size": [THICK, 0.05, HIGH], "mass": 0.08, "at": [-0.0175, 0.026]},
-        ],
-    )  # fmt: skip
+        objects=LEG_AND_FOOT,
+    )
     report = perform(cell)
     cell.close()
     assert set(report.in_tray) == {"leg", "foot"}, (str(report.end), report.end.sentence)

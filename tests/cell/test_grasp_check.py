@@ -171,21 +171,19 @@ def test_checks_that_disagree_and_checks_that_nothing_confirms_are_never_held(
 
 
 @pytest.mark.parametrize(
-    ("weight", "press", "sight", "loaded"),
+    ("weight", "sight", "loaded"),
     [
-        (0.3, 0.0, CameraCheck(), True),
-        (0.0, 0.0, SEEN, True),
-        (0.0, 0.0, HIDDEN, True),
-        (0.0, 0.0, CameraCheck(), False),
-        (0.3, 0.0, TABLE, False),
-        (0.0, 0.9, TABLE, False),
-        (0.3, 0.9, TABLE, True),  # One of two that touched.
+        (0.3, CameraCheck(), True),
+        (0.0, SEEN, True),
+        (0.0, HIDDEN, True),
+        (0.0, CameraCheck(), False),
+        (0.3, TABLE, False),
     ],
 )
 def test_a_miss_with_weight_a_sight_of_it_or_an_empty_place_may_be_in_the_hand_unless_it_is_seen_on_the_table(
-    weight: float, press: float, sight: CameraCheck, loaded: bool
+    weight: float, sight: CameraCheck, loaded: bool
 ) -> None:
-    found = check_grasp(weight, 0.053, 1.0, press, sight, SETTINGS)
+    found = check_grasp(weight, 0.053, 1.0, 0.0, sight, SETTINGS)
     said = grasp_verdict(1.0, found, sight, lambda: False, SETTINGS)
     assert (said.held, said.loaded) == (False, loaded)
 

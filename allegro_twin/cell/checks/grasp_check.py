@@ -135,8 +135,7 @@ def grasp_verdict(
     if found.doubt and settings.by == "force":
         return Observation(t, fault=CellOutcome("fault", "force sensor", found.doubt))
     if not found.held or sight.left:
-        felt = found.by_force is True and (found.held or not sight.left)  # One of two may hang in the hand.
-        loaded = felt or (not sight.left and (sight.there or sight.gone))
+        loaded = not sight.left and (found.by_force is True or sight.there or sight.gone)
         return Observation(t, held=False, loaded=loaded, doubt="; ".join(filter(None, (sight.left, found.doubt))))
     denied = [
         f"{name} say no" for name, word in (("torques", found.by_torque), ("fingers", found.by_fingers)) if not word

@@ -65,7 +65,6 @@ class ObjectSelector:
         )
         self._left = list[Solid]()
         self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.
-        self._apart = list[Array]()  # Places of compounds of which a lift has shown that they are several things.
         self.released = 0
         """Objects that were put away."""
         self._most = 0  # Things that were on the table and in the tray at a time.
@@ -79,13 +78,10 @@ class ObjectSelector:
         if self._adapter is not None:
             self._adapter.forget_failures()
 
-    def missed(self, card: StoredGrasp, solid: Solid, *, leave: bool, apart: bool = False) -> None:
-        """A grasp did not hold a solid: it is tried otherwise, or is left for later. `apart`: something was in the hand
-        and something stood where it was."""
+    def missed(self, card: StoredGrasp, solid: Solid, *, leave: bool) -> None:
+        """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
         self._failed.append((card.name, solid))
-        if apart and solid.parts:
-            self._apart.append(solid.position)
-        elif leave:
+        if leave:
             self._left.append(solid)
 
     def first(
@@ -121,9 +117,9 @@ class ObjectSelector:
         said = "; ".join(dict.fromkeys(each.sentence for each in causes))
         return CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
 
-    def _readings(self, seen: Sequence[Detection | PerceptionRefusal]) -> list[_Reading | PerceptionRefusal]:
-        """What was seen, in order, and then what it may be instead. Of a compound whose parts a lift has shown to be
-        things of their own these come first."""
+    @staticmethod
+    def _readings(seen: Sequence[Detection | PerceptionRefusal]) -> list[_Reading | PerceptionRefusal]:
+        """What was seen, in order, and then what it may be instead."""
         found = [one for one in seen if isinstance(one, Detection)]
         first, last = list[_Reading | PerceptionRefusal](), list[_Reading]()
         for one in seen:
@@ -131,17 +127,12 @@ class ObjectSelector:
                 first.append(one)
                 continue
             rest = tuple(other for other in found if other is not one)
-            itself, other_ways = _Reading(one, rest), list[_Reading]()
-            for way in one.instead:
-                if not any(way is known.thing for known in last):  # Two parts are of one compound.
-                    apart = tuple(other for other in rest if all(way is not whole for whole in other.instead))
-                    other_ways.append(_Reading(way, (*(each for each in one.instead if each is not way), *apart)))
-            if any(np.linalg.norm(one.solid.position - place) < _SAME for place in self._apart) and one.solid.parts:
-                first += other_ways
-                last.append(itself)
-            else:
-                first.append(itself)
-                last += other_ways
+            first.append(_Reading(one, rest))
+            for other in one.instead:
+                if not any(other is known.thing for known in last):  # Two parts are of one compound.
+                    parts = tuple(part for part in one.instead if part is not other)
+                    apart = tuple(each for each in rest if all(other is not whole for whole in each.instead))
+                    last.append(_Reading(other, (*parts, *apart)))
         return [*first, *last]
 
     def one(
