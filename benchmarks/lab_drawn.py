@@ -2,7 +2,7 @@
 
 `python -m benchmarks.lab_drawn [--hand allegro] [--runs 20] [--first 0] [--clear | --concave] [--rows FILE]`. Boxes,
 cylinders that stand or lie, balls and eggs of drawn sizes, 150 to 900 kg/m³; `--clear`: two to six of them, half of the
-gaps 1 mm; `--concave`: mugs with a hollow and a handle, and L-shapes, of 1000 kg/m³.
+gaps 1 mm; `--concave`: mugs with a hollow and a handle, and L-shapes, of 1000 kg/m³, the corner twice.
 Prints the tables of docs/results/cell.md.
 """
 
