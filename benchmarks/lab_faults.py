@@ -44,7 +44,9 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 
 HANDS = ("allegro", "leap", "model_o", "qb_softhand", "sih")
-STATES: tuple[StateName, ...] = get_args(StateName)
+_SELDOM = ("ToReleasePose", "PutBack", "OpeningHand", "Retreat")
+"""States that a run without a tray, a miss or a reflex never comes to: nothing would be injected."""
+STATES: tuple[StateName, ...] = tuple(state for state in get_args(StateName) if state not in _SELDOM)
 KINDS = ("healthy", "power", "weak", "encoder", "dead", "stuck", "taken", "camera", "force", "glued")
 _AWAY = (2.0, 2.0, 1.0)  # m: off the table.
 Row = dict[str, Any]

@@ -12,7 +12,7 @@ from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
-from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera
+from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera, lifted_part
 from allegro_twin.cell.checks.grasp_check import (
     GraspCheck,
     check_grasp,
@@ -348,16 +348,13 @@ class CellActions:
         self._last = frame
         cloud = cell.self_filter.remove_robot(frame.cloud, posture, hand.position)
         cloud = self._without_tray(cloud, frame)
-        moved = self._grasped, cell.robot.palm(state)
-        self._sight = check_camera(
-            frame,
-            cloud,
-            self._found,
-            np.concatenate([np.empty((0, 3)), *self.others]),
-            moved,
-            cell.settings.lift,
-            cell.settings.perception,
-        )
+        moved, lift, settings = (self._grasped, cell.robot.palm(state)), cell.settings.lift, cell.settings.perception
+        others = np.concatenate([np.empty((0, 3)), *self.others])
+        self._sight = check_camera(frame, cloud, self._found, others, moved, lift, settings)
+        part = lifted_part(frame, cloud, self._found, others, moved, lift, settings) if self._sight.left else None
+        if part is not None:  # What looked like one body was several.
+            self.others += tuple(one.points for one in self._found.instead if one is not part.found)
+            self._found, self._sight, self.solid = part.found, part.sight, part.found.solid
         return self._sight
 
     def _go(self, t: float, palm: Pose, seconds: float) -> None:
@@ -459,7 +456,7 @@ class CellActions:
         if isinstance(seen, PerceptionRefusal):
             self._refused = CellOutcome("refused", seen.reason, seen.sentence)
             return
-        self._take(self._selector.one(seen, frame, alone))
+        self._take(self._selector.first([seen], frame, alone))
 
     def _take(self, chosen: SelectedObject | CellOutcome) -> None:
         """Go for it, or remember why that cannot be."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -81,6 +82,28 @@ def check_camera(
     carried = (before.points - grasped.position) @ turn.T + now.position
     near, beyond, _ = _depths(frame, cloud, carried, _NEAR)
     return CameraCheck(near >= _FEW and near > beyond, seen >= _FEW and far > (1.0 - _PART) * seen, left)
+
+
+class LiftedPart(NamedTuple):
+    """A part of what was seen that is not where it stood."""
+
+    found: Detection
+    sight: CameraCheck
+
+
+def lifted_part(
+    frame: CameraFrame, cloud: Cloud, before: Detection, others: Array, moved: tuple[Pose, Pose], lift: float,
+    settings: PerceptionSettings,
+) -> LiftedPart | None:  # fmt: skip
+    """Of a compound that the camera still sees on the table the part that it sees in the hand, or whose place it sees
+    empty: then its parts were objects of their own. None where there is none, and of what is no compound. Arguments as
+    of `check_camera`."""
+    for part in before.instead if before.solid.parts else ():
+        rest = [one.points for one in before.instead if one is not part]
+        sight = check_camera(frame, cloud, part, np.concatenate([others, *rest]), moved, lift, settings)
+        if not sight.left and (sight.there or sight.gone):
+            return LiftedPart(part, sight)
+    return None
 
 
 def _depths(frame: CameraFrame, cloud: Cloud, points: Array, near: float) -> tuple[int, int, int]:

@@ -13,13 +13,22 @@ from allegro_twin.cell.perception.fits.model import Solid, sample_points
 from allegro_twin.cell.perception.fits.solids import fit_solids
 from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, find_objects
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.touching import Separated, separate_solids
+from allegro_twin.cell.perception.touching import (
+    Separated,
+    forms_one_body,
+    make_compound,
+    see_through_share,
+    separate_solids,
+)
 from allegro_twin.types import Array, Vector
 
 _LEVEL = 10
 """Degrees below which a camera does not see a thing's top, and so not how deep it is."""
 _STEEP = 30
 """Degrees from which a camera sees enough of a thing's top, docs/reference/perception.md."""
+_DEEP, _SCATTER, _THROUGH = 0.006, 5.0, 0.02
+"""m, and times the camera's scatter: what is seen so deep in a solid is seen through it. And the share of points of
+which that may be so."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +43,9 @@ class Detection:
     """The camera's scatter there, m: what `solid.error` is to be compared with."""
     others: int
     """Things beside it."""
+    instead: tuple[Detection, ...] = ()
+    """What it may be besides, for no picture tells what touches from what is one: of a compound its parts as things of
+    their own, of each of these the compound."""
 
 
 class PerceptionPipeline:
@@ -47,7 +59,7 @@ class PerceptionPipeline:
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
     ) -> Detection | PerceptionRefusal:
         """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown. What
-        touches is taken apart where two or three solids explain it.
+        touches is taken apart where two or three solids explain it; where these look like one body, it is a compound.
 
         `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:
         balls around what is the robot's own and is no thing, (k, 4), middle in the world and radius, m. Raises
@@ -71,15 +83,17 @@ class PerceptionPipeline:
     def _explained(
         self, cluster: Cluster | PerceptionRefusal, draws: np.random.Generator
     ) -> list[Detection | PerceptionRefusal]:
-        """One solid; else the two or three that explain it together; else, where the settings allow it, about one."""
+        """One solid that nothing is seen through; else the two or three that explain it together, as things of their
+        own or as one body; else, where the settings allow it, about one."""
         if isinstance(cluster, PerceptionRefusal):
             return [cluster]
         one, solids = self._detected(cluster, draws)
         unclear = isinstance(one, PerceptionRefusal) and one.reason == "unclear"
-        if not unclear or not solids or cluster.elevation < np.radians(_STEEP):
+        doubtful = unclear or (isinstance(one, Detection) and self._seen_through(one.solid, cluster))
+        if not doubtful or not solids or cluster.elevation < np.radians(_STEEP):
             return [one]
         parts, loose = self._parts(cluster, draws), self.settings.object.loose
-        if parts or loose is None or solids[0].error > loose:
+        if parts or not unclear or loose is None or solids[0].error > loose:
             return parts or [one]
         points = cluster.world(cluster.points)
         doubt = self._workspace(solids[0])
@@ -95,7 +109,8 @@ class PerceptionPipeline:
         return refused or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others), solids
 
     def _parts(self, cluster: Cluster, draws: np.random.Generator) -> list[Detection | PerceptionRefusal]:
-        """What the cluster may consist of, or why one of these cannot be grasped; empty where no solids explain it."""
+        """What the cluster may consist of, or why one of these cannot be grasped: the likelier reading, with the other
+        in `instead`; empty where no solids explain it."""
         points = cluster.world(cluster.points)
 
         def doubt(one: Separated) -> PerceptionRefusal | None:
@@ -103,18 +118,35 @@ class PerceptionPipeline:
 
         def good(one: Separated) -> bool:
             refused = doubt(one)
-            return refused is None or refused.reason != "unclear"
+            explained = refused is None or refused.reason != "unclear"
+            return explained and not self._seen_through(one.solid, cluster)
 
         def fit(some: Array) -> Solid | None:
             own = some @ cluster.axes.T - [0.0, 0.0, cluster.plane.offset]
             return next(iter(self._fitted(cluster, own, draws)), None)
 
         found = separate_solids(points, fit, good, self.settings.object.least, draws)
-        others = cluster.others + len(found) - 1
-        return [
+        if not found:
+            return []
+        others, solids = cluster.others + len(found) - 1, [one.solid for one in found]
+        apart = [
             doubt(one) or Detection(one.solid, cluster.plane, points[one.members], cluster.sigma, others)
             for one in found
         ]
+        body = make_compound(solids)
+        whole = self._workspace(body) or Detection(body, cluster.plane, points, cluster.sigma, cluster.others)
+        known = tuple(one for one in apart if isinstance(one, Detection))
+        if isinstance(whole, PerceptionRefusal):
+            return [whole] if forms_one_body(solids) else apart
+        if forms_one_body(solids):
+            return [replace(whole, instead=known)]
+        return [replace(one, instead=(whole,)) if isinstance(one, Detection) else one for one in apart]
+
+    @staticmethod
+    def _seen_through(solid: Solid, cluster: Cluster) -> bool:
+        """Whether the camera sees something where the inside of a solid would be, or behind it: there is a notch."""
+        deep = max(_DEEP, _SCATTER * cluster.sigma)
+        return see_through_share(solid, cluster.around, cluster.eye, deep) > _THROUGH
 
     def _fitted(self, cluster: Cluster, points: Array, draws: np.random.Generator) -> list[Solid]:
         """Solids in the world that may explain some of a cluster's points, (n, 3), m, in its axes."""

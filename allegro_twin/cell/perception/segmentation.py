@@ -11,7 +11,7 @@ from allegro_twin.cell.perception.cloud import Mask, OrganizedCloud, Points, pas
 from allegro_twin.cell.perception.clusters import ClusterGrid, find_clusters
 from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 _SAMPLE = 600  # Points by which the drawn planes are judged.
 
@@ -110,6 +110,10 @@ class Cluster:
     """Things beside it."""
     sigma: float
     """The camera's scatter at its depth, m."""
+    around: Array
+    """All that is seen in the part of the picture where it is, itself too, and as densely, (m, 3), m, in the world."""
+    eye: Vector
+    """The camera, (3,), m, in the world."""
 
     def world(self, points: Array) -> Array:
         """Points (n, 3) in its axes, m, in the world."""
@@ -252,4 +256,6 @@ def _closely(
     way = top @ axes + plane.offset * plane.normal - view.position
     elevation = float(np.arcsin(np.clip(-way @ plane.normal / np.linalg.norm(way), 0.0, 1.0)))
     sigma = depth_scatter(view, settings) * depth**2
-    return Cluster(mine_points, axes, plane, depth, step * depth / view.focal, elevation, found.others, sigma)
+    pixel = step * depth / view.focal
+    around = world.astype(np.float64)
+    return Cluster(mine_points, axes, plane, depth, pixel, elevation, found.others, sigma, around, view.position)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
-from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.perception.fits.model import Solid, half_width
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.settings import TargetSettings
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
@@ -72,7 +72,7 @@ def main_axis(solid: Solid, near: Vector) -> Vector:
     axes, size = solid.axes.T, solid.size
     if solid.shape == "sphere":
         return _across(_UP, near)
-    if solid.shape == "box":
+    if solid.shape in ("box", "compound"):
         longest = [axis for axis, edge in zip(axes, size, strict=True) if edge > _EQUAL * size[0]]
         level = [axis for axis in longest if abs(axis @ _UP) < 0.5] or longest
         axis = max(level, key=lambda each: abs(float(each @ near)))
@@ -89,14 +89,3 @@ def _across(axis: Vector, near: Vector) -> Vector:
     if np.linalg.norm(left) < 1e-6:
         left = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     return np.asarray(left / np.linalg.norm(left))
-
-
-def half_width(solid: Solid, direction: Vector) -> float:
-    """How far it reaches from its middle along a unit direction (3,), m."""
-    parts, half = direction @ solid.axes, np.array(solid.size) / 2.0
-    match solid.shape:
-        case "box":
-            return float(np.abs(parts) @ half)
-        case "cylinder":
-            return float(abs(parts[0]) * half[0] + np.hypot(parts[1], parts[2]) * half[1])
-    return float(np.linalg.norm(parts * half))

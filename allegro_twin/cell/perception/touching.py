@@ -1,19 +1,21 @@
-"""Things that touch, taken apart: the two or three solids that explain the points of one cluster together.
+"""Things that touch, and things with a notch: the two or three solids that explain the points of one cluster together.
 
 Points are grouped, a solid is fitted to each group, and each point goes to the solid whose surface is nearest, until
-nothing changes; from several first groupings, of which the best is kept.
+nothing changes; from several first groupings, of which the best is kept. Whether these solids are one body no picture
+tells for certain: `forms_one_body` says which is likelier.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.types import Array
+from allegro_twin.cell.perception.fits.model import UP, Solid, half_width
+from allegro_twin.types import Array, Vector
 
 Groups = NDArray[np.int_]
 _REGROUPED = 4
@@ -22,6 +24,12 @@ _MEANS = 4
 _CUTS = (0.35, 0.5, 0.65)
 _DEEP = 0.5
 """Of the smaller one's half extents: a middle deeper inside another solid is no thing of its own."""
+_RAYS, _BACK = 1500, 0.006 * np.arange(1, 31)
+"""So many rays are looked at, and where on each, m before what is seen there."""
+_LEVEL, _PARALLEL, _JOINED = 0.004, np.radians(6.0), 0.006
+"""m between tops that are one, an angle between edges that are parallel, and m between faces that meet."""
+_SHARED = 0.6
+"""Of the width of the narrower one: solids that meet along so much of a face are one body."""
 
 
 class Separated(NamedTuple):
@@ -97,6 +105,73 @@ def _nested(found: list[Separated]) -> bool:
         for other in found
         if one is not other
     )
+
+
+def see_through_share(solid: Solid, points: Array, eye: Vector, deep: float) -> float:
+    """How many of points, (n, 3), m, the camera, at `eye`, (3,), m, sees through a solid, more than `deep` inside of
+    its surface, m: as a part of those that are seen on it or in it. What is one solid hides what is behind it."""
+    points = points[:: max(1, len(points) // _RAYS)]
+    away = points - eye
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    before = points[:, None] - _BACK[:, None] * away[:, None]
+    inside = surface_distance(solid, before.reshape(-1, 3)).reshape(len(points), -1).min(axis=1)
+    through = int(np.count_nonzero(inside < -deep))
+    own = int(np.count_nonzero(np.abs(surface_distance(solid, points)) < deep))
+    return through / max(through + own, 1)
+
+
+def forms_one_body(solids: Sequence[Solid]) -> bool:
+    """Whether solids that touch are taken for one body: boxes whose tops are level, whose edges are parallel, and that
+    meet along a face. Boxes that somebody has put side by side seldom are all that."""
+    if any(solid.shape != "box" for solid in solids):
+        return False
+    tops = [float(solid.position[2]) + half_width(solid, UP) for solid in solids]
+    turns = np.array([_turn(solid) for solid in solids])
+    off = (turns - turns[0] + np.pi / 4.0) % (np.pi / 2.0) - np.pi / 4.0
+    if max(tops) - min(tops) > _LEVEL or np.abs(off).max() > _PARALLEL:
+        return False
+    linked = {0}
+    for _ in solids:
+        pairs = [pair for pair in combinations(range(len(solids)), 2) if linked & set(pair)]
+        linked |= {k for one, other in pairs if _share_a_face(solids[one], solids[other]) for k in (one, other)}
+    return len(linked) == len(solids)
+
+
+def _share_a_face(one: Solid, other: Solid) -> bool:
+    """Whether two boxes with parallel edges meet along most of a face."""
+    axes = _level_axes(one)[:2]
+    half = np.array([[half_width(solid, axis) for axis in axes] for solid in (one, other)])
+    gaps = np.abs(axes @ (other.position - one.position)) - half.sum(axis=0)
+    meets, along = (0, 1) if gaps[0] > gaps[1] else (1, 0)
+    return bool(gaps[meets] < _JOINED and -gaps[along] > _SHARED * 2.0 * half[:, along].min())
+
+
+def make_compound(solids: Sequence[Solid]) -> Solid:
+    """Solids as one body, in the box around them whose edges are those of the first."""
+    axes = _level_axes(solids[0])
+    ends = np.array([
+        [[axis @ solid.position + way * half_width(solid, axis) for axis in axes] for way in (-1.0, 1.0)]
+        for solid in solids
+    ])  # fmt: skip
+    low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
+    order = np.argsort(low - high, kind="stable")
+    columns = axes[order].T
+    columns[:, 2] *= np.linalg.det(columns)
+    x, y, z = (high - low)[order].tolist()
+    error = max(solid.error for solid in solids)
+    return Solid("compound", (low + high) / 2.0 @ axes, columns, (x, y, z), error, tuple(solids))
+
+
+def _level_axes(solid: Solid) -> Array:
+    """Rows of (3, 3): two level ones, along its edges or axis where it has a level one, and the vertical."""
+    turn = _turn(solid)
+    return np.array([[np.cos(turn), np.sin(turn), 0.0], [-np.sin(turn), np.cos(turn), 0.0], UP])
+
+
+def _turn(solid: Solid) -> float:
+    """The angle of an axis of it that is level, rad."""
+    level = min(solid.axes.T, key=lambda axis: abs(float(axis[2])))
+    return float(np.arctan2(level[1], level[0]))
 
 
 def surface_distance(solid: Solid, points: Array) -> Array:

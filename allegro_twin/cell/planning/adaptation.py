@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from allegro_twin.cell.planning.stored_grasps import (
     StoredGrasp,
     body_text,
     extent_mismatch,
+    own_parts,
     stored_grasps,
     symmetric_turns,
     yaw_rotation,
@@ -40,8 +42,8 @@ from allegro_twin.grasping.plan.proposals.poses import closing_directions
 from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.validate import SQUEEZES
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, Wrist, load_protocol
-from allegro_twin.grasping.timeline import make_stage
-from allegro_twin.grasping.uncertainty import sample_perturbations
+from allegro_twin.grasping.timeline import make_stage, place_object
+from allegro_twin.grasping.uncertainty import Perturbation, sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_from_grasp
@@ -49,13 +51,16 @@ from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.contact.obstacle_clearance import TableObject
+from allegro_twin.sim.objects.catalogue import PlacedObject
+from allegro_twin.sim.objects.compound import write_compound
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 P = TypeVar("P")
 _PROTOCOL = "lift"
-_CARDS = 12
-"""Stored grasps that are varied, those of the most similar things."""
+_CARDS, _OF_PART = 12, 6
+"""Stored grasps that are varied, those of the most similar things; of a compound for each of its parts, and for the box
+around it."""
 _OTHER_KIND = 0.3
 """So much less similar is a thing of another kind, as a logarithm of a ratio of extents."""
 _VARIED = 4
@@ -82,6 +87,8 @@ _ROUND_TURNS, _HEAVY = 8, 1000.0
 """Of so many turns of what is round; and kg/m³ of what stands beside it, which nothing moves in geometry."""
 _LIGHTER = 0.5
 """Of the density: what cannot be lifted otherwise may be hollow."""
+_AIR = 1e-4
+"""m, under what is put on the table."""
 _LIGHTEST = 0.02
 """kg."""
 _FRICTION = 0.8
@@ -138,8 +145,9 @@ class GraspAdapter:
             if _is_same(other, body) and kept == room:
                 raise error
         for density in (self.settings.density, _LIGHTER * self.settings.density):
-            search = AdaptationSearch(self, body, others, density)
-            found = self._searched(search, feasible, prefer)
+            with TemporaryDirectory(prefix="compound") as folder:
+                search = AdaptationSearch(self, body, others, density, Path(folder))
+                found = self._searched(search, feasible, prefer)
             if found is not None:
                 option, plan = found
                 if not others:
@@ -171,16 +179,25 @@ class GraspAdapter:
 
 
 class AdaptationSearch:
-    """Rounds of variations of stored grasps on one solid, and what has become of them."""
+    """Rounds of variations of stored grasps on one solid, or on the parts of a compound, and what has become of them.
+    `folder`: where a compound's files are put."""
 
-    def __init__(self, adapter: GraspAdapter, body: TableObject, others: Sequence[TableObject], density: float) -> None:
+    def __init__(
+        self, adapter: GraspAdapter, body: TableObject, others: Sequence[TableObject], density: float,
+        folder: Path = Path(),
+    ) -> None:  # fmt: skip
         self._own, self._settings, self._draws = adapter.spec, adapter.settings, adapter.seed
         self._spec = load_spec(self._own.model, "right")  # A left hand takes the mirror image: the solid is its own.
         self._body, self._random = body, np.random.default_rng(adapter.seed)
+        hull = replace(body, kind="box", parts=()) if body.parts else body
+        targets = [*own_parts(body), replace(hull, yaw=0.0, position=np.zeros(3))]
         cards = [card for card in stored_grasps(self._spec.model) if card.grasp.grip is None]
-        self._cards = sorted(cards, key=lambda card: _unlike(card.body, body))[:_CARDS]
-        self._templates = {card.name: replace(card.grasp, name=card.name) for card in self._cards}
-        self._scenario = detected_scenario(body, self._spec, density)
+        most = _OF_PART if body.parts else _CARDS
+        self._targets = targets
+        self._cards = [sorted(cards, key=lambda card: _unlike(card.body, target))[:most] for target in targets]
+        self._templates = {card.name: replace(card.grasp, name=card.name) for some in self._cards for card in some}
+        self._folder, self._density = folder, density
+        self._scenario = detected_scenario(body, self._spec, density, folder)
         self._protocol = load_protocol(_PROTOCOL)
         self._bench = GraspScene(self._spec, make_stage(self._scenario, self._protocol, "right", Path()))
         self._gains = load_gains(adapter.gains, self._spec)
@@ -189,7 +206,9 @@ class AdaptationSearch:
         templates = list(self._templates.values())
         around = _beside(self._scenario, body, others)
         free = GraspScene(self._spec, make_stage(around, self._protocol, "right", Path())) if others else self._bench
-        self._turns = _symmetric_turns(body, self._random) if others else (0.0,)
+        # Of what stands alone the arm looks at all turns; beside others, or as a part, each is another grasp.
+        every = bool(others) or bool(body.parts)
+        self._turns = [_symmetric_turns(target, self._random) if every else (0.0,) for target in targets]
         self._proposer = Proposer(free, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned, _GAP)
         self._round, self._shown, self.options = 0, list[Candidate](), list[AdaptedGrasp]()
         self.mass = self._bench.mass
@@ -208,9 +227,14 @@ class AdaptationSearch:
 
     def round(self, reaches: Callable[[StoredGrasp], bool]) -> None:
         """Some more variations; what holds comes to the options. `reaches`: whether the arm gets to one."""
-        seeds = [self._seed(card, turn) for card in self._cards for turn in self._turns]
-        wider = 0.5 * 2**self._round
-        grown = self._proposer.near(seeds, _VARIED * (1 + self._round) * len(self._cards), min(wider, 2.0))
+        seeds = [
+            self._seed(card, target, turn)
+            for target, cards, turns in zip(self._targets, self._cards, self._turns, strict=True)
+            for card in cards
+            for turn in turns
+        ]
+        wider, count = 0.5 * 2**self._round, sum(len(cards) for cards in self._cards)
+        grown = self._proposer.near(seeds, _VARIED * (1 + self._round) * count, min(wider, 2.0))
         if not self._round:
             grown += self._proposer.grow(seeds)
         self._round += 1
@@ -224,15 +248,16 @@ class AdaptationSearch:
         self.lifted += len(lifted)
         self.options += self._drawn(lifted)
 
-    def _seed(self, card: StoredGrasp, turn: float) -> Candidate:
-        """A stored grasp beside what was seen: as far from its surface as it was from that of its own thing, and turned
-        with it by an angle, rad, by which it is as it was."""
-        grasp, own, new = card.grasp, np.array(card.body.extents) / 2.0, np.array(self._body.extents) / 2.0
+    def _seed(self, card: StoredGrasp, target: TableObject, turn: float) -> Candidate:
+        """A stored grasp beside what was seen, or a part of it, the target: as far from its surface as it was from that
+        of its own thing, and turned with it by an angle, rad, by which it is as it was."""
+        grasp, own, new = card.grasp, np.array(card.body.extents) / 2.0, np.array(target.extents) / 2.0
         at = card.palm.position
         at = at + np.sign(at) * (new - own) * np.minimum(np.abs(at) / own, 1.0)
-        turned, closing = yaw_rotation(turn), closing_directions(grasp, self._spec)
+        turned, closing = yaw_rotation(target.yaw + turn), closing_directions(grasp, self._spec)
+        middle = target.position + self._bench.placed.position
         return Candidate(
-            turned @ at + self._bench.placed.position, turned @ card.palm.rotation, turned @ card.retreat,
+            turned @ at + middle, turned @ card.palm.rotation, turned @ card.retreat,
             grasp.preshape, closing, grasp.preshape, grasp.preshape, grasp.preshape, card.name,
         )  # fmt: skip
 
@@ -271,13 +296,24 @@ class AdaptationSearch:
 
     def _held(self, candidates: Sequence[Candidate], grasps: Sequence[Grasp], first: int, count: int) -> list[int]:
         draws = sample_perturbations(self._settings.uncertainty, count, self._draws, first, stream="search")
+        drawn = [self._drawn_body(draw, first + number) for number, draw in enumerate(draws)]
         cases = [
-            TrialCase(candidate_scenario(candidate, self._bench, self._scenario), grasp, draw, self._protocol)
+            TrialCase(candidate_scenario(candidate, self._bench, scenario), grasp, draw, self._protocol)
             for candidate, grasp in zip(candidates, grasps, strict=True)
-            for draw in draws
+            for scenario, draw in drawn
         ]
         verdicts = self._runner.verdicts(cases, stop_early=True)
         return [sum(next(verdicts).held for _ in range(count)) for _ in candidates]
+
+    def _drawn_body(self, draw: Perturbation, number: int) -> tuple[Scenario, Perturbation]:
+        """The scenario of a draw, and what is left to be drawn: a compound's file has its size and mass. Its middle is
+        where that of the scenario without a draw is, so that the palm is where it would be."""
+        if not self._body.parts:
+            return self._scenario, draw
+        folder = self._folder / str(number)
+        folder.mkdir(exist_ok=True)
+        one = compound_object(self._body, "seen", self._density, folder, draw.size, draw.mass)
+        return self._scenario.model_copy(update={"objects": (one,)}), replace(draw, size=1.0, mass=1.0)
 
     def _squeezed(self, candidate: Candidate) -> Grasp:
         """With the firmer squeeze of a search: what a camera has seen may be heavier than it looks."""
@@ -302,12 +338,17 @@ class AdaptationSearch:
         return StoredGrasp(name, self._body, grasp, Pose(at, rotation), retreat)
 
 
-def detected_scenario(body: TableObject, spec: HandSpec, density: float) -> Scenario:
-    """A trial with a solid as it was seen, its longer level extent along x, in the middle of the table, and its mass
-    by a density, kg/m³. The palm and the grasp are those of whoever tries it."""
+def detected_scenario(body: TableObject, spec: HandSpec, density: float, folder: Path = Path()) -> Scenario:
+    """A trial with a solid or a compound as it was seen, its longer level extent along x, in the middle of the table,
+    and its mass by a density, kg/m³. The palm and the grasp are those of whoever tries it. `folder`: where a
+    compound's file is put."""
+    if body.parts:
+        thing = compound_object(body, "seen", density, folder)
+    else:
+        thing = detected_object(body.kind, body.extents, "seen", density)
     wrist = Wrist(position=(0.0, 0.0, 0.1), facing=(0.0, 0.0, -1.0), fingers=(1.0, 0.0, 0.0), retreat=(0.0, 0.0, 0.1))
     return Scenario(
-        objects=(detected_object(body.kind, body.extents, "seen", density),), friction=_FRICTION, grasp="adapted",
+        objects=(thing,), friction=_FRICTION, grasp="adapted",
         hand=spec.model_reference, side="right", wrist=wrist, protocol=_PROTOCOL,
     )  # fmt: skip
 
@@ -336,10 +377,30 @@ def detected_object(
     return ScenarioObject(name=name, shape=kind, size=size, mass=mass, up=up, yaw=own + np.degrees(yaw))  # type: ignore[arg-type]
 
 
+def compound_object(
+    body: TableObject, name: str, density: float, folder: Path, size: float = 1.0, mass: float = 1.0
+) -> ScenarioObject:
+    """A compound as it was seen, its longer level extent along x, in the middle of the table, in a file in a folder.
+    `size` and `mass`: factors; a larger one grows upwards from the table, and its middle is said to be where that of
+    the seen one is."""
+    parts = list[PlacedObject]()
+    for number, part in enumerate(own_parts(body)):
+        one = detected_object(part.kind, part.extents, f"part_{number}", density, part.yaw)
+        placed = place_object(one)
+        assert one.mass is not None
+        assert one.size is not None
+        thing = replace(placed.thing, size=tuple(size * edge for edge in one.size), mass=mass * one.mass)
+        x, y, z = (size * part.position + [0.0, 0.0, (size - 1.0) * body.extents[2] / 2.0]).tolist()
+        parts.append(PlacedObject(thing, (x, y, z), placed.quaternion))
+    path = folder / "compound.xml"
+    write_compound(parts, path)
+    return ScenarioObject(name=name, shape="mjcf", file=path, at=(0.0, 0.0, body.extents[2] / 2.0 + _AIR))
+
+
 def _beside(scenario: Scenario, body: TableObject, others: Sequence[TableObject]) -> Scenario:
     """The scenario with others beside the body, as they stand when the body lies along x."""
     back, objects = yaw_rotation(-body.yaw), list(scenario.objects)
-    for number, other in enumerate(others):
+    for number, other in enumerate(solid for one in others for solid in one.solids):
         away = other.position - body.position
         if float(np.hypot(*away[:2])) > _FAR:
             continue

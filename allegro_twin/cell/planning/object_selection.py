@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,13 @@ class SelectedObject:
     """Points of each other object on the table, (k, 3), world, m."""
 
 
+class _Reading(NamedTuple):
+    """What one thing may be, and what is beside it then."""
+
+    thing: Detection
+    beside: tuple[Detection, ...]
+
+
 class ObjectSelector:
     """Chooses, and remembers what was put away, missed and left."""
 
@@ -55,7 +63,7 @@ class ObjectSelector:
             if settings.planning is None
             else GraspAdapter(cell.hand.spec, settings.planning, settings.hand.gains, settings.seed)
         )
-        self._left = list[Array]()  # Places, world, m.
+        self._left = list[Solid]()
         self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.
         self.released = 0
         """Objects that were put away."""
@@ -74,31 +82,32 @@ class ObjectSelector:
         """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
         self._failed.append((card.name, solid))
         if leave:
-            self._left.append(solid.position)
+            self._left.append(solid)
 
     def first(
         self, seen: Sequence[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud
     ) -> SelectedObject | CellOutcome:
         """Of all that was seen in a picture the first that can be taken, with room to all others or, where nothing can,
         with less; else why nothing can. `alone`: its cloud without arm and hand."""
-        refused = dict[int, CellOutcome]()
+        readings, refused = self._readings(seen), dict[int, CellOutcome]()
         on_table = sum(isinstance(each, Detection) or each.reason != "no_object" for each in seen)
         self._most = max(self._most, self.released + on_table)
         for clear in (CLEAR, _TIGHT):
-            for number, each in enumerate(seen):
+            for number, each in enumerate(readings):
                 if isinstance(each, PerceptionRefusal):
                     refused[number] = CellOutcome("refused", each.reason, each.sentence)
                     continue
-                if any(np.linalg.norm(each.solid.position - place) < _SAME for place in self._left):
-                    said = f"the {each.solid.shape} at {position_text(each.solid.position)} was not held"
+                solid = each.thing.solid
+                if any(_is_there(solid, left) for left in self._left):
+                    said = f"the {solid.shape} at {position_text(solid.position)} was not held"
                     refused[number] = CellOutcome("refused", "no_grasp", said)
                     continue
-                known = [one for one in seen if one is not each and isinstance(one, Detection)]
-                chosen = self.one(each, frame, alone, clear, known)
-                if isinstance(chosen, SelectedObject):
-                    return chosen
-                refused[number] = chosen
-            if len(seen) == 1:
+                if clear == CLEAR or each.beside or len(seen) > 1:
+                    chosen = self.one(each.thing, frame, alone, clear, each.beside)
+                    if isinstance(chosen, SelectedObject):
+                        return chosen
+                    refused[number] = chosen
+            if len(readings) == 1:
                 break
         gone = self._most - self.released
         self.doubt = f"{self._most} were seen: see what has become of {gone}" if not on_table and gone > 0 else ""
@@ -107,6 +116,24 @@ class ObjectSelector:
         reasons = {each.reason for each in causes}
         said = "; ".join(dict.fromkeys(each.sentence for each in causes))
         return CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
+
+    @staticmethod
+    def _readings(seen: Sequence[Detection | PerceptionRefusal]) -> list[_Reading | PerceptionRefusal]:
+        """What was seen, in order, and then what it may be instead."""
+        found = [one for one in seen if isinstance(one, Detection)]
+        first, last = list[_Reading | PerceptionRefusal](), list[_Reading]()
+        for one in seen:
+            if isinstance(one, PerceptionRefusal):
+                first.append(one)
+                continue
+            rest = tuple(other for other in found if other is not one)
+            first.append(_Reading(one, rest))
+            for other in one.instead:
+                if not any(other is known.thing for known in last):  # Two parts are of one compound.
+                    parts = tuple(part for part in one.instead if part is not other)
+                    apart = tuple(each for each in rest if all(other is not whole for whole in each.instead))
+                    last.append(_Reading(other, (*parts, *apart)))
+        return [*first, *last]
 
     def one(
         self, seen: Detection, frame: CameraFrame, alone: Cloud, clear: float = CLEAR, known: Sequence[Detection] = ()
@@ -145,6 +172,11 @@ class ObjectSelector:
         said = "something at {} stands outside perception's `region`; put it nearer to the middle"
         places = stray_objects(frame, alone, settings.perception, settings.tray)
         return [CellOutcome("refused", "outside", said.format(position_text(place))) for place in places]
+
+
+def _is_there(one: Solid, left: Solid) -> bool:
+    """Whether it is what was left, and both are compounds or none is."""
+    return bool(np.linalg.norm(one.position - left.position) < _SAME) and bool(one.parts) == bool(left.parts)
 
 
 def _alike(one: Solid, other: Solid) -> bool:

@@ -106,10 +106,9 @@ def plan_grasp(
     Raises ConfigError where no grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
     body = table_object(solid)
-    if len(others) > OTHERS:
-        raise ConfigError(
-            f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
-        )
+    solids = sum(len(other.solids) for other in others)
+    if solids > OTHERS:
+        raise ConfigError(f"{solids} other objects are on the table, and {OTHERS} can be kept clear of: take some away")
     cell.clearance.see(body)
     cell.clearance.beside(others, clear)
     if adapter is None:

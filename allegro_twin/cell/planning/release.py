@@ -10,8 +10,7 @@ import numpy as np
 
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.motion.other_objects import box_around, height_around
-from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.target import half_width
+from allegro_twin.cell.perception.fits.model import Solid, half_width
 from allegro_twin.cell.planning.reachability import far_path, joint_room, reaches_straight
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate, yaw_rotation
 from allegro_twin.cell.settings import TraySettings

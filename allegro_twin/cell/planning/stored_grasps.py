@@ -7,7 +7,7 @@ about the vertical with the thing, in one of the ways that symmetry leaves open.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -35,6 +35,8 @@ _SQUARE = 1.03  # Ratio of level edges under which a box is square.
 _ON_ARM = "on_arm"  # The folder of scenarios that leave room for an arm behind the hand; they come before others.
 _NEARLY = 1.3  # Ratio of level extents under which an egg is so nearly round that its grasp may be turned a little.
 _LITTLE = np.radians([-10.0, 10.0, -20.0, 20.0])  # OWN: lemons were held by an Allegro Hand so in 40 of 40 trials.
+_SHIFTED, _TURNED_BY = 0.004, 0.1
+"""m, and the sine of an angle, between parts of compounds that are alike."""
 MOST = 0.25
 """Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing."""
 
@@ -64,14 +66,15 @@ class GraspCandidate:
 
 
 def table_object(solid: Solid) -> TableObject:
-    """What perception found. What leans is as it would stand."""
+    """What perception found, with its parts where it is a compound. What leans is as it would stand."""
     upright = int(np.argmax(np.abs(solid.axes[2])))
     level = [k for k in range(3) if k != upright]
     first, second = sorted(level, key=lambda k: -solid.size[k])
     way = solid.axes[:, first]
     lying = "lying " if solid.shape in ("cylinder", "ellipsoid") and upright != 0 else ""
     extents = (solid.size[first], solid.size[second], solid.size[upright])
-    return TableObject(lying + solid.shape, extents, float(np.arctan2(way[1], way[0])), solid.position)
+    parts = tuple(table_object(part) for part in solid.parts)
+    return TableObject(lying + solid.shape, extents, float(np.arctan2(way[1], way[0])), solid.position, parts)
 
 
 def grasp_candidates(
@@ -109,8 +112,26 @@ def body_text(body: TableObject) -> str:
 
 
 def extent_mismatch(one: TableObject, other: TableObject) -> float:
-    """The largest logarithm of a ratio of their extents."""
-    return float(np.abs(np.log(np.divide(one.extents, other.extents))).max())
+    """The largest logarithm of a ratio of their extents; inf where one has parts that the other has not in that place,
+    or not turned so."""
+    found = float(np.abs(np.log(np.divide(one.extents, other.extents))).max())
+    if len(one.parts) != len(other.parts):
+        return float("inf")
+    for mine, theirs in zip(own_parts(one), own_parts(other), strict=True):
+        away = float(np.linalg.norm(mine.position - theirs.position))
+        turned = abs(float(np.sin(mine.yaw - theirs.yaw)))
+        if mine.kind != theirs.kind or away > _SHIFTED or turned > _TURNED_BY:
+            return float("inf")
+        found = max(found, extent_mismatch(mine, theirs))
+    return found
+
+
+def own_parts(body: TableObject) -> tuple[TableObject, ...]:
+    """The parts of a compound, or none, in the frame of its middle with x along its longer level extent."""
+    back = yaw_rotation(-body.yaw)
+    return tuple(
+        replace(part, yaw=part.yaw - body.yaw, position=back @ (part.position - body.position)) for part in body.parts
+    )
 
 
 @cache
@@ -161,6 +182,8 @@ def symmetric_turns(body: TableObject) -> Array:
     """By how much it may be turned and is as it was, rad."""
     if body.kind in ("sphere", "cylinder"):
         count = _ROUND
+    elif body.parts:
+        count = 1
     else:
         count = 4 if body.kind == "box" and body.extents[0] < _SQUARE * body.extents[1] else 2
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)

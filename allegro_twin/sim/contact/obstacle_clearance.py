@@ -21,7 +21,9 @@ NEAR = 0.005
 _GIVES = 0.001  # m. What is near at the beginning of a way, or where it leads, may be so on it.
 _THING, _TABLE = "seen", "table"
 OTHERS = 8
-"""So many other objects may be kept clear of."""
+"""So many other solids may be kept clear of."""
+_PARTS = 3
+"""Solids that the one that is taken may consist of."""
 CLEAR = 0.015
 """m, around another object, whose far side nobody has seen."""
 _OTHER = "another object"
@@ -38,13 +40,20 @@ class TableObject:
     """A solid on the table, whichever way it came to be known."""
 
     kind: str
-    """Its shape; with `lying` before it where an axis of revolution is level."""
+    """Its shape; with `lying` before it where an axis of revolution is level. `compound`: it has parts."""
     extents: tuple[float, float, float]
     """The longer level one, the shorter level one, the height, m."""
     yaw: float
     """Of the longer level one in the world, rad."""
     position: Array
     """Of the middle, (3,), m."""
+    parts: tuple[TableObject, ...] = ()
+    """Of a compound, whose extents are those of the box around it: the solids that it consists of, in the world."""
+
+    @property
+    def solids(self) -> tuple[TableObject, ...]:
+        """Itself, or its parts."""
+        return self.parts or (self,)
 
 
 class ClearanceViolation(NamedTuple):
@@ -66,7 +75,7 @@ class ObstacleClearance:
     """Arm, hand, table, one thing and other objects, posed and never stepped; for one thread."""
 
     def __init__(self, arm: ArmSpec, mounted: MountedHand, base: Array) -> None:
-        names = [_THING, *(f"{_OTHER} {k}" for k in range(OTHERS))]
+        names = [*(f"{_THING} {k}" for k in range(_PARTS)), *(f"{_OTHER} {k}" for k in range(OTHERS))]
         placed = [PlacedObject(GraspObject(name, "box", (0.01, 0.01, 0.01), 0.01), _out(k), (1.0, 0.0, 0.0, 0.0))
                   for k, name in enumerate(names)]  # fmt: skip
         stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=placed, table=True)
@@ -74,11 +83,10 @@ class ObstacleClearance:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # Its boxes are of the sizes at compile time.
         self._model, self._data = model, mujoco.MjData(model)
         self._arm, self._hand = PostureMap(arm, model), PostureMap(mounted.hand, model)
-        self._thing, self._table = model.geom(_THING).id, model.geom(_TABLE).id
-        self._place = int(model.joint(_THING).qposadr[0])
-        self._others = [model.geom(name).id for name in names[1:]]
-        self._places = [int(model.joint(name).qposadr[0]) for name in names[1:]]
-        seen = [self._thing, self._table, *self._others]
+        geoms = [model.geom(name).id for name in names]
+        self._things, self._others, self._table = geoms[:_PARTS], geoms[_PARTS:], model.geom(_TABLE).id
+        self._places = {number: int(model.joint(name).qposadr[0]) for number, name in zip(geoms, names, strict=True)}
+        seen = [*geoms, self._table]
         model.geom_margin[seen] = NEAR
         model.body_margin[model.geom_bodyid[seen]] = NEAR
         self.crowded = False
@@ -88,31 +96,32 @@ class ObstacleClearance:
 
     def nothing(self) -> None:
         """From now on the table is empty."""
-        self._data.qpos[self._place : self._place + 3] = _out(0)
+        self._stand(self._things, ())
         self.beside(())
 
     def beside(self, obstacles: Sequence[TableObject], clear: float = CLEAR) -> None:
-        """From now on these other objects stand on the table, at most `OTHERS`. `clear`: each so much wider to every
-        side, m."""
+        """From now on these other objects stand on the table, of at most `OTHERS` solids. `clear`: each is so much
+        wider to every side, m."""
         self.crowded = len(obstacles) > 0
-        for k, (number, place) in enumerate(zip(self._others, self._places, strict=True)):
-            if k < len(obstacles):
-                one = obstacles[k]
-                up = 0.0 if one.kind in ("box", "cylinder") else clear
-                wider = np.array(one.extents) + 2.0 * np.array([clear, clear, up])
-                self._shape(number, place, replace(one, extents=tuple(wider.tolist())))
-            else:
-                self._data.qpos[place : place + 3] = _out(k + 1)
+        self._stand(self._others, [_wider(solid, clear) for one in obstacles for solid in one.solids])
 
     def see(self, body: TableObject) -> None:
-        """From now on this stands on the table."""
-        self._shape(self._thing, self._place, body)
+        """From now on this stands on the table, of at most three solids."""
+        self._stand(self._things, body.solids)
 
-    def _shape(self, number: int, place: int, one: TableObject) -> None:
-        """Geom `number`, whose body's place is at `place` of the state, is this from now on."""
+    def _stand(self, geoms: Sequence[int], solids: Sequence[TableObject]) -> None:
+        """The first of some geoms are these solids from now on, and the others are far away."""
+        for number, solid in zip(geoms, solids, strict=False):
+            self._shape(number, solid)
+        for number in geoms[len(solids) :]:
+            place = self._places[number]
+            self._data.qpos[place : place + 3] = _out(number)
+
+    def _shape(self, number: int, one: TableObject) -> None:
+        """Geom `number` is this from now on."""
         shape, which = _SHAPES.get(one.kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
+        place, model = self._places[number], self._model
         half, pose = np.array(one.extents) / 2.0, self._data.qpos[place : place + 7]
-        model = self._model
         model.geom_type[number] = shape
         model.geom_size[number] = [*half[list(which)], 0.0, 0.0][:3]
         model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
@@ -164,12 +173,20 @@ class ObstacleClearance:
         return found
 
     def _pair(self, one: int, other: int) -> tuple[str, str] | None:
-        outside = {self._thing: "the thing", self._table: "the table"} | dict.fromkeys(self._others, _OTHER)
+        outside = dict.fromkeys(self._things, "the thing") | dict.fromkeys(self._others, _OTHER)
+        outside[self._table] = "the table"
         one, other = (other, one) if one in outside else (one, other)
         part, second = (int(self._model.geom_bodyid[geom]) for geom in (one, other))
         if one in outside or not self._moves[part] or (self._of_hand[part] and self._of_hand[second]):
             return None
         return self._model.body(part).name, outside.get(other) or self._model.body(second).name
+
+
+def _wider(one: TableObject, clear: float) -> TableObject:
+    """A solid with so much more to every side, m, but no more height where it is flat on top."""
+    up = 0.0 if one.kind in ("box", "cylinder") else clear
+    x, y, z = (np.array(one.extents) + 2.0 * np.array([clear, clear, up])).tolist()
+    return replace(one, extents=(x, y, z))
 
 
 def _out(k: int) -> tuple[float, float, float]:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.perception.errors import PerceptionRefusal
-from allegro_twin.cell.perception.fits.model import Shape, Solid
+from allegro_twin.cell.perception.fits.model import Shape, Solid, half_width
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.segmentation import TablePlane
 from allegro_twin.cell.perception.settings import TargetSettings
-from allegro_twin.cell.perception.target import GraspTarget, grasp_target, half_width, main_axis
+from allegro_twin.cell.perception.target import GraspTarget, grasp_target, main_axis
 from allegro_twin.types import Array
 
 SETTINGS = TargetSettings(offset=0.05)

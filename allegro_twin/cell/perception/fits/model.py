@@ -115,8 +115,9 @@ def _loss(residuals: Array, counts: Vector, scale: float) -> float:
     return float(np.log1p(np.square(residuals / scale)) @ counts)
 
 
-Shape = Literal["sphere", "cylinder", "box", "ellipsoid"]
+Shape = Literal["sphere", "cylinder", "box", "ellipsoid", "compound"]
 SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box", "ellipsoid")
+"""Those that are fitted to points; a compound is made of them."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -133,6 +134,19 @@ class Solid:
     """Along its axes, m."""
     error: float
     """The root mean square distance of the points from its surface, m."""
+    parts: tuple[Solid, ...] = ()
+    """Of a compound, whose place, axes and size are those of the box around it: the solids that it consists of."""
+
+
+def half_width(solid: Solid, direction: Vector) -> float:
+    """How far it, or the box around a compound, reaches from its middle along a unit direction (3,), m."""
+    parts, half = direction @ solid.axes, np.array(solid.size) / 2.0
+    match solid.shape:
+        case "box" | "compound":
+            return float(np.abs(parts) @ half)
+        case "cylinder":
+            return float(abs(parts[0]) * half[0] + np.hypot(parts[1], parts[2]) * half[1])
+    return float(np.linalg.norm(parts * half))
 
 
 class SolidModel(NamedTuple):
