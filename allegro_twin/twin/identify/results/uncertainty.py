@@ -151,7 +151,7 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
 
 
 def _half(found: DriveFit, name: str, covariance: Array) -> Vector:
-    """Half the interval. Of a joint that the model leaves more of than noise, the model's error counts as well, for each
+    """Half the interval. Of a joint that the model leaves more of than noise the model's error counts as well, for each
     value as far as that value shows it: what shorter pieces say of it, which slips mislead less, and how it
     scatters between the recordings, with Student's t of as few as these are."""
     transform, apart = _per_pwm(found, name), name not in PLAY
