@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import DriveParameters
-from allegro_twin.surfaces.cli.twin.identification import head_lines
+from allegro_twin.surfaces.cli.twin.identification import gap_table, head_lines
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.shooting import LONG, SEEN, UNSEEN, cut_segments
 from allegro_twin.twin.identify.pipeline import Identification
+from allegro_twin.twin.identify.results.gap import measure_gap
 from allegro_twin.twin.identify.results.hand_file import NOTHING_WRITTEN, drive_to_write, write_hand_file
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
 from tests.twin.identify import hidden
@@ -88,3 +90,17 @@ def test_a_wide_interval_does_not_keep_a_value_that_predicts_out_of_the_file_but
     kept = yaml.safe_load(file.read_text())["identified"]
     assert kept["written"]["index_1"] == "all"
     assert len(kept["kept_back"]["rms_rad"]["written"]) == 16
+
+
+def test_a_recording_that_is_wrong_about_gravity_is_found_to_lean_and_one_that_is_right_is_not() -> None:
+    found, motion = hidden.found(), hidden.found().motions[1]
+    twin = (found.fit.player(motion), found.fit.drive)
+    honest = measure_gap(motion, twin, twin)
+    assert not honest.lean.any()
+    np.testing.assert_array_equal(honest.upright.joint, honest.after.joint)
+    lied = replace(motion, gravity=rotate_vector(motion.gravity, [0.02, -0.03, 0.025]))
+    gap = measure_gap(lied, twin, twin)
+    np.testing.assert_allclose(rotate_vector(lied.gravity, gap.lean), motion.gravity, atol=0.03)
+    assert gap.upright.all[-1] < 0.5 * gap.after.all[-1]
+    assert "In this recording the palm leans by" in str(gap_table(gap).caption)
+    assert gap_table(honest).caption is None

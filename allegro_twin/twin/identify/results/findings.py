@@ -23,7 +23,10 @@ def describe_terms(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
     if found.bristly:
         yield "Friction breaks away: it is larger at rest, and grows with the motor's torque."
     if found.loose:
-        yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels)} mrad."
+        yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels, 'mrad')}."
+    if found.elastic:
+        bends = _up_to(1e3 * drive.gear_compliance, drive.gear_compliance > 0.0, labels, "mrad a N·m")
+        yield f"Teeth that bend, {bends}."
     if extras.tilted:
         lean = np.degrees(np.linalg.norm(drive.tilt, axis=1))
         apart = float(np.ptp(drive.tilt, axis=0).max())
@@ -33,27 +36,24 @@ def describe_terms(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
             "joints lack together."
         )
     if (has := extras.of_joints("bias_torque", len(labels))).any():
-        yield (
-            f"Constant torque, {_up_to(1e3 * np.abs(drive.bias_torque), has, labels)} mN·m: a cable, or dry friction "
-            "that is larger one way."
-        )
+        size = _up_to(1e3 * np.abs(drive.bias_torque), has, labels, "mN·m")
+        yield f"Constant torque, {size}: a cable, or dry friction that is larger one way."
     if (has := extras.of_joints("uneven_damping", len(labels))).any():
-        size = _up_to(1e3 * np.abs(drive.uneven_damping), has, labels)
-        yield f"Damping that differs by direction, {size} mN·m·s/rad."
+        size = _up_to(1e3 * np.abs(drive.uneven_damping), has, labels, "mN·m·s/rad")
+        yield f"Damping that differs by direction, {size}."
     if (has := extras.of_joints("cogging_sine", len(labels))).any():
-        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels)
+        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels, "mN·m")
         counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
-        yield f"Cogging, {size} mN·m, {counts} times a turn: torque that comes again with the angle."
+        yield f"Cogging, {size}, {counts} times a turn: torque that comes again with the angle."
     yield from _warmth(found, labels)
 
 
 def _warmth(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
     drive = found.drive
     if (has := found.extras.of_joints("cold_friction", len(labels))).any():
-        yield (
-            f"Friction that is larger at first, by {_up_to(100.0 * drive.cold_friction, has, labels)} %, and falls in "
-            f"{np.median(drive.warm_up[has]):.0f} s: warmth."
-        )
+        size = _up_to(100.0 * drive.cold_friction, has, labels, "%")
+        time = float(np.median(drive.warm_up[has]))
+        yield f"Friction that is larger at first, by {size}, and falls in {time:.0f} s: warmth."
 
 
 def describe_prediction(written: WrittenDrive) -> str:
@@ -83,15 +83,15 @@ def describe_rest(found: DriveFit, labels: tuple[str, ...]) -> str:
     more = f" and {len(bad) - 4} more" if len(bad) > 4 else ""
     return (
         f"Not explained: {names}{more}, in times the noise; intervals do not cover what no term of the model is. "
-        "Teeth that bend and a finger that touched something look like that."
+        "A finger that touched something looks like that."
     )
 
 
-def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...]) -> str:
+def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...], unit: str) -> str:
     """The median and the largest of some joints' sizes."""
     most = int(np.argmax(np.where(has, size, -np.inf)))
     if has.sum() == 1:
-        return f"{size[most]:.1f} ({labels[most]})"
+        return f"{size[most]:.1f} {unit} ({labels[most]})"
     return (
         f"{np.median(size[has]):.1f} in the median of {has.sum()} joints and {size[most]:.1f} at most ({labels[most]})"
     )
