@@ -57,7 +57,11 @@ def report_page(found: Identification) -> str:
 def summary(found: Identification) -> str:
     """What the hand has, and how well each drive predicts what the fit has not seen, joint by joint."""
     labels, written = _joints(found), found.written
-    said = [*describe_terms(found.fit, labels), describe_prediction(written), describe_rest(found.fit, labels)]
+    said = [
+        *describe_terms(found.fit, found.values, labels),
+        describe_prediction(written),
+        describe_rest(found.fit, labels),
+    ]
     text = "".join(f"<p>{escape(line)}</p>" for line in said if line)
     if not written.errors:
         return text
