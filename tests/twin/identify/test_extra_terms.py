@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.surfaces.cli.twin.identification import head_lines
-from allegro_twin.twin.identify.fitting.extra_terms import EXTRA, ExtraTerms, screen_terms
+from allegro_twin.twin.identify.fitting.extra_terms import EXTRA, ExtraTerms, _agree, screen_terms
 from allegro_twin.twin.identify.fitting.regress import regress
 from allegro_twin.twin.identify.motions.excitation import G
 from allegro_twin.twin.identify.motions.motion import read_motion
@@ -54,6 +55,15 @@ def screened(kind: str) -> ExtraTerms:
     motions = [read_motion(recorded(kind, pose)) for pose in hidden.POSES]
     player = OpenLoopPlayer(motions[0].spec, motions[0].period)
     return screen_terms(motions, player, regress(motions, player, np.ones(16)))
+
+
+def test_motors_of_a_hand_are_alike_so_the_number_of_periods_that_suits_all_counts_more() -> None:
+    own = [{"cogging:8": 60.0, "cogging:9": 40.0}, {"cogging:8": 50.0, "cogging:9": 55.0, "bias": 3.0}]
+    joints: Any = [SimpleNamespace(gains=dict(gains), usual=set[str](), taken=[]) for gains in own]
+    for _ in range(2):  # Again and again it stays the same.
+        _agree(joints)
+        assert [max(each.gains, key=each.gains.get) for each in joints] == ["cogging:8", "cogging:8"]
+        assert joints[1].gains == {"cogging:8": 60.0, "cogging:9": 55.0, "bias": 3.0}
 
 
 @pytest.mark.slow
