@@ -58,7 +58,7 @@ def summary(found: Identification) -> str:
     """What the hand has, and how well each drive predicts what the fit has not seen, joint by joint."""
     labels, written = _joints(found), found.written
     said = [
-        *describe_terms(found.fit, found.values, labels),
+        *describe_terms(found.fit, found.values, found.motions),
         describe_prediction(written),
         describe_rest(found.fit, labels),
     ]

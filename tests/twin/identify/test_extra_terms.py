@@ -104,4 +104,5 @@ def test_what_is_found_is_written_and_predicts_a_motion_in_a_pose_that_nothing_h
     said = list(head_lines(found))
     assert said[0].startswith(first[kind])
     assert said[1].startswith("Kept back")  # And of nothing else.
+    assert ("the same way in all recordings" in said[0]) == (kind == "lean")
     assert "What the fit has not seen" in report_page(found)

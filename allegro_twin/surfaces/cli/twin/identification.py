@@ -110,7 +110,7 @@ def head_lines(found: Identification) -> Iterator[str]:
     from allegro_twin.twin.identify.results import findings
 
     labels = found.motions[0].spec.joint_labels
-    yield from findings.describe_terms(found.fit, found.values, labels)
+    yield from findings.describe_terms(found.fit, found.values, found.motions)
     yield findings.describe_prediction(found.written)
     if rest := findings.describe_rest(found.fit, labels):
         yield rest

@@ -3,15 +3,17 @@ left."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
 from allegro_twin.twin.identify.results.written_drive import WrittenDrive
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 LEFT = 3.0
 """Times the noise: with more left over the model does not explain a joint."""
@@ -26,10 +28,12 @@ _LEAST = {
 _SAME = np.radians(0.6)  # Between the leans of recordings that count as one.
 
 
-def describe_terms(found: DriveFit, values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> Iterator[str]:
+def describe_terms(
+    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion]
+) -> Iterator[str]:
     """What the model has beyond Coulomb's friction, and by which shape of what was left over it was found; not what is
     smaller than its interval, or than anybody notices."""
-    drive, extras = found.drive, found.extras
+    drive, labels = found.drive, motions[0].spec.joint_labels
     if found.bristly:
         yield "Friction breaks away: it is larger at rest, and grows with the motor's torque."
     if found.loose:
@@ -37,14 +41,8 @@ def describe_terms(found: DriveFit, values: Mapping[str, IdentifiedValue], label
     if found.elastic:
         bends = _up_to(1e3 * drive.gear_compliance, drive.gear_compliance > 0.0, labels, "mrad a N·m")
         yield f"Teeth that bend, {bends}."
-    if extras.tilted:
-        lean = np.degrees(np.linalg.norm(drive.tilt, axis=1))
-        apart = float(np.ptp(drive.tilt, axis=0).max())
-        alike = "the same way in all recordings" if apart < _SAME else "another way in each recording"
-        yield (
-            f"The palm leans by {lean.mean():.1f}° from what the recordings say of gravity, {alike}: torque that all "
-            "joints lack together."
-        )
+    if found.extras.tilted:
+        yield _describe_lean(drive.tilt, motions)
     if (has := _notable(found, values, "bias_torque")).any():
         size = _up_to(1e3 * np.abs(drive.bias_torque), has, labels, "mN·m")
         yield f"Constant torque, {size}: a cable, or dry friction that is larger one way."
@@ -59,6 +57,19 @@ def describe_terms(found: DriveFit, values: Mapping[str, IdentifiedValue], label
         size = _up_to(100.0 * drive.cold_friction, has, labels, "%")
         time = float(np.median(drive.warm_up[has]))
         yield f"Friction that is larger at first, by {size}, and falls in {time:.0f} s: warmth."
+
+
+def _describe_lean(tilt: Array, motions: Sequence[RecordedMotion]) -> str:
+    """Of what shows: a turn about gravity itself does not."""
+    said = np.array([motion.gravity / np.linalg.norm(motion.gravity) for motion in motions])
+    each, common = rotate_vector(said, tilt), rotate_vector(said, np.tile(tilt.mean(axis=0), (len(tilt), 1)))
+    lean = np.degrees(np.arccos(np.clip((said * each).sum(axis=1), -1.0, 1.0)))
+    apart = np.arccos(np.clip((each * common).sum(axis=1), -1.0, 1.0)).max()
+    alike = "the same way in all recordings" if apart < _SAME else "another way in each recording"
+    return (
+        f"The palm leans by {lean.max():.1f}° from what the recordings say of gravity, {alike}: torque that all joints "
+        "lack together."
+    )
 
 
 def _notable(found: DriveFit, values: Mapping[str, IdentifiedValue], name: str) -> NDArray[np.bool_]:
