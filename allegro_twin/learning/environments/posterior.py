@@ -14,6 +14,7 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,7 +65,7 @@ _STREAM = 12
 """Stream of the numbers of a reset (random_streams); encoder noise has the next one."""
 
 
-class Spread(NamedTuple):
+class ValueSpread(NamedTuple):
     """Centre and half-width of one value, (joints,), or (1,) of the whole hand; per torque constant where a recording
     tells it so."""
 
@@ -82,7 +83,7 @@ class DrivePosterior:
     """The hand of the file; of its drive only what is compiled into models."""
     torque_constant: Vector
     """As the file has it and hosts believe, (joints,), N·m at full PWM."""
-    spreads: Mapping[str, Spread]
+    spreads: Mapping[str, ValueSpread]
     noise: Vector
     """Standard deviation of reported positions, (joints,), rad, beside quantisation."""
     quantisation: Vector
@@ -90,8 +91,6 @@ class DrivePosterior:
     cogging_periods: Vector
     cold_friction: Vector
     """Share by which friction and damping are larger when cold, (joints,)."""
-    table: Mapping[str, Any]
-    """All of the file."""
 
 
 def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
@@ -103,15 +102,12 @@ def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
     spec = _own_spec(path, table, model, side)
     basis = table.get("identified")
     if not isinstance(basis, Mapping):
-        raise ConfigError(f"randomise.twin: {path} has no `identified` block, so no widths to draw from: write one with "
-                          f"`allegro-twin identify RECORDINGS --hand {path}`")  # fmt: skip
+        raise ConfigError(f"randomise.twin: {path} has no `identified` block, so no widths to draw from: write it with "
+                          f"allegro-twin identify RECORDINGS --hand {path}")  # fmt: skip
     drive = spec.drive or Drive.from_values({}, spec.n_joints)
     missing = [name for name in _NOT_SIMULATED if (getattr(drive, name) > (name == "stiction")).any()]
     if missing:
-        log.warning(
-            "randomise.twin: environments do not represent %s of %s: friction is Coulomb's there, and links have no play",
-            ", ".join(f"drive.{name}" for name in missing), path,
-        )  # fmt: skip
+        _warn_once(path, ", ".join(f"drive.{name}" for name in missing))
     simulated = {name: value for name, value in drive.plain().items() if name in _SIMULATED}
     fixed = Drive.from_values(simulated, spec.n_joints)
     plain = Drive.from_values({}, spec.n_joints)
@@ -126,18 +122,23 @@ def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
         quantisation=drive.quantisation,
         cogging_periods=drive.cogging_periods,
         cold_friction=np.where(drive.warm_up > 0.0, drive.cold_friction, 0.0),
-        table=table,
     )
+
+
+@cache
+def _warn_once(path: Path, keys: str) -> None:
+    log.warning("randomise.twin: environments do not represent %s of %s: friction is Coulomb's, links have no play",
+                keys, path)  # fmt: skip
 
 
 def _own_spec(path: Path, table: Mapping[str, Any], model: str, side: Side) -> HandSpec:
     nominal = load_spec(model, side)
-    if "torque" not in nominal.commands or nominal.foreign is not None:
+    if "torque" not in nominal.commands:
         raise ConfigError(f"randomise.twin: {path} is of a hand that takes torques, as `identify` knows them, and the "
                           f"environment's hand is {model}: leave out randomise.twin")  # fmt: skip
     if strange := [key for key in ("driven", "mjcf", "commands") if key in table]:
-        raise ConfigError(f"randomise.twin: {path} is not the file of one {model} hand: it has `{strange[0]}`; give the "
-                          "one that `identify` has written")  # fmt: skip
+        raise ConfigError(f"randomise.twin: {path} is not the file of one {model} hand: it has `{strange[0]}`; give "
+                          "the one that `identify` has written")  # fmt: skip
     its = hand_side(str(path))
     if its is not None and its != side:
         raise ConfigError(f"randomise.twin: {path} is of a {its} hand, and the environment's is {side}: side={its!r}")
@@ -147,8 +148,8 @@ def _own_spec(path: Path, table: Mapping[str, Any], model: str, side: Side) -> H
         raise ConfigError(f"randomise.twin: no {model} hand: {error}") from error
 
 
-def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive) -> Iterator[tuple[str, Spread]]:
-    n, constant = spec.n_joints, np.array(load_wiring(spec.model, str(path)).calibration.torque_constant)
+def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive) -> Iterator[tuple[str, ValueSpread]]:
+    constant = np.array(load_wiring(spec.model, str(path)).calibration.torque_constant)
     intervals, missing = (_mapping(path, basis, name) for name in ("interval", "not_determined"))
     written = basis.get("written")
     nominal = [isinstance(written, Mapping) and written.get(joint) == "nominal" for joint in spec.joint_labels]
@@ -164,7 +165,7 @@ def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive)
         if key not in intervals:
             # A drive beyond the core that someone wrote into the file by hand is what it says.
             sure = np.full(len(centre), name not in CORE)
-            yield name, Spread(centre, np.where(sure, 0.0, wide), sure)
+            yield name, ValueSpread(centre, np.where(sure, 0.0, wide), sure)
             continue
         half = _row(path, f"interval.{key}", intervals[key], len(centre))
         half = half / constant * drive.strength if name == "strength" else half
@@ -172,7 +173,7 @@ def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive)
         sure = np.array([label not in joints for label in spec.joint_labels[: len(centre)]])
         if name not in _SHARED:
             sure &= ~np.array(nominal)  # Its interval is about the value that was found, and nominal is what it has.
-        yield name, Spread(centre, np.where(sure, half, wide), sure)
+        yield name, ValueSpread(centre, np.where(sure, half, wide), sure)
 
 
 def _mapping(path: Path, table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -185,8 +186,8 @@ def _mapping(path: Path, table: Mapping[str, Any], name: str) -> Mapping[str, An
 def _row(path: Path, name: str, given: object, n: int) -> Vector:
     row = given if isinstance(given, list) else [given] * n
     if len(row) != n or not all(isinstance(v, int | float) and math.isfinite(v) and v >= 0.0 for v in row):
-        raise ConfigError(f"randomise.twin: {path}: identified.{name} needs {n} numbers from 0, as this hand has joints: "
-                          f"not {given!r}")  # fmt: skip
+        raise ConfigError(f"randomise.twin: {path}: identified.{name} needs {n} numbers from 0, one for each that this "
+                          f"hand has, not {given!r}")  # fmt: skip
     return np.array(row, np.float64)
 
 
@@ -198,7 +199,7 @@ class RandomDrive:
         xp = self._xp = worlds.xp
         n, joints = worlds.position.shape
         self._known = {
-            name: Spread(*(xp.asarray(part) for part in spread)) for name, spread in posterior.spreads.items()
+            name: ValueSpread(*(xp.asarray(part) for part in spread)) for name, spread in posterior.spreads.items()
         }
         self._constant, self._limit = (
             xp.asarray(row) for row in (posterior.torque_constant, posterior.spec.actuation.torque_limit)
@@ -252,7 +253,7 @@ class RandomDrive:
         if (step := self._step) is not None:
             some = self._xp.where(step > 0, step, 1.0)
             found = self._xp.where(step > 0, step * self._xp.rint(found / some), found)
-        return found
+        return found  # type: ignore[no-any-return]  # Its functions have no types.
 
     def act(self, command: Array, tick: NDArray[np.int64]) -> Array:
         """Torques that motors are told in this period, (n, joints), N·m, of what was commanded in it and before.
