@@ -225,6 +225,10 @@ def test_the_other_draws_of_a_seed_are_those_without_a_twin() -> None:
     for name in ranges:
         np.testing.assert_array_equal(with_twin["randomised"][name], without["randomised"][name])
     np.testing.assert_array_equal(with_twin["object"], without["object"])
+    things = [each.engine.task.thing for each in (env, plain)]
+    assert things[0] is not None
+    assert things[1] is not None
+    np.testing.assert_array_equal(things[0].pose, things[1].pose)
     assert "twin" not in without["randomised"]
     for _ in range(3):
         observation, *_ = env.step(np.zeros((2, 16), np.float32))
@@ -268,6 +272,16 @@ def test_part_of_a_period_of_delay_and_what_changes_within_one_are_nearly_as_in_
     for without in ({"load_friction": 0.0}, {"uneven_damping": 0.0}, {"cogging_sine": 0.0}, {"delay": 0.006}):
         other, _ = open_loop(known(**(drive | without)))
         assert np.abs(other - ours).max() > 0.001, without
+
+
+def test_no_command_of_the_episode_before_is_on_its_way() -> None:
+    env = made(known(delay=0.006, load_friction=0.0), 1)
+    limit, engine = env.engine.task.spec.actuation.torque_limit, env.engine
+    for _ in range(2):
+        env.reset(seed=0)
+        for tick in range(5):
+            engine.step_period(0.5 * limit[None], np.array([tick]), tick)
+            np.testing.assert_array_equal(engine.worlds.control[0], (tick >= 2) * 0.5 * limit)
 
 
 def test_a_hand_begins_an_episode_anywhere_between_cold_and_warm() -> None:
