@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -105,12 +105,26 @@ def draw(kind: str, seed: int) -> Physics:
     return each
 
 
+class Push(NamedTuple):
+    """A force on a fingertip for a while."""
+
+    begin: float
+    """s"""
+    seconds: float
+    finger: int
+    force: Vector
+    """N, (3,), world."""
+
+
 class ForeignHand:
-    """The hand, as a backend that takes torques."""
+    """The hand, as a backend that takes torques. `pushes`: what touches it."""
 
     live = False
 
-    def __init__(self, spec: HandSpec, physics: Physics, gravity: Vector, period: float, seed: int) -> None:
+    def __init__(
+        self, spec: HandSpec, physics: Physics, gravity: Vector, period: float, seed: int, pushes: Sequence[Push] = ()
+    ) -> None:
+        self._pushes = pushes
         self._spec, self._truth, self.period, self._seed = spec, physics, period, seed
         model = mujoco.MjModel.from_xml_path(str(data_root() / "models" / "mjcf" / f"{spec.name}.xml"))
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -127,6 +141,8 @@ class ForeignHand:
             model.body_inertia[body] *= physics.mass[joint]
         mujoco.mj_setConst(model, mujoco.MjData(model))
         self._model, self._data = model, mujoco.MjData(model)
+        self._tips = [model.site(finger.tip).id for finger in spec.fingers]
+        self._jacobian = np.zeros((3, model.nv))
         self._constant = np.ones(N)  # What its driver takes full PWM for, N·m, as an unknown hand's host does.
         self._begun = np.array((spec.lower + spec.upper) / 2.0)
 
@@ -181,6 +197,11 @@ class ForeignHand:
         elif not own.bristle:
             self._model.dof_frictionloss[self._dofs] = slides
         data.qfrc_applied[self._dofs] = torque
+        now = self._steps * STEP
+        for push in self._pushes:
+            if push.begin <= now < push.begin + push.seconds:
+                mujoco.mj_jacSite(self._model, data, self._jacobian, None, self._tips[push.finger])
+                data.qfrc_applied += push.force @ self._jacobian
         mujoco.mj_step(self._model, data)
 
     def _turned(self, torque: Vector, slides: Vector, link: Vector, moving: Vector) -> Vector:
@@ -206,20 +227,24 @@ class ForeignHand:
 class _Place:
     """Where a hidden hand stands: what opens it in the place of a simulation."""
 
-    def __init__(self, physics: Physics, gravity: Vector, seed: int) -> None:
-        self._physics, self._gravity, self._seed = physics, gravity, seed
+    def __init__(self, physics: Physics, gravity: Vector, seed: int, pushes: Sequence[Push]) -> None:
+        self._physics, self._gravity, self._seed, self._pushes = physics, gravity, seed, pushes
 
     def check(self, spec: HandSpec) -> None:
         """Any hand will do."""
 
     def simulate(self, settings: object, spec: HandSpec, step: float) -> Any:
-        return ForeignHand(spec, self._physics, self._gravity, step, self._seed)
+        return ForeignHand(spec, self._physics, self._gravity, step, self._seed, self._pushes)
 
 
-def recorded(kind: str, seed: int, poses: Sequence[str], seconds: Mapping[str, float], folder: Path) -> list[Path]:
-    """Excite a hand of one kind in some poses; a recording each."""
+def recorded(
+    kind: str, seed: int, poses: Sequence[str], seconds: Mapping[str, float], folder: Path, *,
+    pushes: Sequence[Push] = (), first: int = 0,
+) -> list[Path]:  # fmt: skip
+    """Excite a hand of one kind in some poses; a recording each. `pushes`: what touches it in each; `first`: number of
+    the first motion, of which every one is another."""
     physics, paths = draw(kind, seed), []
-    for number, name in enumerate(poses):
+    for number, name in enumerate(poses, first):
         pose = find_pose(name, "right")
         backend: dict[str, Any] = {
             "kind": "can", "version": "v4", "interface": "allegro-virtual", "gravity": list(pose.gravity),
@@ -228,10 +253,10 @@ def recorded(kind: str, seed: int, poses: Sequence[str], seconds: Mapping[str, f
         config = RunConfig.model_validate({"backend": backend, "controller": {"kind": "torque"}})
         assert isinstance(config.backend, CanSettings)
         lean = physics.lean.get(name, physics.lean.get("", np.zeros(3)))
-        place = _Place(physics, rotate_vector(pose.gravity, lean), 31 * seed + number)
+        place = _Place(physics, rotate_vector(pose.gravity, lean), 31 * seed + number, pushes)
         rig = open_can(config.backend, BackendContext(config.hand, config.period, place.check, place.simulate))
         motion = rehearse(rig.spec, pose, 100 * seed + number, seconds[name]).excitation
-        paths.append(folder / f"{name}.arrow")
+        paths.append(folder / f"{name}_{number}.arrow")
         meta = {"calibration": dict(rig.calibration), "config": config.model_dump(mode="json")}
         for _ in record(until(seconds[name], run(rig, motion)), paths[-1], rig.spec, config.period, meta=meta):
             pass

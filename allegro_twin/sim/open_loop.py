@@ -64,6 +64,8 @@ class DriveParameters:
     """N·m."""
     cogging_periods: Vector = field(default_factory=lambda: _NONE)
     """Periods of the cogging in a turn."""
+    gear_compliance: Vector = field(default_factory=lambda: _NONE)
+    """rad/(N·m), for a player that is loose; 0: teeth do not bend."""
     cold_friction: Vector = field(default_factory=lambda: _NONE)
     """Share by which friction and damping are larger when the motors are switched on, for a player that warms."""
     warm_up: Vector = field(default_factory=lambda: _NONE)
@@ -73,7 +75,7 @@ class DriveParameters:
     (recordings, 3), rad; no row where it does not lean."""
 
     def __post_init__(self) -> None:
-        for name in (*PARASITIC, *WARMTH):
+        for name in (*PARASITIC, *WARMTH, "gear_compliance"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(len(self.torque_constant)))
 
@@ -230,11 +232,11 @@ class OpenLoopPlayer:
         model.actuator_gainprm[self.motors, 0] = drive.torque_constant
         model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
         model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
-        if self.loose:
-            backlash.set_backlash(model, self._plays, drive.backlash)
         for body, finger in zip(self._weights, self.spec.fingers, strict=True):
             model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
         mujoco.mj_setConst(model, mujoco.MjData(model))
+        if self.loose:
+            backlash.set_backlash(model, self._plays, drive.backlash, drive.gear_compliance)
 
     def _played(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, more: Array) -> Array:
         sims = batch.Batch(self._model, len(position), 1)
@@ -290,7 +292,8 @@ class OpenLoopPlayer:
             # Of the links alone: what holds a motor's own inertia and friction does not pass the teeth.
             links = data.qfrc_inverse + data.qfrc_passive + data.qfrc_constraint
             found.append(links[self.dofs] - drive.armature * row[2])
-        return np.asarray(-np.maximum(drive.backlash, backlash.SMALLEST) / 2.0 * np.sign(found))
+        half = np.maximum(drive.backlash, backlash.SMALLEST) / 2.0
+        return np.asarray(-half * np.sign(found) - drive.gear_compliance * found)
 
     def _bent(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
         """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and

@@ -31,6 +31,8 @@ class Drive:
     """Dry friction that a motor's torque adds, as a share of it."""
     backlash: Vector
     """How far a link moves freely between its motor's teeth, rad, both ways together. The encoder sees the link."""
+    gear_compliance: Vector
+    """By how much the teeth behind that bend, rad/(N·m); 0: not at all. Only where there is backlash."""
     encoder_noise: Vector
     """Standard deviation of a reported joint position, rad."""
     encoder_offset: Vector

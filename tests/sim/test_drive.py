@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -66,6 +67,27 @@ def test_a_link_lags_its_motor_by_the_backlash_where_the_push_turns_round(spec: 
         assert there[-1] == pytest.approx(backend.data.qpos[address], abs=1e-12)
     assert sorted(np.sign(there)) == [-1.0, 1.0]
     assert np.abs(there) == pytest.approx([0.0025, 0.0025], abs=4e-4)
+
+
+@pytest.mark.parametrize("compliance", [0.05, 0.02])
+def test_a_link_hangs_on_teeth_that_bend_by_its_weight(spec: HandSpec, make_sim: MakeSim, compliance: float) -> None:
+    held = replace(spec, actuation=replace(spec.actuation, frictionloss=np.full(16, 2.0)))  # No motor turns.
+    backend = make_sim(driven(held, backlash=0.004, gear_compliance=compliance), period=0.003)
+    backend.model.opt.gravity[:] = [9.81, 0.0, 0.0]  # Across the fingers.
+    states = moved(backend, 400, np.zeros(16))
+    plays = [backend.model.joint(f"{name}_play") for name in spec.joints]
+    hangs = np.array([backend.data.qpos[play.qposadr[0]] for play in plays])
+    mujoco.mj_rne(backend.model, backend.data, 0, (weight := np.zeros(backend.model.nv)))
+    carries = np.array([weight[play.dofadr[0]] for play in plays])
+    heavy = np.abs(carries) > 0.04  # Lighter links, at this time step, have softer teeth.
+    assert heavy.sum() >= 3
+    np.testing.assert_allclose(-hangs[heavy], (np.sign(carries) * 0.002 + compliance * carries)[heavy], rtol=0.02)
+    assert np.abs(states[-1].velocity).max() < 1e-3
+
+
+def test_teeth_that_do_not_bend_are_as_they_were(spec: HandSpec, make_sim: MakeSim) -> None:
+    one, other = (make_sim(driven(spec, backlash=0.004, **more)) for more in ({}, {"gear_compliance": 0.0}))
+    np.testing.assert_array_equal(positions(moved(one, 50)), positions(moved(other, 50)))
 
 
 def test_everything_the_hand_touches_grows_slippery(spec: HandSpec, make_sim: MakeSim) -> None:

@@ -134,7 +134,7 @@ def test_a_hand_that_begins_anew_is_cold_again(spec: HandSpec, make_sim: MakeSim
 
 
 def test_a_mirror_that_knows_it_feels_nothing_from_outside(spec: HandSpec, make_sim: MakeSim) -> None:
-    known = driven(spec, **STRAY, tilt=np.array([0.05, -0.04, 0.03]), cold_friction=0.5, warm_up=1.0)
+    known = driven(spec, **STRAY, tilt=np.array([0.3, -0.2, 0.1]), cold_friction=0.5, warm_up=1.0)
     backend = make_sim(known, posture=MIDDLE)
     felt = {}
     for name, own in (("knows", known), ("does not", spec)):

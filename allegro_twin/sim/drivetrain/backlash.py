@@ -1,9 +1,10 @@
 """Backlash between a motor and its link: a second joint on the first one's axis, with play between two stops.
 
-    A q̈ = k u − B q̇ − friction − τ,    τ = the links' inverse dynamics at q + p,    |p| ≤ backlash / 2
+    A q̈ = k u − B q̇ − friction − τ,    τ = the links' inverse dynamics at q + p,    |p| ≤ backlash / 2 + c |τ|
 
-What turns with the motor (armature A, damping B, friction) stays at the first joint, q; p is the play, in which nothing
-but grease holds the link, and τ is what the stops pass on. The encoder sees the link: q + p.
+c, the compliance of the teeth, is 0 where they do not bend. What turns with the motor (armature A, damping B, friction)
+stays at the first joint, q; p is the play, in which nothing but grease holds the link, and τ is what the stops pass on.
+The encoder sees the link: q + p.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from allegro_twin.types import Vector, frozen
 
 SMALLEST = 1e-4
 """rad: what a joint without any has in a model that has backlash. Less than the noise of most encoders."""
+_SPRING, _RATIO = 0.001, 0.1  # Impedance of a limit that is a spring; its damping, of critical.
+_SWIFTEST = 1.5
+"""Of a link on its teeth, (angular frequency · time step)², 4 being unstable: a lighter one has softer teeth."""
 _GREASE, _TEETH = 1e-4, 0.001  # N·m·s/rad between the teeth; s, how soft they are: twice a step of 0.5 ms.
 
 
@@ -37,10 +41,24 @@ def play_joint(joint: str) -> str:
     return f"{joint}_play"
 
 
-def set_backlash(model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vector) -> None:
-    """Set it, rad, at some plays of a compiled model."""
+def set_backlash(
+    model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vector, compliance: Vector | None = None
+) -> None:
+    """Set it, rad, at some plays of a compiled model; `compliance`: of their teeth, rad/(N·m), 0: they do not bend.
+
+    A limit of impedance d is a spring of K N·m/rad with `solref` = −K (1 − d) / M, M the inertia that the engine has
+    for it. d is so near to 0 that what pushes the limit from outside changes it by a thousandth.
+    """
     half = np.maximum(backlash, SMALLEST) / 2.0
     model.jnt_range[plays] = np.stack([-half, half], axis=1)
+    for play, bends in zip(plays, np.zeros(len(plays)) if compliance is None else compliance, strict=True):
+        if bends > 0.0:
+            per_inertia = model.dof_invweight0[model.jnt_dofadr[play]]
+            stiffness = min(1.0 / bends, _SWIFTEST / model.opt.timestep**2 / per_inertia)
+            damping = 2.0 * _RATIO * np.sqrt(stiffness / per_inertia)
+            scale = per_inertia * (1.0 - _SPRING)
+            model.jnt_solref[play] = [-stiffness * scale, -damping * scale]
+            model.jnt_solimp[play, :2] = _SPRING
 
 
 def allow_backlash(spec: HandSpec, joints: Sequence[int]) -> HandSpec:

@@ -61,6 +61,9 @@ class Drivetrain:
         )
         self._rub(self._dry)
         plays = np.flatnonzero(drive.backlash > 0.0)
+        if drive.gear_compliance[plays].any():
+            ids = np.array([model.joint(backlash.play_joint(spec.joints[k])).id for k in plays])
+            backlash.set_backlash(model, ids, drive.backlash[plays], drive.gear_compliance[plays])
         self._plays = plays, [int(model.joint(backlash.play_joint(spec.joints[k])).qposadr[0]) for k in plays]
         self._joints = [model.joint(name).id for name in spec.joints]
         # What went wrong: what motors still give, how far encoders have moved, and how fast they do, rad and rad/s.

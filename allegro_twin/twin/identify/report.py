@@ -27,7 +27,7 @@ _UNITS = {
     "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
     "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
     "backlash": ("backlash, mrad", 1e3), "bias_torque": ("constant torque / k, mN·m", 1e3),
-    "cold_friction": ("more friction when cold, %", 100.0),
+    "gear_compliance": ("teeth bend, mrad/(N·m)", 1e3), "cold_friction": ("more friction when cold, %", 100.0),
     "uneven_damping": ("damping by direction / k, mN·m·s/rad", 1e3),
     "cogging_cosine": ("cogging, cosine / k, mN·m", 1e3), "cogging_sine": ("cogging, sine / k, mN·m", 1e3),
 }  # fmt: skip
@@ -57,11 +57,15 @@ def report_page(found: Identification) -> str:
 def summary(found: Identification) -> str:
     """What the hand has, and how well each drive predicts what the fit has not seen, joint by joint."""
     labels, written = _joints(found), found.written
-    said = [*describe_terms(found.fit, labels), describe_prediction(written), describe_rest(found.fit, labels)]
+    said = [
+        *describe_terms(found.fit, found.values, labels),
+        describe_prediction(written),
+        describe_rest(found.fit, labels),
+    ]
     text = "".join(f"<p>{escape(line)}</p>" for line in said if line)
     if not written.errors:
         return text
-    heads = "".join(f"<th>{name}</th>" for name in ("joint", *written.errors, "has"))
+    heads = "".join(f"<th>{name}</th>" for name in ("joint", *written.errors, "file has"))
     lines = []
     for joint, alias in enumerate(labels):
         cells = "".join(f"<td class='n'>{1e3 * row[joint]:.1f}</td>" for row in written.errors.values())

@@ -22,7 +22,7 @@ def html_page(title: str, about: str, parts: Iterable[str]) -> str:
 
 def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]], caption: str = "") -> str:
     """A table that scrolls by itself where it is wide; heads, cells and caption are text."""
-    head = "".join(f'<th scope="col" style="padding:6px 10px">{escape(each)}</th>' for each in heads)
+    head = "".join(f'<th scope="col">{escape(each)}</th>' for each in heads)
     body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     said = escape(caption)
     name = f" tabindex='0' role='region' aria-label='{said}'" if caption else ""
@@ -56,7 +56,8 @@ figure img { display: block; width: 250px; max-width: 100%; border-radius: 4px; 
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 caption { text-align: left; padding: 8px; }
 th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: left; white-space: nowrap; }
-td.n { text-align: right; } thead th { position: sticky; top: 0; background: var(--card); padding: 0; }
+td.n { text-align: right; } thead th { position: sticky; top: 0; background: var(--card); padding: 6px 10px; }
+thead th:has(button) { padding: 0; }
 thead button { all: unset; cursor: pointer; padding: 6px 10px; font-weight: 600; display: block; }
 button:focus-visible, a:focus-visible, .wide:focus-visible { outline: 3px solid var(--good); outline-offset: -3px; }
 th[aria-sort=ascending] button::after { content: " ▲"; } th[aria-sort=descending] button::after { content: " ▼"; }

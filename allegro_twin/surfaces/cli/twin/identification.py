@@ -110,7 +110,7 @@ def head_lines(found: Identification) -> Iterator[str]:
     from allegro_twin.twin.identify.results import findings
 
     labels = found.motions[0].spec.joint_labels
-    yield from findings.describe_terms(found.fit, labels)
+    yield from findings.describe_terms(found.fit, found.values, labels)
     yield findings.describe_prediction(found.written)
     if rest := findings.describe_rest(found.fit, labels):
         yield rest
@@ -175,6 +175,11 @@ def gap_table(gap: Gap) -> Table:
         if np.isfinite(after).any():
             rows = [np.sqrt(np.nanmean(np.square(side))) for side in (before, after)]
             made.add_row(name, *(f"{1000 * value:.2f}" for value in (*rows, np.nanmax(after))))
+    if gap.lean.any():
+        made.caption = (
+            f"In this recording the palm leans by {np.degrees(np.linalg.norm(gap.lean)):.1f}° from what it says of "
+            f"gravity; with that {1000 * gap.upright.all[-1]:.2f} mrad after {gap.horizons[-1]:g} s"
+        )
     return made
 
 

@@ -54,6 +54,8 @@ class ModelKind(NamedTuple):
     """Links have backlash."""
     extras: ExtraTerms = NO_EXTRAS
     """Terms that some joints have besides."""
+    elastic: bool = False
+    """Teeth bend."""
 
     def player(self, spec: HandSpec, period: float, step: float | None = None) -> OpenLoopPlayer:
         """The model that plays motions."""
@@ -82,6 +84,8 @@ SUSPICIOUS = 3.0
 
 PLAYS = (0.001, 0.004)
 """rad, tried in all joints at once: half of the first is the least that is visible."""
+BENT = 0.05
+"""rad/(N·m), of teeth that bend, to begin with."""
 GAIN = 0.1
 """Share of the cost that backlash must remove before the fit includes it. Ours."""
 
@@ -108,6 +112,8 @@ class DriveFit:
     """Links have backlash."""
     extras: ExtraTerms
     """Terms that some joints have besides."""
+    elastic: bool
+    """Teeth bend."""
 
     def player(self, motion: RecordedMotion) -> OpenLoopPlayer:
         """The model that plays a motion with this drive."""
@@ -134,7 +140,9 @@ def fit_drive(
 
     def problem(kind: ModelKind, stage: FitStage) -> Problem:
         player = kind.player(spec, period, stage.step)
-        return Problem(motions, player, floor, center, masses, stage.every or few, stage.length, kind.extras)
+        return Problem(
+            motions, player, floor, center, masses, stage.every or few, stage.length, kind.extras, elastic=kind.elastic
+        )
 
     def screened() -> ExtraTerms:
         return screen_terms(motions, COULOMB.player(spec, period), start)
@@ -178,8 +186,8 @@ def _rough_fit(
 ) -> tuple[DriveParameters, ModelKind]:
     """A drive from some of the motion, and the kind of its model. Where Coulomb's friction leaves more than PLAIN, the
     terms that `screen` finds are added. With `auto`, breakaway friction is tried where SUSPICIOUS is still left.
-    Backlash is tried where more than PLAIN is left and backlash would remove some of that. Schwarz's criterion (1978)
-    chooses among the models, on the same pieces."""
+    Backlash is tried where more than PLAIN is left and backlash would remove some of that; with it, teeth that bend.
+    Schwarz's criterion (1978) chooses among the models, on the same pieces."""
     stage = ROUGH[False]
     first, kind = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough), COULOMB
     if first.left <= PLAIN and friction != "lugre":
@@ -199,6 +207,9 @@ def _rough_fit(
         row = np.full(len(best.drive.backlash), play)
         loose = [_try(problem, replace(o.drive, backlash=row), o.kind._replace(loose=True)) for o in tried]
         best = min(best, *loose, key=_Candidate.least)
+        if best.kind.loose and best.left > PLAIN:
+            bent = replace(best.drive, gear_compliance=np.full(len(row), BENT))
+            best = min(best, _try(problem, bent, best.kind._replace(elastic=True)), key=_Candidate.least)
     return best.drive, best.kind
 
 

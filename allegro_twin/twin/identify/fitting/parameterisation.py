@@ -25,24 +25,24 @@ PULLED = (*NAMES[1:4], *STRAY)
 """Parameters that a recording determines per torque constant."""
 SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Parameters of friction that breaks away and grows with the motor's torque."""
-PLAY = ("backlash",)
-"""Parameters of loose links."""
-ALL = (*NAMES, *SHAPE, *PLAY, *STRAY, *COLD)
+PLAY, TEETH = ("backlash",), ("gear_compliance",)
+"""Parameters of loose links, and of teeth that bend."""
+ALL = (*NAMES, *SHAPE, *PLAY, *STRAY, *COLD, *TEETH)
 """All parameters that every joint has."""
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
     "load_friction": 0.02, "backlash": 5e-4,
     "bias_torque": 2e-3, "uneven_damping": 3e-3, "cogging_cosine": 1e-3, "cogging_sine": 1e-3, "tilt": 0.01,
-    "cold_friction": 0.1,
+    "cold_friction": 0.1, "gear_compliance": 0.02,
 }  # fmt: skip
 """How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad, N·m, N·m·s/rad, N·m,
-N·m, rad, 1."""
+N·m, rad, 1, rad/(N·m)."""
 _FAR = -1e3
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
     "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
-    "backlash": SMALLEST, "cold_friction": -0.5,
+    "backlash": SMALLEST, "cold_friction": -0.5, "gear_compliance": 0.0,
 } | dict.fromkeys(STRAY, _FAR)  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import (
     PLAY,
     PULLED,
     SHAPE,
+    TEETH,
     from_scaled,
     index,
     lower_bounds,
@@ -37,7 +38,7 @@ PRIOR = {
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
     "load_friction": LOAD[1], "backlash": 5e-3,
     "bias_torque": 0.03, "uneven_damping": 0.05, "cogging_cosine": 0.02, "cogging_sine": 0.02,
-    "cold_friction": 0.5,
+    "cold_friction": 0.5, "gear_compliance": 0.1,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that any informative data outweigh them."""
 TILT_OF_ALL, TILT_OF_EACH = 0.05, 0.02
@@ -61,8 +62,11 @@ class Problem:
         every: int = 1,
         length: int = LONG,
         extras: ExtraTerms = NO_EXTRAS,
+        *,
+        elastic: bool = False,
     ) -> None:
-        """`nominal`: the center of the prior; `extras`: terms that some joints have besides."""
+        """`nominal`: the center of the prior; `extras`: terms that some joints have besides; `elastic`: teeth bend."""
+        self.elastic = elastic
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
         self.cuts = cut_segments(motions, player.spec, length, every * length, SEEN)
@@ -115,6 +119,8 @@ class Problem:
     def _moves(self, name: str) -> bool:
         if name in SHAPE:
             return self.player.bristly
+        if name in TEETH:
+            return self.elastic
         if name in PLAY:
             return self.player.loose
         if name in EXTRA:

@@ -72,10 +72,10 @@ NUDGE = {
     "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
     "load_friction": 0.01, "backlash": 2e-4,
     "bias_torque": 5e-4, "uneven_damping": 1.5e-3, "cogging_cosine": 5e-4, "cogging_sine": 5e-4, "tilt": 2e-3,
-    "cold_friction": 0.05,
+    "cold_friction": 0.05, "gear_compliance": 0.005,
 }  # fmt: skip
 """Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
-rad, 1, rad, N·m, N·m·s/rad, N·m, N·m, rad, 1."""
+rad, 1, rad, N·m, N·m·s/rad, N·m, N·m, rad, 1, rad/(N·m)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

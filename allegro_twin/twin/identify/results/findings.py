@@ -3,27 +3,40 @@ left."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
 from allegro_twin.twin.identify.results.written_drive import WrittenDrive
 from allegro_twin.types import Vector
 
 LEFT = 3.0
 """Times the noise: with more left over the model does not explain a joint."""
+_LEAST = {
+    "bias_torque": 5e-4,
+    "uneven_damping": 1e-3,
+    "cogging_cosine": 3e-4,
+    "cogging_sine": 3e-4,
+    "cold_friction": 0.03,
+}
+"""N·m and N·m·s/rad at 1 N·m of full PWM, and a share: less is not worth a sentence."""
 _SAME = np.radians(0.6)  # Between the leans of recordings that count as one.
 
 
-def describe_terms(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
-    """What the model has beyond Coulomb's friction, and by which shape of what was left over it was found."""
+def describe_terms(found: DriveFit, values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> Iterator[str]:
+    """What the model has beyond Coulomb's friction, and by which shape of what was left over it was found; not what is
+    smaller than its interval, or than anybody notices."""
     drive, extras = found.drive, found.extras
     if found.bristly:
         yield "Friction breaks away: it is larger at rest, and grows with the motor's torque."
     if found.loose:
-        yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels)} mrad."
+        yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels, 'mrad')}."
+    if found.elastic:
+        bends = _up_to(1e3 * drive.gear_compliance, drive.gear_compliance > 0.0, labels, "mrad a N·m")
+        yield f"Teeth that bend, {bends}."
     if extras.tilted:
         lean = np.degrees(np.linalg.norm(drive.tilt, axis=1))
         apart = float(np.ptp(drive.tilt, axis=0).max())
@@ -32,28 +45,28 @@ def describe_terms(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
             f"The palm leans by {lean.mean():.1f}° from what the recordings say of gravity, {alike}: torque that all "
             "joints lack together."
         )
-    if (has := extras.of_joints("bias_torque", len(labels))).any():
-        yield (
-            f"Constant torque, {_up_to(1e3 * np.abs(drive.bias_torque), has, labels)} mN·m: a cable, or dry friction "
-            "that is larger one way."
-        )
-    if (has := extras.of_joints("uneven_damping", len(labels))).any():
-        size = _up_to(1e3 * np.abs(drive.uneven_damping), has, labels)
-        yield f"Damping that differs by direction, {size} mN·m·s/rad."
-    if (has := extras.of_joints("cogging_sine", len(labels))).any():
-        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels)
+    if (has := _notable(found, values, "bias_torque")).any():
+        size = _up_to(1e3 * np.abs(drive.bias_torque), has, labels, "mN·m")
+        yield f"Constant torque, {size}: a cable, or dry friction that is larger one way."
+    if (has := _notable(found, values, "uneven_damping")).any():
+        size = _up_to(1e3 * np.abs(drive.uneven_damping), has, labels, "mN·m·s/rad")
+        yield f"Damping that differs by direction, {size}."
+    if (has := _notable(found, values, "cogging_cosine") | _notable(found, values, "cogging_sine")).any():
+        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels, "mN·m")
         counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
-        yield f"Cogging, {size} mN·m, {counts} times a turn: torque that comes again with the angle."
-    yield from _warmth(found, labels)
+        yield f"Cogging, {size}, {counts} times a turn: torque that comes again with the angle."
+    if (has := _notable(found, values, "cold_friction")).any():
+        size = _up_to(100.0 * drive.cold_friction, has, labels, "%")
+        time = float(np.median(drive.warm_up[has]))
+        yield f"Friction that is larger at first, by {size}, and falls in {time:.0f} s: warmth."
 
 
-def _warmth(found: DriveFit, labels: tuple[str, ...]) -> Iterator[str]:
-    drive = found.drive
-    if (has := found.extras.of_joints("cold_friction", len(labels))).any():
-        yield (
-            f"Friction that is larger at first, by {_up_to(100.0 * drive.cold_friction, has, labels)} %, and falls in "
-            f"{np.median(drive.warm_up[has]):.0f} s: warmth."
-        )
+def _notable(found: DriveFit, values: Mapping[str, IdentifiedValue], name: str) -> NDArray[np.bool_]:
+    """Which joints have so much of a term that it is sure and matters, (n,)."""
+    if name not in values:
+        return np.zeros(len(found.floor), dtype=bool)
+    size = np.abs(values[name].value)
+    return np.asarray((size > values[name].half) & (size > _LEAST[name]))
 
 
 def describe_prediction(written: WrittenDrive) -> str:
@@ -83,15 +96,15 @@ def describe_rest(found: DriveFit, labels: tuple[str, ...]) -> str:
     more = f" and {len(bad) - 4} more" if len(bad) > 4 else ""
     return (
         f"Not explained: {names}{more}, in times the noise; intervals do not cover what no term of the model is. "
-        "Teeth that bend and a finger that touched something look like that."
+        "A finger that touched something looks like that."
     )
 
 
-def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...]) -> str:
+def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...], unit: str) -> str:
     """The median and the largest of some joints' sizes."""
     most = int(np.argmax(np.where(has, size, -np.inf)))
     if has.sum() == 1:
-        return f"{size[most]:.1f} ({labels[most]})"
+        return f"{size[most]:.1f} {unit} ({labels[most]})"
     return (
         f"{np.median(size[has]):.1f} in the median of {has.sum()} joints and {size[most]:.1f} at most ({labels[most]})"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,9 @@ SMALLEST = 2e-4
 """rad, of bristles that can be simulated at 1 ms. Joints without bristles get these where others have some."""
 SHORTEST = {"bristle": SMALLEST, "backlash": LEAST_PLAY}
 """What a joint has in a model in which others have more."""
+EXPLAINED, LEAN_STEPS = 0.7, 3
+"""Share of the error that a lean may leave to count; steps to it."""
+_NUDGE, _HELD = 2e-3, 1e-4  # rad, of differences; of the trace, for what nothing shows.
 _CREEP = 0.1  # rad/s, mean of the fastest joint of a finger.
 
 
@@ -52,6 +55,11 @@ class Gap:
     """With the nominal hand."""
     after: GapErrors
     """With the hand's own file."""
+    lean: Vector
+    """By how much the palm leans in this recording from what it says of gravity, where that explains most of the error:
+    rotation vector of gravity in the palm's frame, (3,), rad; else 0."""
+    upright: GapErrors
+    """With the hand's own file and that lean."""
 
 
 def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) -> DriveParameters:
@@ -71,7 +79,7 @@ def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) ->
         bristle=np.full(n, SMALLEST) if drive is None else np.maximum(drive.bristle, SMALLEST),
         load_friction=np.zeros(n) if drive is None else drive.load_friction,
         backlash=np.full(n, LEAST_PLAY) if drive is None else np.maximum(drive.backlash, LEAST_PLAY),
-        **({} if drive is None else {name: getattr(drive, name) for name in (*PARASITIC, *WARMTH)}),
+        **({} if drive is None else {name: getattr(drive, name) for name in (*PARASITIC, *WARMTH, "gear_compliance")}),
         tilt=drive.tilt[None] if drive is not None and drive.tilt.any() else np.zeros((0, 3)),
     )
 
@@ -102,8 +110,37 @@ def measure_gap(
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
         raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
-    sides = (gap_errors(motion, player, drive, horizons) for player, drive in (before, after))
-    return Gap(motion.name, horizons, *sides)
+    one, other = (gap_errors(motion, player, drive, horizons) for player, drive in (before, after))
+    lean = find_lean(motion, *after)
+    turned = replace(motion, gravity=rotate_vector(motion.gravity, lean))
+    upright = gap_errors(turned, *after, horizons)
+    if upright.all[-1] > EXPLAINED * other.all[-1]:
+        lean, upright = np.zeros(3), other
+    return Gap(motion.name, horizons, one, other, lean, upright)
+
+
+def find_lean(motion: RecordedMotion, player: OpenLoopPlayer, drive: DriveParameters) -> Vector:
+    """The lean of the palm with which a drive explains a motion best in pieces of 0.3 s: Gauss and Newton's steps, with
+    differences; about gravity itself, which shows nothing, 0. (3,), rad."""
+    lean = np.zeros(3)
+    cuts = cut_segments([motion], player.spec, round(HORIZONS[1] / motion.period))
+    if not len(cuts.position):
+        return lean
+
+    def wrong(angle: Vector) -> Vector:
+        gravity = rotate_vector(leaning(cuts.pieces.gravity, drive), np.tile(angle, (len(cuts.position), 1)))
+        played = player.play(drive, cuts.position, cuts.velocity, cuts.pieces._replace(gravity=gravity))
+        return np.asarray((played - cuts.measured).ravel())
+
+    for _ in range(LEAN_STEPS):
+        left = wrong(lean)
+        J = np.stack([(wrong(lean + _NUDGE * axis) - left) / _NUDGE for axis in np.eye(3)], axis=1)
+        # A piece in which a joint slips where it should stick says nothing of gravity.
+        weight = 1.0 / (1.0 + np.square(left / (3.0 * float(np.median(np.abs(left))) + 1e-9)))
+        normal = J.T @ (weight[:, None] * J)
+        held = _HELD * float(np.trace(normal)) * np.eye(3)
+        lean = lean - np.linalg.solve(normal + held, J.T @ (weight * left))
+    return lean
 
 
 def gap_errors(

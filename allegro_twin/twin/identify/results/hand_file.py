@@ -18,7 +18,7 @@ from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sim.open_loop import PARASITIC, WARMTH
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE, TEETH
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedValue
 from allegro_twin.twin.identify.results.written_drive import (
@@ -145,7 +145,9 @@ def _blocks(
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
     wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
-    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY, *PARASITIC, *WARMTH, "tilt")}
+    drive = {
+        name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY, *TEETH, *PARASITIC, *WARMTH, "tilt")
+    }
     drive["delay"] = float(f"{own.delay[0]:.3g}")
     for name, none in NONE.items():
         if name in doubted:

@@ -14,7 +14,7 @@ from scipy.stats import t  # type: ignore[import-untyped]  # Its types are a pac
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.extra_terms import EXTRA
 from allegro_twin.twin.identify.fitting.fit import DriveFit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE, TEETH
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.spread import Spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
@@ -47,6 +47,7 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
 WIDEST_PLAY = 0.001  # rad, of backlash.
 WIDEST_STRAY, WIDEST_UNEVEN = 0.005, 0.02  # N·m and N·m·s/rad, at 1 N·m of full PWM, of parasitic torque.
+WIDEST_BEND = 0.03  # rad/(N·m), of teeth.
 WIDEST_COLD = 0.2  # Share, of friction when cold.
 SOLVED = {"damping": (1.5e-4, 0.0), "frictionloss": (0.0, 1e-5)}
 """Difference between the engine's two ways to solve dry friction, noslip iterations and stiffness: share, and N·m per
@@ -56,6 +57,7 @@ _WIDEST_ABSOLUTE = {
     "offset": (WIDEST_OFFSET, 1000.0, "mrad"),
     "load_friction": (WIDEST_LOAD, 100.0, "% of the torque"),
     "backlash": (WIDEST_PLAY, 1000.0, "mrad"),
+    "gear_compliance": (WIDEST_BEND, 1000.0, "mrad a N·m"),
     "bias_torque": (WIDEST_STRAY, 1000.0, "mN·m"),
     "uneven_damping": (WIDEST_UNEVEN, 1000.0, "mN·m·s/rad"),
     "cogging_cosine": (WIDEST_STRAY, 1000.0, "mN·m"),
@@ -130,7 +132,8 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
     k = found.drive.torque_constant
     result = {}
     strays = tuple(name for name in EXTRA if found.extras.of_joints(name, len(k)).any())
-    for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ()), *strays):
+    bent = TEETH if found.elastic else ()
+    for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ()), *bent, *strays):
         own = getattr(found.drive, name)
         value = own / k if name in PULLED else own
         share, more = SOLVED.get(name, (TOOTH if name in PLAY else 0.0, 0.0))

@@ -41,7 +41,7 @@ BETTER = 0.95
 LONGEST = 5.0
 """s of open loop, at most."""
 
-_ZERO = ("bristle", "load_friction", "backlash", *EXTRA)
+_ZERO = ("bristle", "load_friction", "backlash", "gear_compliance", *EXTRA)
 NONE = {"stiction": 1.0, "stribeck_speed": 0.1} | dict.fromkeys(_ZERO, 0.0)
 """Values of a joint in which none was found."""
 _TOGETHER = ("stiction", "stribeck_speed", "bristle")
