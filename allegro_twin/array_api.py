@@ -102,7 +102,7 @@ class TensorNamespace:
             np.dtype(bool): torch.bool,
         }
         for name in (
-            "where", "exp", "sqrt", "abs", "sign", "sin", "cos", "arctan2", "arccos", "floor", "isfinite", "any",
+            "where", "exp", "log", "sqrt", "abs", "sign", "sin", "cos", "arctan2", "arccos", "floor", "isfinite", "any",
         ):  # fmt: skip
             setattr(self, name, getattr(torch, name))
         self.rint = torch.round

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.array_api import array_namespace, fetch
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
+from allegro_twin.learning.environments.posterior import RandomDrive
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import PhysicsRandomiser, draw_values
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions, read_options
@@ -32,7 +33,10 @@ class EpisodeEngine:
         self.task = make_task(task, settings, n, threads)
         self.worlds = self.task.worlds
         self._physics = PhysicsRandomiser(self.worlds, self.task.thing)
-        self._sensing = SignalModel(settings.randomise, self.worlds)
+        known = self.task.posterior
+        self._drive = None if known is None else RandomDrive(known, self.worlds, settings.period)
+        self._sensing = SignalModel(settings.randomise, self.worlds, self._drive)
+        self._drawn: dict[str, Array] = {}
         self._touch = ExternalTorque(settings.randomise, self.worlds) if settings.touch else None
         self._state = PrivilegedState(self.worlds, self.task.thing) if settings.state else None
         self.n_state = 0 if self._state is None else self._state.size
@@ -54,7 +58,8 @@ class EpisodeEngine:
         mine, xp = [generators[row] for row in rows], self.worlds.xp
         rows = xp.asarray(rows)
         values = self.begin(rows, Draws.from_generators(mine, xp), options)
-        return {"randomised": self.fetch(values), **self.task.reset_info(rows)}
+        drawn = self.fetch(values | ({"twin": self._drawn} if self._drawn else {}))
+        return {"randomised": drawn, **self.task.reset_info(rows)}
 
     def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
         """Begin new episodes of some simulations from random numbers. Returns the randomised values."""
@@ -75,6 +80,8 @@ class EpisodeEngine:
             values["size"] = self._possible_sizes(variant, values["size"], chosen)
         self.worlds.choose(rows, variant)
         self._physics.apply(rows, values)
+        if self._drive is not None:
+            self._drawn = self._drive.begin(rows, draws)
         task.begin(rows, variant, draws, values, chosen)
         self._sensing.begin(rows, values, draws)
         if self._touch is not None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import array_namespace
 from allegro_twin.kinematics.orientation import rotate_quaternion
+from allegro_twin.learning.environments.posterior import RandomDrive
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
@@ -22,8 +23,9 @@ class SignalModel:
     """Noise, quantisation and delays of the joint signals and commands of `n` hands. Ranges that are not set cost
     nothing."""
 
-    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch, drive: RandomDrive | None = None) -> None:
         n, joints = worlds.position.shape
+        self._drive = drive
         self._worlds, self._xp = worlds, worlds.xp
         xp = worlds.xp
         self._key = xp.zeros(n, np.uint64)
@@ -41,7 +43,7 @@ class SignalModel:
             if getattr(settings, name) is not None
         }
         self._past = {name: xp.zeros((LONGEST_DELAY + 1, n, 2 * joints)) for name in self._late}
-        self.ideal = not self._noise and not self._late and self._strength is None
+        self.ideal = not self._noise and not self._late and self._strength is None and drive is None
         """Measurements and torques are exact and without delay."""
         self._limit = xp.asarray(worlds.spec.actuation.torque_limit)
         self._own = xp.arange(n)
@@ -74,6 +76,8 @@ class SignalModel:
         if (delay := self._late.get("sensor_delay")) is not None:
             both = self._delay("sensor_delay", delay, xp.concatenate([position, velocity], axis=-1), tick)
             position, velocity = both[:, :joints], both[:, joints:]
+        if self._drive is not None:
+            position = self._drive.report(position, tick)
         if (width := self._noise.get("encoder_noise")) is not None:
             position = position + width * jitter(self._key, tick, 0, joints)
         if (step := self._noise.get("quantisation")) is not None:
@@ -93,6 +97,8 @@ class SignalModel:
             joints = command.shape[1]
             padded = self._xp.concatenate([command, 0.0 * command], axis=-1)
             command = self._delay("actuator_delay", late, padded, tick)[:, :joints]
+        if self._drive is not None:
+            command = self._drive.act(command, tick)
         if self._strength is not None:
             command = self._xp.clip(command, -self._limit, self._limit) * self._strength
         self._worlds.command(command)

@@ -74,7 +74,14 @@ class Draws:
     def keys(self) -> NDArray[np.uint64]:
         """Keys for `jitter`, shape (m,)."""
         self._next += 1
-        found: NDArray[np.uint64] = self._xp.asarray(self._uniform[:, self._next - 1] * 2.0**53, np.uint64)
+        return self._keys_of(self._next - 1)
+
+    def last_keys(self) -> NDArray[np.uint64]:
+        """Keys likewise, of the last column, which no other draw reaches: whoever takes them shifts no other."""
+        return self._keys_of(COLUMNS - 1)
+
+    def _keys_of(self, column: int) -> NDArray[np.uint64]:
+        found: NDArray[np.uint64] = self._xp.asarray(self._uniform[:, column] * 2.0**53, np.uint64)
         return found
 
 

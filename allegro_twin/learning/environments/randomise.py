@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
@@ -43,6 +43,9 @@ Periods = Annotated[tuple[int, int], AfterValidator(_ordered), AfterValidator(_s
 class Randomise(Settings):
     """Smallest and largest value of each quantity; None: as in the model. `Randomise.default()` has a range for all."""
 
+    twin: str | None = None
+    """The file of one hand, as `identify` writes it: its drive is drawn for every joint from the values and intervals
+    there."""
     mass: Factor | None = None
     """Factor on the object's mass."""
     size: Factor | None = None
@@ -80,6 +83,12 @@ class Randomise(Settings):
     """Half-width of the noise on an object's observed orientation, about each axis, rad."""
     camera_delay: Periods | None = None
     """Whole decisions until a picture arrives."""
+
+    @model_validator(mode="after")
+    def _check_twin(self) -> Randomise:
+        if self.twin is not None and (twice := [name for name in _OF_TWIN if getattr(self, name) is not None]):
+            raise ValueError(f"{', '.join(twice)} comes from the twin: leave it out, or leave out twin")
+        return self
 
     @classmethod
     def default(cls, spec: HandSpec | None = None) -> Randomise:
@@ -122,6 +131,11 @@ def parse_randomise(value: Any, spec: HandSpec | None = None) -> Any:
     return value
 
 
+RANGES = tuple(name for name in Randomise.model_fields if name != "twin")
+"""What has a smallest and a largest value."""
+_OF_TWIN = ("strength", "armature", "damping", "frictionloss", "encoder_noise", "quantisation", "actuator_delay",
+            "sensor_delay")  # fmt: skip
+"""What a twin's file says instead. Its delay is that of actuators and sensors together."""
 _ROTORS = ("armature", "frictionloss")
 """Ranges in physical units, for joints with a motor each; not for joints on tendons."""
 
@@ -141,7 +155,7 @@ LATER = ("touch_noise",)
 def draw_values(settings: Randomise, draws: Draws) -> dict[str, Array]:
     """One value of each given range for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
     found: dict[str, Array] = {}
-    for name in Randomise.model_fields:
+    for name in RANGES:
         if name in LATER:
             continue
         count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)

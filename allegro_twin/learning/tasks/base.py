@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.learning.environments.posterior import load_posterior
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import check_randomise
 from allegro_twin.learning.environments.settings import TASK_SETTINGS, EnvSettings, ResetOptions
@@ -86,7 +87,10 @@ class Task(ABC):
                 f"an action of {settings.decimation} periods of {settings.period:g} s takes {action:g} s, and an "
                 f"episode of {self.name} {self.seconds:g} s: choose a smaller decimation or period"
             )
-        self.spec = load_spec(settings.hand, settings.side)
+        twin = settings.randomise.twin
+        self.posterior = None if twin is None else load_posterior(twin, settings.hand, settings.side)
+        """What is known of one hand's drive, where episodes draw from it."""
+        self.spec = load_spec(settings.hand, settings.side) if self.posterior is None else self.posterior.spec
         check_randomise(settings.randomise, self.spec)
         self.gains = load_gains(settings.gains, self.spec)
 

@@ -69,7 +69,7 @@ def _rewards(hand: CanBackend, controller: PolicyController, episode: EpisodeBac
 def _on_bus(episode: EpisodeBackend, version: Version) -> CanBackend:
     """A virtual hand whose episode begins with every session."""
     spec = episode.spec
-    codec = make_codec(version, load_wiring(spec.model, "").calibration)
+    codec = make_codec(version, load_wiring(spec.model, spec.serial).calibration)
     firmware = Firmware(episode, codec, restart=True)
     bus = LockstepLink(VirtualHands([firmware]), spec.name)
     return CanBackend(spec, codec, bus.port, CanHostSettings(period=episode.period))

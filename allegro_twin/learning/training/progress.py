@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.files.schema import parse_settings
@@ -58,8 +59,10 @@ class TrainingProgress:
 def input_fingerprints(recipe: Recipe) -> dict[str, str]:
     """Fingerprints of a training's inputs beside its recipe: the engine, the code that trains and simulates, the hand
     with its gains, and the catalogue of objects. Files of a user's own, such as meshes, are not included."""
-    spec = load_spec(recipe.environment.hand, recipe.environment.side)
-    return {
+    environment = recipe.environment
+    spec, twin = load_spec(environment.hand, environment.side), environment.randomise.twin
+    own = {} if twin is None else {"twin": fingerprint(read_yaml(find_file(twin, "hand", "conf/hands")))}
+    return own | {
         "engine": f"mujoco {version('mujoco')}",
         "code": fingerprint([source_fingerprint(module) for module in _MODULES]),
         f"hand {spec.name}": hand_fingerprint(spec),

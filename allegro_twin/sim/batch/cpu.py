@@ -140,7 +140,14 @@ class SimBatch:
             return self.xp.copy(self._bind("actuator_force")[:, self.motors])  # type: ignore[no-any-return]
         limit = self.xp.asarray(self.spec.actuation.torque_limit)
         found: Array = self.xp.clip(self.control, -limit, limit)
-        return found
+        gain = self._rows.get("actuator_gainprm")
+        return found if gain is None else found * gain[:, self.motors, 0]
+
+    @property
+    def joint_force(self) -> Array:
+        """What acts on everything that moves besides motors, contacts and gravity, (n, nv), N and N·m; live, until the
+        next reset of a simulation, which begins without any."""
+        return self._bind("qfrc_applied")
 
     @property
     def external_torque(self) -> Array:

@@ -1,0 +1,310 @@
+"""Posterior of one hand's drive, from the file that `identify` wrote, and draws of it for every simulation.
+
+For each joint, with k' the drawn torque constant, k that of the file and z ~ N(0, 1), independent for each value:
+
+    k' = k (1 + z h_k / (1.96 k)),    A' = k' (A / k + z h_A / 1.96),    likewise damping, friction, parasitic torque
+
+h: half of the 95 % interval in the file, which is per k for A and all that a recording tells per torque constant. So a
+draw that gives more torque also has more inertia and friction, as the recordings demand.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.array_api import array_namespace
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import hand_side, load_spec
+from allegro_twin.learning.environments.random_streams import Draws, jitter
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.types import Array, Vector
+
+log = logging.getLogger(__name__)
+
+NORMAL = 1.96
+"""Standard deviations on either side of 95 %."""
+SHARE_WIDE = {"strength": 0.25, "armature": 2.0 / 3.0, "damping": 0.3}
+WIDE = {
+    "frictionloss": 0.01, "encoder_offset": 0.03, "delay": 0.003, "load_friction": 0.03,
+    "bias_torque": 0.005, "uneven_damping": 0.02, "cogging_cosine": 0.005, "cogging_sine": 0.005,
+}  # fmt: skip
+"""Half-widths about the file's value, uniform, of what is not determined: shares of it, and N·m per N·m of full PWM,
+rad, s, 1, and per full PWM N·m and N·m·s/rad. The wider of today's nominal range (armature 0.001 to 0.005 kg·m²) and
+the interval beyond which `identify` calls a value not determined."""
+CORE = ("strength", "armature", "damping", "frictionloss", "encoder_offset", "delay")
+"""Values that are always drawn; the others where the file has them."""
+_FILE_NAMES = {"strength": "torque_constant", "encoder_offset": "offset"}
+"""Names under `identified`, where they differ."""
+_SHARED = ("delay", "warmth")
+"""Values of a hand, not of each joint."""
+_PER_PWM = ("armature", "damping", "frictionloss", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
+_SIGNED = ("encoder_offset", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
+_LEAST = 0.1
+"""Least strength and armature, as a share of the file's: with none a joint cannot be simulated."""
+_SIMULATED = ("mass_scale", "tip_mass", "tilt")
+"""What is compiled into the models."""
+_NOT_SIMULATED = ("stiction", "bristle", "backlash")
+"""What takes steps of half a millisecond, which no environment takes. `stribeck_speed` belongs to the first two."""
+PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
+_ORDER = (*CORE, "load_friction", *PARASITIC)
+"""Values in the order of their random numbers: one more does not change the others'."""
+_STREAM = 12
+"""Stream of the numbers of a reset (random_streams); encoder noise has the next one."""
+
+
+class ValueSpread(NamedTuple):
+    """Centre and half-width of one value, (joints,), or (1,) of the whole hand; per torque constant where a recording
+    tells it so."""
+
+    centre: Vector
+    half: Vector
+    """Half of the 95 % interval where it is determined, else the half-width of a uniform range."""
+    determined: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrivePosterior:
+    """What is known of one hand's drive, and how well."""
+
+    spec: HandSpec
+    """The hand of the file; of its drive only what is compiled into models."""
+    torque_constant: Vector
+    """As the file has it and hosts believe, (joints,), N·m at full PWM."""
+    spreads: Mapping[str, ValueSpread]
+    noise: Vector
+    """Standard deviation of reported positions, (joints,), rad, beside quantisation."""
+    quantisation: Vector
+    """(joints,), rad; 0: none."""
+    cogging_periods: Vector
+    cold_friction: Vector
+    """Share by which friction and damping are larger when cold, (joints,)."""
+
+
+def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
+    """The posterior of the hand in a file, by path or by its name in conf/hands. Logs one line on what the environments
+    do not represent. Raises ConfigError for the file of another model or side, and for one that `identify` has not
+    written."""
+    path = find_file(twin, "hand", "conf/hands")
+    table = read_yaml(path)
+    spec = _own_spec(path, table, model, side)
+    basis = table.get("identified")
+    if not isinstance(basis, Mapping):
+        raise ConfigError(f"randomise.twin: {path} has no `identified` block, so no widths to draw from: write it with "
+                          f"allegro-twin identify RECORDINGS --hand {path}")  # fmt: skip
+    drive = spec.drive or Drive.from_values({}, spec.n_joints)
+    missing = [name for name in _NOT_SIMULATED if (getattr(drive, name) > (name == "stiction")).any()]
+    if missing:
+        _warn_once(path, ", ".join(f"drive.{name}" for name in missing))
+    simulated = {name: value for name, value in drive.plain().items() if name in _SIMULATED}
+    fixed = Drive.from_values(simulated, spec.n_joints)
+    plain = Drive.from_values({}, spec.n_joints)
+    same = all(np.array_equal(getattr(fixed, name), getattr(plain, name)) for name in _SIMULATED)
+    noise = _row(path, "noise", basis.get("noise", 0.0), spec.n_joints)
+    noise = np.sqrt(np.maximum(noise**2 - drive.quantisation**2 / 12.0, drive.encoder_noise**2))
+    return DrivePosterior(
+        spec=replace(spec, drive=None if same else fixed),
+        torque_constant=np.array(load_wiring(model, str(path)).calibration.torque_constant),
+        spreads=dict(_spreads(path, basis, spec, drive)),
+        noise=noise,
+        quantisation=drive.quantisation,
+        cogging_periods=drive.cogging_periods,
+        cold_friction=np.where(drive.warm_up > 0.0, drive.cold_friction, 0.0),
+    )
+
+
+@cache
+def _warn_once(path: Path, keys: str) -> None:
+    log.warning("randomise.twin: environments do not represent %s of %s: friction is Coulomb's, links have no play",
+                keys, path)  # fmt: skip
+
+
+def _own_spec(path: Path, table: Mapping[str, Any], model: str, side: Side) -> HandSpec:
+    nominal = load_spec(model, side)
+    if "torque" not in nominal.commands:
+        raise ConfigError(f"randomise.twin: {path} is of a hand that takes torques, as `identify` knows them, and the "
+                          f"environment's hand is {model}: leave out randomise.twin")  # fmt: skip
+    if strange := [key for key in ("driven", "mjcf", "commands") if key in table]:
+        raise ConfigError(f"randomise.twin: {path} is not the file of one {model} hand: it has `{strange[0]}`; give "
+                          "the one that `identify` has written")  # fmt: skip
+    its = hand_side(str(path))
+    if its is not None and its != side:
+        raise ConfigError(f"randomise.twin: {path} is of a {its} hand, and the environment's is {side}: side={its!r}")
+    try:
+        return load_spec(model, side, str(path))
+    except ConfigError as error:
+        raise ConfigError(f"randomise.twin: no {model} hand: {error}") from error
+
+
+def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive) -> Iterator[tuple[str, ValueSpread]]:
+    constant = np.array(load_wiring(spec.model, str(path)).calibration.torque_constant)
+    intervals, missing = (_mapping(path, basis, name) for name in ("interval", "not_determined"))
+    written = basis.get("written")
+    nominal = [isinstance(written, Mapping) and written.get(joint) == "nominal" for joint in spec.joint_labels]
+    centres = {"strength": drive.strength, "delay": np.array([drive.delay]), "encoder_offset": drive.encoder_offset}
+    centres |= {name: getattr(spec.actuation, name) for name in ("armature", "damping", "frictionloss")}
+    centres |= {name: getattr(drive, name) for name in WIDE if name not in centres}
+    for name, value in centres.items():
+        key = _FILE_NAMES.get(name, name)
+        if name not in CORE and key not in intervals and not value.any():
+            continue
+        centre = value / (constant * drive.strength) if name in _PER_PWM else value
+        wide = np.array(WIDE[name] if name in WIDE else SHARE_WIDE[name] * centre)
+        if key not in intervals:
+            # A drive beyond the core that someone wrote into the file by hand is what it says.
+            sure = np.full(len(centre), name not in CORE)
+            yield name, ValueSpread(centre, np.where(sure, 0.0, wide), sure)
+            continue
+        half = _row(path, f"interval.{key}", intervals[key], len(centre))
+        half = half / constant * drive.strength if name == "strength" else half
+        joints = _mapping(path, missing, key)
+        sure = np.array([label not in joints for label in spec.joint_labels[: len(centre)]])
+        if name not in _SHARED:
+            sure &= ~np.array(nominal)  # Its interval is about the value that was found, and nominal is what it has.
+        yield name, ValueSpread(centre, np.where(sure, half, wide), sure)
+
+
+def _mapping(path: Path, table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = table.get(name) or {}
+    if not isinstance(found, Mapping):
+        raise ConfigError(f"randomise.twin: {path}: identified.{name} must hold keys and values")
+    return found
+
+
+def _row(path: Path, name: str, given: object, n: int) -> Vector:
+    row = given if isinstance(given, list) else [given] * n
+    if len(row) != n or not all(isinstance(v, int | float) and math.isfinite(v) and v >= 0.0 for v in row):
+        raise ConfigError(f"randomise.twin: {path}: identified.{name} needs {n} numbers from 0, one for each that this "
+                          f"hand has, not {given!r}")  # fmt: skip
+    return np.array(row, np.float64)
+
+
+class RandomDrive:
+    """Drives of `n` hands, drawn from a posterior: what is in their models, and what happens in every period."""
+
+    def __init__(self, posterior: DrivePosterior, worlds: SimBatch, period: float) -> None:
+        self._posterior, self._worlds, self._period = posterior, worlds, period
+        xp = self._xp = worlds.xp
+        n, joints = worlds.position.shape
+        self._known = {
+            name: ValueSpread(*(xp.asarray(part) for part in spread)) for name, spread in posterior.spreads.items()
+        }
+        self._constant, self._limit = (
+            xp.asarray(row) for row in (posterior.torque_constant, posterior.spec.actuation.torque_limit)
+        )
+        self._cold = xp.asarray(posterior.cold_friction) if posterior.cold_friction.any() else None
+        self._dofs = xp.asarray(worlds.dofs)
+        self._motors = xp.asarray(np.arange(worlds.model.nu)[worlds.motors])
+        self._own, self._key = xp.arange(n), xp.zeros(n, np.uint64)
+        self._offset, self._late = xp.zeros((n, joints)), xp.zeros((n, 1))
+        late = posterior.spreads["delay"]
+        self._longest = float((late.centre + np.where(late.determined, 5.0 / NORMAL, 1.0) * late.half)[0])
+        """s; five standard deviations."""
+        self._past = xp.zeros((math.ceil(self._longest / period) + 2, n, joints))
+        self._strength, self._dry = xp.ones((n, joints)), xp.zeros((n, joints))
+        self._load = xp.zeros((n, joints)) if "load_friction" in self._known else None
+        self._strays = {name: xp.zeros((n, joints)) for name in PARASITIC if name in self._known}
+        self._periods = xp.asarray(posterior.cogging_periods)
+        self._applied = worlds.joint_force if self._strays else None
+        self._noise = xp.asarray(math.sqrt(3.0) * posterior.noise) if posterior.noise.any() else None
+        self._step = xp.asarray(posterior.quantisation) if posterior.quantisation.any() else None
+
+    def begin(self, rows: Rows, draws: Draws) -> dict[str, Array]:
+        """Draw new drives for some hands, and write what belongs there into their models. Returns what was drawn,
+        (m, joints), or (m,) of a whole hand."""
+        drawn, worlds, xp = self._draw(draws), self._worlds, self._xp
+        self._key[rows] = draws.last_keys()
+        strength, warm = drawn["strength"], 1.0
+        if self._cold is not None:
+            warm = 1.0 + self._cold * drawn["warmth"][:, None]
+        at, limit = (rows[:, None], self._dofs), self._limit * strength
+        worlds.expand("dof_armature")[at] = drawn["armature"]
+        worlds.expand("dof_damping")[at] = drawn["damping"] * warm
+        worlds.expand("dof_frictionloss")[at] = drawn["frictionloss"] * warm
+        worlds.expand("actuator_gainprm")[rows[:, None], self._motors, 0] = strength
+        worlds.expand("actuator_forcerange")[rows[:, None], self._motors] = xp.stack([-limit, limit], axis=-1)
+        worlds.derive(rows)
+        self._offset[rows], self._strength[rows] = drawn["encoder_offset"], strength
+        self._dry[rows], self._late[rows] = drawn["frictionloss"] * warm, drawn["delay"][:, None] / self._period
+        self._past[:, rows] = 0.0
+        if self._load is not None:
+            self._load[rows] = drawn["load_friction"]
+        for name, own in self._strays.items():
+            own[rows] = drawn[name]
+        return drawn
+
+    def report(self, position: Array, tick: NDArray[np.int64]) -> Array:
+        """Joint positions as the encoders tell them, (n, joints), rad."""
+        found = position + self._offset
+        if self._noise is not None:  # Uniform, as wide as the standard deviation asks for.
+            found = found + self._noise * jitter(self._key, tick, _STREAM + 1, position.shape[1])
+        if (step := self._step) is not None:
+            some = self._xp.where(step > 0, step, 1.0)
+            found = self._xp.where(step > 0, step * self._xp.rint(found / some), found)
+        return found  # type: ignore[no-any-return]  # Its functions have no types.
+
+    def act(self, command: Array, tick: NDArray[np.int64]) -> Array:
+        """Torques that motors are told in this period, (n, joints), N·m, of what was commanded in it and before.
+
+        A delay of n + f periods lets the command before last act for f of a period: (1 - f) u[t - n] + f u[t - n - 1],
+        which has the same impulse. Friction by load and parasitic torque are those at the beginning of the period.
+        """
+        xp, past, own = self._xp, self._past, self._own
+        past[tick % len(past), own] = xp.clip(command, -self._limit, self._limit)
+        whole = xp.floor(self._late)
+        n, part = xp.asarray(whole[:, 0], np.int64), self._late - whole
+        found: Array = (1.0 - part) * past[(tick - n) % len(past), own] + part * past[(tick - n - 1) % len(past), own]
+        if self._load is not None:
+            loss = self._dry + self._load * xp.abs(found * self._strength)
+            self._worlds.expand("dof_frictionloss")[:, self._dofs] = loss
+        if self._applied is not None:
+            self._applied[:, self._dofs] = self._stray_torque(self._worlds.position, self._worlds.velocity)
+        return found
+
+    def _stray_torque(self, position: Array, velocity: Array) -> Array:
+        """As `sim/drivetrain/parasitic_torque.py` has it, (n, joints), N·m."""
+        xp, angle, found = self._xp, self._periods * position, 0.0 * position
+        of = {"bias_torque": 1.0, "uneven_damping": -xp.abs(velocity),
+              "cogging_cosine": xp.cos(angle), "cogging_sine": xp.sin(angle)}  # fmt: skip
+        for name, own in self._strays.items():
+            found = found + own * of[name]
+        return found
+
+    def _draw(self, draws: Draws) -> dict[str, Array]:
+        key, xp = draws.last_keys(), self._xp
+        found: dict[str, Array] = {}
+        for name, spread in self._known.items():
+            size = len(spread.centre)
+            numbers = jitter(key, xp.zeros(len(draws), np.int64) + _ORDER.index(name), _STREAM, 2 * size)
+            normal, even = _normal(numbers[:, :size], numbers[:, size:]), numbers[:, :size]
+            value = spread.centre + spread.half * xp.where(spread.determined, normal / NORMAL, even)
+            least = _LEAST * spread.centre if name in ("strength", "armature") else 0.0 * spread.centre
+            value = value if name in _SIGNED else xp.maximum(value, least)
+            if name in _PER_PWM:
+                value = value * self._constant * found["strength"]
+            found[name] = value
+        found["delay"] = xp.minimum(found["delay"][:, 0], self._longest)
+        if self._cold is not None:
+            numbers = jitter(key, xp.zeros(len(draws), np.int64) + len(_ORDER), _STREAM, 1)
+            found["warmth"] = (1.0 + numbers[:, 0]) / 2.0
+        return found
+
+
+def _normal(first: Array, second: Array) -> Array:
+    """Normal numbers of two arrays of uniform ones in [-1, 1) (Box and Muller 1958)."""
+    xp = array_namespace(first)
+    some = xp.maximum((1.0 - first) / 2.0, 1e-12)  # In single precision 1 occurs.
+    found: Array = xp.sqrt(-2.0 * xp.log(some)) * xp.cos(math.pi * second)
+    return found
