@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -64,6 +65,20 @@ def test_motors_of_a_hand_are_alike_so_the_number_of_periods_that_suits_all_coun
         _agree(joints)
         assert [max(each.gains, key=each.gains.get) for each in joints] == ["cogging:8", "cogging:8"]
         assert joints[1].gains == {"cogging:8": 60.0, "cogging:9": 55.0, "bias": 3.0}
+
+
+@pytest.mark.slow
+def test_a_joint_that_never_moves_has_no_term_and_hides_none_of_the_others() -> None:
+    motions = []
+    for pose in hidden.POSES:
+        motion = read_motion(recorded("lean", pose))
+        position, good = motion.position.copy(), motion.good.copy()
+        position[:, 3], good[:, 9] = position[0, 3], 0.0
+        motions.append(replace(motion, position=position, good=good))
+    player = OpenLoopPlayer(motions[0].spec, motions[0].period)
+    found = screen_terms(motions, player, regress(motions, player, np.ones(16)))
+    assert found.tilted
+    assert not any(found.of_joints(name, 16)[[3, 9]].any() for name in EXTRA)
 
 
 @pytest.mark.slow

@@ -37,6 +37,8 @@ EVIDENCE = 10.0
 """By which Schwarz's criterion must fall: odds of 1 to 150 against the term (Kass and Raftery 1995: very strong)."""
 INDEPENDENT = 5.0
 """Rows of which one is a row of its own: what a model leaves over goes on for some time."""
+FEWEST = 20.0
+"""Rows of its own that a joint needs: one that hardly moved says nothing."""
 PERIODS = np.arange(5.0, 121.0, 1.0)
 """Of cogging in a turn, that are tried: with fewer a joint that moves by a radian shows no more than an offset."""
 _LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
@@ -178,7 +180,7 @@ class _Joint:
         return np.asarray(found[first : first + self.columns[f"taken {key}"].shape[1]])
 
     def _gain(self, columns: Array) -> float:
-        if self.count < 3 * columns.shape[1] + 10:
+        if self.count < FEWEST:
             return -np.inf
         own = self.without(columns)
         left = self.u - own @ np.linalg.lstsq(own, self.u)[0]
@@ -255,17 +257,20 @@ def _agree(joints: Sequence[_Joint]) -> None:
 def _lean(joints: Sequence[_Joint], constant: Vector, recordings: int) -> tuple[Vector, float]:
     """The lean that explains most of what is left over in all joints, (3 recordings,), rad, and its gain."""
     rows, right = [], []
-    for each, k in zip(joints, constant, strict=True):
+    known = [(each, k) for each, k in zip(joints, constant, strict=True) if each.count > FEWEST]
+    if not known:
+        return np.zeros(3 * recordings), -np.inf
+    for each, k in known:
         sure = 1.0 / max(float(np.sqrt(np.square(each.u).mean())), 1e-12)
         rows.append(each.tilt / k * sure)
         right.append(each.u * sure)
     A, b = np.concatenate(rows), np.concatenate(right)
     found = np.linalg.lstsq(A.T @ A + _LOOSE * np.trace(A.T @ A) * np.eye(A.shape[1]), A.T @ b)[0]
     gain = 0.0
-    for each, k in zip(joints, constant, strict=True):
+    for each, k in known:
         left = each.u - each.tilt @ found / k
         gain += each.count * float(np.log((each.u @ each.u) / max(float(left @ left), 1e-30)))
-    return found, gain - 2.0 * recordings * float(np.log(sum(each.count for each in joints)))
+    return found, gain - 2.0 * recordings * float(np.log(sum(each.count for each, _ in known)))
 
 
 def _regressions(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters) -> list[_Joint]:
