@@ -253,6 +253,7 @@ def test_boxes_side_by_side_that_look_like_one_body_are_cleared_one_after_the_ot
     assert str(report.end) == "cleared"
 
 
+@pytest.mark.slow
 def test_a_part_of_a_selected_compound_is_none_of_the_others(tmp_path: Path) -> None:
     cell = cell_of(objects=[angle_iron(tmp_path)])
     selector, (frame, alone, seen) = ObjectSelector(cell), looked(cell)
