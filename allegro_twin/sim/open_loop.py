@@ -10,6 +10,7 @@ import numpy as np
 from mujoco import batch
 
 from allegro_twin.sim.drivetrain import backlash, lugre_friction, parasitic_torque
+from allegro_twin.sim.drivetrain.warmth import warmth
 from allegro_twin.sim.hand_import.adapt import compile_model
 from allegro_twin.sim.model.joints import as_slice
 from allegro_twin.sim.model.scene import hand_spec
@@ -19,8 +20,9 @@ from allegro_twin.types import Array, Vector
 _NONE: Vector = np.zeros(0)
 _UPRIGHT: Array = np.zeros((0, 3))
 PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods")
-WARMTH = ("cold_friction", "warm_up")
 """What a motor neither commands nor loses evenly to friction."""
+WARMTH = ("cold_friction", "warm_up")
+"""What friction has while a hand warms up."""
 BEFORE = 6
 """Periods of commands that are still on their way when a piece begins: the longest delay."""
 
@@ -81,7 +83,7 @@ class DriveParameters:
 
     def warmth(self, t: Array | float) -> Array:
         """Factor on friction and damping at times since the motors were switched on, (…, 1) s → (…, n)."""
-        return np.asarray(1.0 + self.cold_friction * np.exp(-t / np.maximum(self.warm_up, 1e-3)))
+        return warmth(self.cold_friction, self.warm_up, t)
 
     def changed(self, name: str, joints: list[int], by: float) -> Self:
         """The same, but for one of them at some joints."""
@@ -251,8 +253,7 @@ class OpenLoopPlayer:
             bent = self._bent(drive, position, velocity, pieces)
             sims.bind("act")[:, self.bristles] = bent + more
         control = self._late(pieces.duty, drive.delay)
-        ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
-        qvel = sims.bind("qvel") if self.parasitic else qpos
+        ctrl, qpos, qvel = (sims.bind(name) for name in ("ctrl", "qpos", "qvel"))
         rubbing = (
             lugre_friction.BatchedFriction(sims, self._friction)
             if self.bristly and (drive.load_friction.any() or self.warming)

@@ -133,6 +133,36 @@ def test_a_hand_that_begins_anew_is_cold_again(spec: HandSpec, make_sim: MakeSim
     np.testing.assert_allclose(backend.model.dof_damping[:16], spec.actuation.damping, rtol=0.05)
 
 
+def test_a_joint_without_a_time_to_warm_up_in_is_never_cold(spec: HandSpec, make_sim: MakeSim) -> None:
+    some = driven(spec, cold_friction=0.5, warm_up=np.where(np.arange(16) == 5, 0.2, 0.0))
+    backend = make_sim(some)
+    moved(backend, 0.0)
+    parameters_ = drive_parameters(some, np.ones(16), np.zeros(16))
+    np.testing.assert_array_equal(np.flatnonzero(parameters_.warmth(0.0) != 1.0), [5])
+    changed = backend.model.dof_damping[:16] != spec.actuation.damping
+    np.testing.assert_array_equal(np.flatnonzero(changed), [5])
+
+
+def test_a_mirror_that_begins_anew_beside_a_hand_that_runs_knows_how_warm_it_is(
+    spec: HandSpec, make_sim: MakeSim
+) -> None:
+    warming = driven(spec, cold_friction=1.0, warm_up=0.5)
+    felt = []
+    for time in (True, False):
+        backend = make_sim(warming, posture=MIDDLE)
+        observer = StateObserver(spec, drive_parameters(warming, np.ones(16), np.zeros(16)), 0.003)
+        state = backend.reset()
+        for number, row in enumerate(np.tile(duties(), (10, 1))):
+            if number == 600:
+                observer.reset(state.position, *([state.t] if time else []))
+            backend.write(TorqueCommand(frozen(row)))
+            state = backend.read()
+            if number >= 600:
+                estimate = observer.step(state.torque, state.gravity, state.position)
+        felt.append(float(np.median(np.abs(estimate.disturbance))))
+    assert felt[0] < 0.5 * felt[1]
+
+
 def test_a_mirror_that_knows_it_feels_nothing_from_outside(spec: HandSpec, make_sim: MakeSim) -> None:
     known = driven(spec, **STRAY, tilt=np.array([0.3, -0.2, 0.1]), cold_friction=0.5, warm_up=1.0)
     backend = make_sim(known, posture=MIDDLE)

@@ -9,6 +9,7 @@ import numpy as np
 
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.drivetrain import backlash, lugre_friction, parasitic_torque
+from allegro_twin.sim.drivetrain.warmth import warmth
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Ailment, Drive
 from allegro_twin.types import Vector
@@ -71,7 +72,6 @@ class Drivetrain:
         self._loaded = bool(drive.load_friction.any())
         self._warming = drive.warming
         self._damping = model.dof_damping[self._dofs].copy()
-        self._cold = np.where(drive.warm_up > 0.0, drive.cold_friction, 0.0)
         self._strays: list[int] = []
         if drive.parasitic:
             self._strays = [model.actuator(parasitic_torque.torque_actuator(name)).id for name in spec.joints]
@@ -133,7 +133,7 @@ class Drivetrain:
         if not self._warming:
             return cold
         time = self._step * self._model.opt.timestep
-        return np.asarray(cold * (1.0 + self._cold * np.exp(-time / np.maximum(self._drive.warm_up, 1e-3))))
+        return np.asarray(cold * warmth(self._drive.cold_friction, self._drive.warm_up, time))
 
     def _load(self, data: mujoco.MjData) -> Vector:
         """Friction by the motors' torques, (n,), N·m."""

@@ -66,8 +66,9 @@ class LoopObserver:
         """What the motors gave in the simulation's last step, (n,), N·m."""
         return np.array(self._data.actuator_force[self._motors])
 
-    def reset(self, position: Vector) -> None:
-        """Begin where the hand reports to be, (n,), rad, at rest and limp."""
+    def reset(self, position: Vector, time: float = 0.0) -> None:
+        """Begin where the hand reports to be, (n,), rad, at rest and limp; what it is like does not change with the
+        `time`, s."""
         mujoco.mj_resetData(self._model, self._data)
         self._posed(position, self._data.qpos)
         self._servos.limp(ONE)

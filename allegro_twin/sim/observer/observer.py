@@ -72,7 +72,7 @@ class StateObserver:
         """`noise`: standard deviation of what encoders report, (n,), rad; None, and at least: NOISE."""
         parasitic, warming = (any(getattr(drive, name).any() for name in names) for names in (PARASITIC, WARMTH))
         self._player = OpenLoopPlayer(spec, period, bristly=bristly, parasitic=parasitic, warming=warming)
-        self._drive, self._periods = drive, 0
+        self._drive, self._time = drive, 0.0
         self._model = self._player.prepared(drive)
         self._data = mujoco.MjData(self._model)
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
@@ -90,11 +90,11 @@ class StateObserver:
             for place, joint in enumerate(finger.joints):
                 self._before[joint, list(finger.joints[place:])] = 1.0
 
-    def reset(self, position: Vector) -> None:
-        """Begin where the hand reports to be, (n,), rad, at rest."""
+    def reset(self, position: Vector, time: float = 0.0) -> None:
+        """Begin where the hand reports to be, (n,), rad, at rest, `time` s after its motors were switched on."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._player.qpos] = position - self._offset
-        zero, self._periods = np.zeros(len(position)), 0
+        zero, self._time = np.zeros(len(position)), time
         self._sent: deque[Vector] = deque([zero] * (BEFORE + 1), maxlen=BEFORE + 1)
 
     @property
@@ -187,8 +187,8 @@ class StateObserver:
         tilt = self._drive.tilt
         self._model.opt.gravity[:] = rotate_vector(gravity, tilt[0]) if len(tilt) else gravity
         controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
-        player.rub(self._drive, controls.mean(axis=0), self._periods * self.period)
-        self._periods += 1
+        player.rub(self._drive, controls.mean(axis=0), self._time)
+        self._time += self.period
         for control in controls:
             data.ctrl[player.motors] = control
             player.stray(self._drive, data)

@@ -201,7 +201,7 @@ class Mirror:
             return  # It cannot start at an unknown position.
         self._begun, self._clear, self._estimate = state.t, 0.0, None
         self._since[:], self._over[:] = 0, 0
-        self._observer.reset(state.position)
+        self._observer.reset(state.position, state.t)
         self._lost = LostPeriods(self._observer.period)
         self._pace = MovingJoints(self._spec.n_joints, self._observer.period)
         self._diagnosis.restart()

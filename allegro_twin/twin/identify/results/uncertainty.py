@@ -80,6 +80,11 @@ class IdentifiedValue(NamedTuple):
     """Whether the motions show it at all, whatever its interval; where nothing is said they do."""
 
     @property
+    def unseen(self) -> NDArray[np.bool_]:
+        """Whether the motions do not show each at all, (n,)."""
+        return ~np.array(self.shown, dtype=bool) if self.shown else np.zeros(len(self.value), dtype=bool)
+
+    @property
     def determined(self) -> NDArray[np.bool_]:
         """Whether each is determined, (n,)."""
         return np.array([not reason for reason in self.reason])

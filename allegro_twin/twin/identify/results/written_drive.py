@@ -71,8 +71,7 @@ def choose_drive(
     kept: KeptValues,
 ) -> WrittenDrive:  # fmt: skip
     """The drive that predicts best. `before`: what the file has; `kept`: what stays in any case."""
-    unseen = {name: np.array([not each for each in value.shown] or [False]) for name, value in values.items()}
-    unseen = {name: np.resize(mask, len(values[name].value)) for name, mask in unseen.items()}
+    unseen = {name: value.unseen for name, value in values.items()}
     candidates: dict[Source, DriveParameters] = {
         "nominal": _upright(before),
         "determined": _leaning(select_values(found, {**unwritten(values), **kept}, before)),
