@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import mujoco
@@ -320,3 +321,14 @@ def test_a_hand_that_rests_is_not_touched_however_long(spec: HandSpec, make_sim:
     samples = until(20.0, run(backend, PD(Moves([Waypoint(away, seconds=1.0)]), load_gains("v4", spec))))
     t, disturbance, _ = estimates(each, samples)
     assert np.abs(disturbance[t > 15.0]).max() < 0.006
+
+
+def test_a_mirror_that_begins_late_counts_the_time_from_the_session(
+    spec: HandSpec, make_sim: MakeSim, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[float] = []
+    monkeypatch.setattr(StateObserver, "reset", lambda _self, _position, time=0.0: begun.append(time))
+    samples = list(islice(moving(spec, make_sim(spec)), 300))
+    mirror(spec).observe(samples[200])
+    assert begun == [samples[200].state.t]
+    assert begun[0] > 0.5
