@@ -95,7 +95,7 @@ def test_a_term_is_named_by_the_shape_of_what_is_left_over_and_no_other_is(kind:
             down = read_motion(recorded(kind, pose)).gravity / G
             np.testing.assert_allclose(rotate_vector(down, lean), rotate_vector(down, HANDS[kind]["tilt"]), atol=0.025)
     if kind == "cogging":
-        assert set(found.cogging_periods[found.of_joints("cogging_sine", 16)]) == {8.0}  # Motors are alike.
+        assert set(found.values["cogging_periods"][found.of_joints("cogging_sine", 16)]) == {8.0}  # Motors are alike.
 
 
 @pytest.mark.long

@@ -44,7 +44,6 @@ PERIODS = np.arange(5.0, 121.0, 1.0)
 _LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
 ALIKE = 10.0
 """By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
-_COUNTS = {"cogging": "cogging_periods", "warmth": "warm_up"}
 LIKELY = 0.02
 """Standard deviation of a term's torque, in full PWM: what looks like weight and friction together is not enormous."""
 _LIKELY = {"warm": 0.5}  # Likewise, a share.
@@ -54,6 +53,9 @@ _TORQUE = {"bias": ("bias_torque",), "uneven": ("uneven_damping",), "cogging": (
            "warmth": ("cold_friction",)}  # fmt: skip
 EXTRA = tuple(name for names in _TORQUE.values() for name in names)
 """Parameters that only some joints have."""
+_COUNTS = {"cogging": "cogging_periods", "warmth": "warm_up"}
+FIXED = tuple(_COUNTS.values())
+"""What the regression finds of them and the fit keeps."""
 WARM_UPS = (3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 22.0, 32.0, 48.0)
 """Time constants that are tried, s."""
 _TRIED = {"cogging": tuple(PERIODS.tolist()), "warmth": WARM_UPS}
@@ -61,22 +63,10 @@ _TRIED = {"cogging": tuple(PERIODS.tolist()), "warmth": WARM_UPS}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExtraTerms:
-    """Which joints have which terms, and their values in the regression: (n,) each."""
+    """Which joints have which terms, and their values in the regression, (n,) each."""
 
-    bias_torque: Vector
-    """N·m."""
-    uneven_damping: Vector
-    """N·m·s/rad."""
-    cogging_cosine: Vector
-    """N·m."""
-    cogging_sine: Vector
-    """N·m."""
-    cogging_periods: Vector
-    """In a turn."""
-    cold_friction: Vector
-    """Share by which friction is larger at first."""
-    warm_up: Vector
-    """s."""
+    values: Mapping[str, Vector]
+    """By the names of EXTRA and FIXED, as in `DriveParameters`."""
     tilt: Array
     """(recordings, 3), rad; no row where the palm does not lean."""
     joints: Mapping[str, NDArray[np.bool_]]
@@ -108,17 +98,16 @@ class ExtraTerms:
         if not self:
             return drive
         tilt = np.zeros((recordings if self.tilted else 0, 3))
-        return replace(drive, cogging_periods=self.cogging_periods, warm_up=self.warm_up, tilt=tilt)
+        return replace(drive, **{name: self.values[name] for name in FIXED}, tilt=tilt)
 
     def add_to(self, drive: DriveParameters) -> DriveParameters:
         """A drive with these terms as the regression has them."""
         if not self:
             return drive
-        return replace(drive, **{name: getattr(self, name) for name in (*EXTRA, "cogging_periods", "warm_up", "tilt")})
+        return replace(drive, **self.values, tilt=self.tilt)
 
 
-_NO = np.zeros(0)
-NO_EXTRAS = ExtraTerms(_NO, _NO, _NO, _NO, _NO, _NO, _NO, np.zeros((0, 3)), {})
+NO_EXTRAS = ExtraTerms({}, np.zeros((0, 3)), {})
 
 
 class _Joint:
@@ -217,7 +206,7 @@ def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, star
         for each, (key, gain) in zip(joints, families[family], strict=True):
             if gain > EVIDENCE:
                 each.take(key)
-    rows = {name: np.zeros(n) for name in (*EXTRA, "cogging_periods", "warm_up")}
+    rows = {name: np.zeros(n) for name in (*EXTRA, *FIXED)}
     has = {name: np.zeros(n, dtype=bool) for name in EXTRA}
     for number, (each, k) in enumerate(zip(joints, start.torque_constant, strict=True)):
         for key in each.taken:
@@ -234,7 +223,7 @@ def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, star
         if counts.any():
             usual = float(np.median(counts[counts > 0.0]))
             rows[name] = np.where(has[of] & (counts == 0.0), usual, counts)
-    return ExtraTerms(**rows, tilt=tilt, joints=has)
+    return ExtraTerms(rows, tilt, has)
 
 
 def _agree(joints: Sequence[_Joint]) -> None:

@@ -81,7 +81,7 @@ class Problem:
         self.active = np.flatnonzero(free)
         """Indices of free parameters."""
         self.shared = np.arange(len(ALL) * self.n, len(self.unit))
-        """Indices of what all fingers share."""
+        """Indices of what all fingers share: the delay, then the tilt if the palm leans."""
         self._center = to_scaled(self._like)
         self.prior = self._prior_rows()
 
