@@ -7,7 +7,6 @@ warmth and teeth are integrated here, at 0.1 ms. What it tells of itself goes th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +25,7 @@ from allegro_twin.recording.recorder import record
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
 from allegro_twin.types import Command, HandState, Vector, frozen
+from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
 
 N = 16
 STEP = 1e-4  # s
@@ -35,48 +35,12 @@ in the palm's frame, or another way in each recording; torque that comes again w
 directions with heavier links; warmth with cogging and cables; teeth that bend; cables alone."""
 
 
-@dataclass(slots=True)
-class Physics:
-    """A hand's truth, a row a joint: N·m, kg·m², N·m·s/rad, rad, s."""
-
-    constant: Vector
-    armature: Vector
-    damping: Vector
-    friction: Vector
-    noise: float = 5e-5
-    offset: Vector = field(default_factory=lambda: np.zeros(N))
-    delay: int = 30
-    """Steps of STEP."""
-    mass: Vector = field(default_factory=lambda: np.ones(N))
-    ratio: Vector = field(default_factory=lambda: np.ones(N))
-    """Breakaway over sliding friction."""
-    stribeck: float = 0.12
-    bristle: float = 0.0
-    """How far a joint gives before it breaks away, rad; 0: it does not give."""
-    load: Vector = field(default_factory=lambda: np.zeros(N))
-    uneven: Vector = field(default_factory=lambda: np.zeros(N))
-    """Share by which friction and damping are larger forwards than on average."""
-    cogging: Vector = field(default_factory=lambda: np.zeros(N))
-    teeth: Vector = field(default_factory=lambda: np.full(N, 6.0))
-    """Periods of the cogging in a turn."""
-    phase: Vector = field(default_factory=lambda: np.zeros(N))
-    cable: Vector = field(default_factory=lambda: np.zeros(N))
-    cold: float = 0.0
-    """Share by which friction and damping are larger at the start of a recording."""
-    warming: float = 8.0
-    play: Vector = field(default_factory=lambda: np.zeros(N))
-    spring: float = 0.0
-    """Of the teeth, N·m/rad; 0: none, motors are one with their links."""
-    lean: dict[str, Vector] = field(default_factory=dict)
-    """By pose, or "" for all: rotation of gravity in the palm's frame, (3,), rad."""
-
-
-def draw(kind: str, seed: int) -> Physics:
+def draw(kind: str, seed: int) -> HandPhysics:
     """A hand of one kind."""
     rng = np.random.default_rng((seed, 977, KINDS.index(kind)))
-    each = Physics(
+    each = HandPhysics(
         rng.uniform(0.85, 1.15, N), rng.uniform(0.002, 0.004, N), rng.uniform(0.05, 0.1, N),
-        rng.uniform(0.01, 0.045, N), offset=rng.uniform(-0.01, 0.01, N), delay=int(rng.integers(5, 60)),
+        rng.uniform(0.01, 0.045, N), offset=rng.uniform(-0.01, 0.01, N), delay=int(rng.integers(5, 60)) * STEP,
     )  # fmt: skip
     axis = rng.normal(size=(4, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
@@ -122,7 +86,13 @@ class ForeignHand:
     live = False
 
     def __init__(
-        self, spec: HandSpec, physics: Physics, gravity: Vector, period: float, seed: int, pushes: Sequence[Push] = ()
+        self,
+        spec: HandSpec,
+        physics: HandPhysics,
+        gravity: Vector,
+        period: float,
+        seed: int,
+        pushes: Sequence[Push] = (),
     ) -> None:
         self._pushes = pushes
         self._spec, self._truth, self.period, self._seed = spec, physics, period, seed
@@ -143,6 +113,7 @@ class ForeignHand:
         self._model, self._data = model, mujoco.MjData(model)
         self._tips = [model.site(finger.tip).id for finger in spec.fingers]
         self._jacobian = np.zeros((3, model.nv))
+        self._laws = MotorLaws(physics, STEP)
         self._constant = np.ones(N)  # What its driver takes full PWM for, N·m, as an unknown hand's host does.
         self._begun = np.array((spec.lower + spec.upper) / 2.0)
 
@@ -153,7 +124,7 @@ class ForeignHand:
     def reset(self) -> HandState:
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = self._begun
-        self._motor, self._speed, self._bent = self._begun.copy(), np.zeros(N), np.zeros(N)
+        self._laws.reset(self._begun)
         self._rng, self._ticks, self._steps = np.random.default_rng(self._seed), 0, 0
         self._coming: list[tuple[int, Vector]] = []
         self._duty = np.zeros(N)
@@ -162,7 +133,7 @@ class ForeignHand:
 
     def write(self, command: Command) -> None:
         duty = torque_of(command, self._spec) / self._constant
-        self._coming.append((self._steps + self._truth.delay, duty))
+        self._coming.append((self._steps + round(self._truth.delay / STEP), duty))
 
     def read(self) -> HandState:
         for _ in range(round(self.period / STEP)):
@@ -177,43 +148,16 @@ class ForeignHand:
         self._duty = np.zeros(N)
 
     def _step(self) -> None:
-        own, data = self._truth, self._data
-        link, moving = data.qpos[self._qpos], data.qvel[self._dofs]
-        angle, speed = (self._motor, self._speed) if own.spring else (link, moving)
-        pull = own.constant * self._duty
-        warm = 1.0 + own.cold * np.exp(-self._steps * STEP / own.warming)
-        side = 1.0 + own.uneven * np.sign(speed)
-        slides = own.friction * side * warm
-        slides = slides * (1.0 + (own.ratio - 1.0) * np.exp(-np.square(speed / own.stribeck))) + own.load * np.abs(pull)
-        torque = pull - own.damping * side * warm * speed
-        torque = torque + own.cable + own.cogging * np.sin(own.teeth * angle + own.phase)
-        if own.bristle:
-            stiff = own.friction * own.ratio / own.bristle
-            rate = speed - stiff * np.abs(speed) / slides * self._bent
-            self._bent = np.clip(self._bent + STEP * rate, -slides / stiff, slides / stiff)
-            torque = torque - stiff * self._bent - np.sqrt(stiff * own.armature) * rate
-        if own.spring:
-            torque = self._turned(torque, slides, link, moving)
-        elif not own.bristle:
+        data, now = self._data, self._steps * STEP
+        torque, slides = self._laws.step(self._duty, data.qpos[self._qpos], data.qvel[self._dofs], now)
+        if self._laws.link_friction:
             self._model.dof_frictionloss[self._dofs] = slides
         data.qfrc_applied[self._dofs] = torque
-        now = self._steps * STEP
         for push in self._pushes:
             if push.begin <= now < push.begin + push.seconds:
                 mujoco.mj_jacSite(self._model, data, self._jacobian, None, self._tips[push.finger])
                 data.qfrc_applied += push.force @ self._jacobian
         mujoco.mj_step(self._model, data)
-
-    def _turned(self, torque: Vector, slides: Vector, link: Vector, moving: Vector) -> Vector:
-        """Turn the motors by a step; what their teeth pass on to the links."""
-        own = self._truth
-        apart = self._motor - link
-        over = apart - np.clip(apart, -own.play / 2.0, own.play / 2.0)
-        passed = own.spring * over + np.where(over != 0.0, 0.01 * (self._speed - moving), 0.0)
-        free, holds = self._speed + STEP * (torque - passed) / own.armature, STEP * slides / own.armature
-        self._speed = np.sign(free) * np.maximum(np.abs(free) - holds, 0.0)
-        self._motor = self._motor + STEP * self._speed
-        return passed
 
     def _state(self) -> HandState:
         said = self._data.qpos[self._qpos] + self._truth.offset + self._truth.noise * self._rng.standard_normal(N)
@@ -227,7 +171,7 @@ class ForeignHand:
 class _Place:
     """Where a hidden hand stands: what opens it in the place of a simulation."""
 
-    def __init__(self, physics: Physics, gravity: Vector, seed: int, pushes: Sequence[Push]) -> None:
+    def __init__(self, physics: HandPhysics, gravity: Vector, seed: int, pushes: Sequence[Push]) -> None:
         self._physics, self._gravity, self._seed, self._pushes = physics, gravity, seed, pushes
 
     def check(self, spec: HandSpec) -> None:

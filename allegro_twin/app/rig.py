@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
@@ -60,6 +61,8 @@ class Rig:
         return found
 
 
+Physics: TypeAlias = "Callable[[HandSpec, float], tuple[HandBackend, Trial | None]]"
+"""Of a hand, as its host knows it, that steps by so many s; and the trial that it is at."""
 STAY = 0.5
 """s that a hand in another program is driven after its scenario: on a busy computer its time may lag behind ours."""
 
@@ -92,13 +95,16 @@ def open_backend(config: RunConfig, scene: SimulatedScene | None = None) -> Hand
     return found
 
 
-def context_of(config: RunConfig, scene: SimulatedScene) -> BackendContext:
+def context_of(config: RunConfig, scene: SimulatedScene, physics: Physics | None = None) -> BackendContext:
     """The context in which a config's backend is opened; `scene` is filled in when physics are made for it."""
 
     def check(spec: HandSpec) -> None:
         check_period(config.period, spec, config.controller.kind)
 
     def simulate(settings: Settings | None, spec: HandSpec, step: float) -> SimBackend:
+        if physics is not None:
+            other, scene.trial = physics(spec, step)
+            return other  # type: ignore[return-value]  # Who drives it knows a backend only.
         wanted = SceneSettings(kind="sim") if settings is None else settings
         assert isinstance(wanted, SimSettings)
         scene.sim, scene.trial = simulated(wanted, config.task, spec, step)
@@ -107,10 +113,11 @@ def context_of(config: RunConfig, scene: SimulatedScene) -> BackendContext:
     return BackendContext(config.hand, config.period, check, simulate)
 
 
-def assemble(config: RunConfig) -> Rig:
-    """The hand, its controller and the scenario of a config. Raises ConfigError, LinkError or RecordingError."""
+def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
+    """The hand, its controller and the scenario of a config. `physics`: what stands behind a virtual hand in place of
+    our simulation. Raises ConfigError, LinkError or RecordingError."""
     kind, scene = BACKENDS.kind(config.backend.kind), SimulatedScene()
-    backend = kind.open(config.backend, context_of(config, scene))
+    backend = kind.open(config.backend, context_of(config, scene, physics))
     try:
         spec = backend.spec
         if not kind.replays:

@@ -19,7 +19,7 @@ from allegro_twin.spec import SIDES, HandSpec, Side
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
 Level: TypeAlias = Literal["default", "easy"]
-TASK_SETTINGS = ("observation", "goals", "farthest", "level")
+TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts")
 """Settings that only some tasks have."""
 
 
@@ -75,6 +75,11 @@ class EnvSettings(Settings):
     """For Reorient: turns about any axis, or about the vertical alone."""
     farthest: Positive | None = None
     """For Reorient: largest distance of a goal, rad. None: π, and π / 2 about the vertical."""
+    palm: Literal["forbidden", "allowed"] = "forbidden"
+    """For tasks with an object in the hand: whether palm and proximal links may touch it, or end the episode."""
+    starts: Literal["train", "test"] = "train"
+    """For tasks in the fingertips: states to begin in, those for trainings or those for tests, which are other states
+    of other sizes."""
     level: Level = "default"
     """For tasks with a scripted grasp: `easy` varies little of the object."""
 

@@ -9,17 +9,29 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import array_namespace
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.kinematics.orientation import quaternion_product
-from allegro_twin.learning.environments.objects import load_object
+from allegro_twin.learning.environments.objects import ObjectChoice, load_object
 from allegro_twin.learning.environments.observation_model import ObjectCamera, ObjectObservation
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.tasks.base import Flags, Task, Ticks
 from allegro_twin.learning.tasks.scenes import THING, make_worlds, upturned_model
-from allegro_twin.learning.tasks.start_states import StartStates, load_start_states
+from allegro_twin.learning.tasks.start_states import (
+    ALL,
+    ANYHOW,
+    FINGERTIPS,
+    NOISE_JOINT,
+    NOISE_PLACE,
+    TEST,
+    TRAIN,
+    StartStates,
+    load_start_states,
+)
 from allegro_twin.learning.tasks.vectors import length
 from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.objects import catalogue
 from allegro_twin.types import Array
 
@@ -81,19 +93,32 @@ LARGEST = 0.09  # m. Longer ones do not fit between the fingers and the thumb.
 ASIDE = 0.06  # m from where it began: no longer in the hand.
 DROPPED = -20.0  # Cost of losing the object: more than the steps of a throw can earn.
 FAST, SPINS = 0.5, 5.0  # m/s and rad/s: scales of the observed speeds.
-_HAND, _PLACE = 0.02, 0.001  # rad and m, half-widths of the noise on the start.
 _FRICTION = (0.5, 1.0)
 _NEAR = 16  # States in order of size, among which one near a wanted size is drawn.
 
 
+OBJECTS = ("cube", "cylinder", "ball", "bar")
+"""What the fingertips turn, of conf/in_hand/objects.yaml. Its hex nut is a mesh, which has a batch of its own."""
+OF_PALM = ("rubiks_cube",)
+"""What is turned where the palm is allowed."""
+
+
 class InHandTask(Task):
-    """The palm looks up, and an episode begins in one of the start states, with some noise. The object may touch the
-    palm: `on_palm` is the share of time that it is there."""
+    """The palm looks up, and an episode begins in one of the start states, with some noise.
+
+    In the fingertips (`palm: forbidden`, the default) an episode ends when palm or proximal links touch the object:
+    only distal and middle links may. With `palm: allowed` it may be put down on the palm. Either way `info` has the
+    share of the contact force since the reset by fingertips, middle links and palm (with the proximal links), and
+    `on_palm`, the share of time near the palm.
+    """
 
     step: ClassVar[float] = 0.08
     """rad per action, where the settings name no other."""
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
-    own_settings: ClassVar[tuple[str, ...]] = ("observation",)
+    own_settings: ClassVar[tuple[str, ...]] = ("observation", "palm", "starts")
+    share_terms: ClassVar[tuple[str, ...]] = ("on_palm", "by_tips", "by_middle", "by_palm")
+    in_fingertips: ClassVar[tuple[str, ...]] = OBJECTS
+    """Objects, where the settings name none and the palm is forbidden."""
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -105,8 +130,13 @@ class InHandTask(Task):
         self._things: list[catalogue.GraspObject] = []
         self._names: list[str] = []
         self._table: StartStates | None = None
-        for choice in settings.objects or ("rubiks_cube",):
-            self._add_object(load_object(choice), n, threads)
+        self._palm_ends = settings.palm == "forbidden"
+        if settings.starts == "test" and not self._palm_ends:
+            raise ConfigError("starts: test is of palm: forbidden; with the palm allowed there is one set of states")
+        chosen = settings.objects or (self.in_fingertips if self._palm_ends else OF_PALM)
+        self._n_choices = len(chosen)
+        for choice in chosen:
+            self._add_object(in_hand_object(choice), n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
         self.thing = self.worlds.free_body(THING)
@@ -121,15 +151,16 @@ class InHandTask(Task):
         """Size factors of the objects; decisions since the reset at which they were on the palm."""
         self._shapes: ObjectShapes | None = None
         self._normal = palm_normal(xp.zeros((n, 3)))
+        self.contacts = LinkContacts(self.worlds)
         self.shown: ObjectObservation
         """The camera's observation at this decision."""
 
     def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
-        drawn = draws.integers(len(self.settings.objects or (1,)))
+        drawn = draws.integers(self._n_choices)
         if options.object is None:
             return drawn
         if options.object not in self._names:
-            self._add_object(load_object(options.object), self.n, 1)
+            self._add_object(in_hand_object(options.object), self.n, 1)
         return drawn * 0 + self._names.index(options.object)
 
     def draw_variation(
@@ -147,14 +178,15 @@ class InHandTask(Task):
         assert self.thing is not None
         table, state = self._states(), self._state[rows]
         position, target, pose = (part[variant, state] for part in (table.position, table.target, table.pose))
-        noise = draws.uniform(-_HAND, _HAND, self.spec.n_joints)
+        noise = draws.uniform(-NOISE_JOINT, NOISE_JOINT, self.spec.n_joints)
         self.worlds.position[rows] = self.worlds.xp.clip(position + noise, self._lower, self._upper)
-        pose[:, :3] += draws.uniform(-_PLACE, _PLACE, 3)
+        pose[:, :3] += draws.uniform(-NOISE_PLACE, NOISE_PLACE, 3)
         self.thing.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self._factor[rows], self._low[rows] = values["size"], 0.0
         tilt = values.get("wrist_tilt")
         self._normal[rows] = palm_normal(0.0 * pose[:, :3] if tilt is None else tilt)
+        self.contacts.begin(rows)
         self.camera.begin(rows, values, draws)
 
     def initial_targets(self, rows: Rows) -> Array:
@@ -184,13 +216,25 @@ class InHandTask(Task):
     def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         return {"object": np.array([self._names[number] for number in self.kind[rows].tolist()], dtype=object)}
 
+    def plan_surroundings(self, tick: Ticks) -> None:
+        self.contacts.begin_decision()
+
+    def move_surroundings(self, k: int) -> None:
+        if k:
+            self.contacts.add_period()
+
     def lost(self) -> Flags:
+        """Who has lost the object: it is aside, or rests on what must not touch it. Call once per decision, and before
+        `palm_terms`."""
         assert self.thing is not None
-        return length(self.thing.pose[:, :3] - self.place) > ASIDE
+        self.contacts.add_period()
+        aside: Flags = length(self.thing.pose[:, :3] - self.place) > ASIDE
+        return aside | (self.contacts.touching("palm") > 0) if self._palm_ends else aside
 
     def palm_terms(self, tick: Ticks) -> dict[str, Array]:
-        """Height of the object's lowest point above the palm's surface, m (`clearance`), and the share of decisions
-        since the reset at which it was less than `ON_PALM` (`on_palm`), (n,) each. Call once per decision."""
+        """Height of the object's lowest point above the palm's surface, m (`clearance`), the share of decisions since
+        the reset at which it was less than `ON_PALM` (`on_palm`), and shares of the contact force since the reset
+        (`by_tips`, `by_middle`, `by_palm`), (n,) each. Call once per decision."""
         assert self.thing is not None
         xp = self.worlds.xp
         if self._shapes is None:
@@ -198,7 +242,8 @@ class InHandTask(Task):
         over = palm_clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
         self._low += (over < ON_PALM) & (tick > 0)
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
-        return {"clearance": over, "on_palm": self._low / decisions}
+        shares = {f"by_{name}": share for name, share in self.contacts.shares().items()}
+        return {"clearance": over, "on_palm": self._low / decisions} | shares
 
     def _add_object(self, thing: catalogue.GraspObject, n: int, threads: int) -> None:
         """Add an object with its start states. Raises ConfigError for one that is too large."""
@@ -208,10 +253,13 @@ class InHandTask(Task):
                 f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
-        self._held.append(load_start_states(thing, self.settings.side))
+        kind = (FINGERTIPS, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
+        self._held.append(load_start_states(thing, self.settings.side, *kind))
         self._table = self._shapes = None
         self._things.append(thing)
-        self._add(upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
+        # On a device all simulations have geoms of the same types.
+        mixed = self.settings.device != "cpu" and self._n_choices > 1 and thing.shape in catalogue.SIZES_OF_KIND
+        self._add(upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings, every_shape=mixed), n, threads)
         self._names.append(thing.name)
 
     def _states(self) -> StartStates:
@@ -235,6 +283,18 @@ class InHandTask(Task):
             self.worlds.add(model)
         else:
             self.worlds = make_worlds(self.spec, model, n, threads, self.settings)
+
+
+def in_hand_object(choice: ObjectChoice) -> catalogue.GraspObject:
+    """An object of conf/in_hand/objects.yaml by name, or any other. Raises ConfigError."""
+    folder = data_root() / "conf" / "in_hand"
+    known = read_yaml(folder / "objects.yaml")
+    if not isinstance(choice, str) or choice not in known:
+        return load_object(choice)
+    row = known[choice]
+    size, mass = tuple(edge / 1000.0 for edge in row.get("size", ())), row["mass"] / 1000.0
+    file = folder / row["file"] if "file" in row else None
+    return catalogue.GraspObject(choice, row["shape"], size, mass, file, collision="hull" if file else "pieces")
 
 
 def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:

@@ -39,8 +39,8 @@ class ReorientTask(InHandTask):
     purpose = "turn a cube in the hand to one goal orientation after another"
     seconds = 30.0
     count_term, count_unit = "reached", "goals"
-    share_terms = ("on_palm",)
-    own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest")
+    own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest", "palm", "starts")
+    in_fingertips = ("cube",)
     goal_is_orientation = True
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
@@ -59,6 +59,7 @@ class ReorientTask(InHandTask):
         self._draw_goals(rows)
 
     def plan_surroundings(self, tick: Ticks) -> None:
+        super().plan_surroundings(tick)
         rows = self.worlds.xp.flatnonzero(self._renewed)
         if len(rows):
             self._draw_goals(rows)

@@ -1,4 +1,4 @@
-"""Rotate task: turn a box in the upturned hand about the vertical, continuously."""
+"""Rotate task: turn an object in the upturned hand about the vertical, continuously."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ _SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
 class RotateTask(InHandTask):
-    """Counter-clockwise seen from above for the right hand; clockwise for the left. The object may be put down on the
-    palm and turned there: reward and cost are the same, and `on_palm` in `info` reports it."""
+    """Counter-clockwise seen from above for the right hand; clockwise for the left."""
 
     name = "Rotate"
     purpose = "rotate an object in the hand about the vertical, continuously"
     seconds = 30.0
     count_term, count_unit = "turned", "rad"
-    share_terms = ("on_palm",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)

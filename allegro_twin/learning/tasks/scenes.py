@@ -119,12 +119,18 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 
 
 def upturned_model(
-    spec: HandSpec, obj: GraspObject, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
+    spec: HandSpec,
+    obj: GraspObject,
+    place: tuple[float, float, float],
+    settings: EnvSettings,
+    friction: float = 0.8,
+    *,
+    every_shape: bool = False,
 ) -> mujoco.MjModel:
     """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
     palm's x is up and its y the world's y."""
     placed = PlacedObject(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
-    surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction)
+    surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction, every_shape=every_shape, sensed=True)
     return compile_task_scene(spec, surroundings, settings)
 
 

@@ -17,7 +17,7 @@ from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.loading import load_policy
-from allegro_twin.learning.tasks import make_task
+from allegro_twin.learning.tasks import make_task, task_type
 from allegro_twin.learning.training.evaluation import Evaluation, check_card, env_keywords, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, round_seed
 from allegro_twin.learning.training.settings import Recipe
@@ -60,11 +60,15 @@ def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) 
 
 def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     """Environments of an evaluation: with the training's objects, with those by which the training was chosen, and with
-    held-out ones. The physics is the default one, whatever the training used."""
+    held-out ones; in the fingertips also with sizes and start states that no training has. The physics is the default
+    one, whatever the training used."""
     known = as_shipped(recipe.environment)
     more = {LOOKED_AT: recipe.looked_at, "held out": recipe.held_out}
-    others = {name: known.model_copy(update={"objects": objects}) for name, objects in more.items() if objects}
-    return {"trained on": known} | others
+    found, other = {"trained on": known}, known
+    if "starts" in task_type(recipe.task).own_settings and known.palm == "forbidden" and known.starts == "train":
+        other = known.model_copy(update={"starts": "test"})
+        found["unseen sizes"] = other
+    return found | {name: other.model_copy(update={"objects": objects}) for name, objects in more.items() if objects}
 
 
 def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:

@@ -21,6 +21,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.sim.batch.motors import BatchMotors
 from allegro_twin.sim.drivetrain.servos import Rows as Rows
 from allegro_twin.sim.drivetrain.servos import Servos
+from allegro_twin.sim.model.contact_sensors import PREFIX
 from allegro_twin.sim.model.scene import PRESENTER
 from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.spec import HandSpec
@@ -29,6 +30,11 @@ from allegro_twin.types import Array
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # What setting constants derives, and the labels and looks that no simulation depends on.
 _SKIPPED = {"names_map", "light_poscom0", "qpos_spring"}
+
+
+def _same_meshes(first: mujoco.MjModel, other: mujoco.MjModel) -> bool:
+    """No simulation has meshes to itself: those of another model would be left out, or be read beyond their end."""
+    return first.nmesh == other.nmesh and np.array_equal(first.mesh_vert, other.mesh_vert)
 
 
 def layout(model: mujoco.MjModel) -> tuple[float, ...]:
@@ -173,6 +179,15 @@ class SimBatch:
         """Likewise, (n, bodies, 4), w x y z."""
         return self._bind("xquat")
 
+    def contact_forces(self) -> tuple[tuple[str, ...], Array]:
+        """Of scenes with `Stage.sensed`: the links, and the net force of each on the object as of the last step, world,
+        (n, links, 3), N, live."""
+        found = [self.model.sensor(k) for k in range(self.model.nsensor)]
+        sensors = [each for each in found if each.name.startswith(PREFIX)]
+        first = int(sensors[0].adr[0])
+        numbers = self._bind("sensordata")[:, first : first + 3 * len(sensors)]
+        return tuple(each.name.removeprefix(PREFIX) for each in sensors), numbers.reshape(self.n, len(sensors), 3)
+
     def free_body(self, name: str) -> FreeBody:
         """A body that flies freely, by its name in the first model."""
         return FreeBody(self.model, name, self._qpos, self._qvel, self.push)
@@ -256,6 +271,9 @@ class SimBatch:
         sizes = [(m.nq, m.nv, m.nu, m.nbody, m.ngeom, m.njnt, m.nM) for m in (self.model, model)]
         if sizes[0] != sizes[1]:
             raise ConfigError(f"scenes of one batch must have the same layout; {sizes[1]} is not {sizes[0]}")
+        if not _same_meshes(self.model, model):
+            raise ConfigError("scenes of one batch share their meshes, and these have different ones: "
+                              "make an environment for each mesh")  # fmt: skip
         for name in batch.MODEL_FIELDS:
             if name.startswith("opt.") or name in self._rows or name in _SKIPPED:
                 continue

@@ -17,6 +17,7 @@ from allegro_twin.sim.drivetrain import drivetrain
 from allegro_twin.sim.drivetrain.servos import limit_forces
 from allegro_twin.sim.hand_import.adapt import adapt_hand, compile_model, find_mjcf, read_mjcf, rename_parts
 from allegro_twin.sim.model.arm_with_hand import MountedHand, add_pedestal, attach_hand, set_load
+from allegro_twin.sim.model.contact_sensors import add_contact_sensors
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.plate import PicturePlate, add_plate
 from allegro_twin.sim.model.wrist import WRIST_JOINTS, add_wrist
@@ -71,6 +72,8 @@ class Stage:
     """Things have a geom for each primitive shape: scenes of different ones then have the same layout."""
     plates: Sequence[PicturePlate] = ()
     """Pictures in the scene, such as a calibration pattern."""
+    sensed: bool = False
+    """Sensors measure the force of each link on the first thing."""
 
 
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
@@ -124,6 +127,8 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
         add_object(scene, placement, friction, every_shape=stage.every_shape)
     if stage.presented:
         _add_presenter(scene, stage.things[0])
+    if stage.sensed:
+        add_contact_sensors(scene, root, stage.things[0].thing.name)
     for plate in stage.plates:
         add_plate(scene, plate)
     stage.physics.contacts(scene)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -165,3 +166,15 @@ def test_nobody_steps_before_the_first_reset_of_all() -> None:
 def test_only_tasks_with_goals_compute_rewards() -> None:
     assert hasattr(HandEnv("Reach"), "compute_reward")
     assert not hasattr(HandEnv("Lift", **LEMON), "compute_reward")
+
+
+def test_two_meshes_in_one_batch_are_refused_instead_of_one_standing_for_both(tmp_path: Path) -> None:
+    meshes = []
+    for name, high in (("low", 0.03), ("high", 0.05)):
+        corners = f"v 0 0 {high}\nv 0.02 0.02 0\nv -0.02 0.02 0\nv -0.02 -0.02 0\nv 0.02 -0.02 0\n"
+        file = tmp_path / f"{name}.obj"
+        file.write_text(corners + "f 1 2 3\nf 1 3 4\nf 1 4 5\nf 1 5 2\nf 2 5 4\nf 2 4 3\n")
+        meshes.append({"name": name, "shape": "mesh", "file": file, "like": "golf_ball"})
+    with pytest.raises(ConfigError, match="make an environment for each mesh"):
+        HandEnv("Grasp", objects=tuple(meshes))
+    HandEnv("Grasp", objects=(meshes[0],))

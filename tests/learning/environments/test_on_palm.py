@@ -78,7 +78,7 @@ def test_the_lowest_point_is_that_of_the_surface(tmp_path: Path) -> None:
 
 
 def upturned() -> Any:
-    env = HandEnv("Rotate", timestep=0.003)
+    env = HandEnv("Rotate", timestep=0.003, palm="allowed")
     return env.engine.worlds.model.body("palm_link").quat
 
 
@@ -96,7 +96,7 @@ def put(env: Any, height: float) -> None:
 @pytest.mark.parametrize("task", ["Rotate", "Reorient"])
 @pytest.mark.parametrize("kind", ["single", "batch", "tensors"])
 def test_the_share_of_decisions_on_the_palm_is_in_info(task: str, kind: str) -> None:
-    settings: dict[str, Any] = {"timestep": 0.003, "decimation": 1}
+    settings: dict[str, Any] = {"timestep": 0.003, "decimation": 1, "palm": "allowed"}
     env: Any
     if kind == "single":
         env, action = HandEnv(task, **settings), np.zeros(16, np.float32)
@@ -120,7 +120,7 @@ def test_the_share_of_decisions_on_the_palm_is_in_info(task: str, kind: str) -> 
 
 
 def test_an_episode_begins_above_the_palm_and_a_dropped_cube_ends_on_it() -> None:
-    env = HandEnv("Rotate", timestep=0.003)
+    env = HandEnv("Rotate", timestep=0.003, palm="allowed")
     env.reset(seed=0)
     info = env.step(np.zeros(16, np.float32))[4]
     assert info["clearance"] > ON_PALM
@@ -135,7 +135,7 @@ def test_an_episode_begins_above_the_palm_and_a_dropped_cube_ends_on_it() -> Non
 
 @pytest.mark.slow
 def test_evaluations_report_it_in_tables_files_and_over_can(tmp_path: Path) -> None:
-    settings = EnvSettings(timestep=0.003, decimation=100)
+    settings = EnvSettings(timestep=0.003, decimation=100, palm="allowed")
     found = evaluate(ZeroPolicy(16), "Rotate", settings, 2, seed=3)
     assert found.shares["on_palm"].shape == (2,)
     assert ((found.shares["on_palm"] >= 0.0) & (found.shares["on_palm"] <= 1.0)).all()
@@ -146,4 +146,4 @@ def test_evaluations_report_it_in_tables_files_and_over_can(tmp_path: Path) -> N
     assert '"on_palm"' in (tmp_path / "evaluation.json").read_text()
     episode = EpisodeBackend("Rotate", settings, 3)
     episode.reset()
-    assert episode.shares == {"on_palm": 0.0}
+    assert episode.shares == {"on_palm": 0.0, "by_tips": 0.0, "by_middle": 0.0, "by_palm": 0.0}

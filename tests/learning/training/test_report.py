@@ -73,7 +73,7 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
     assert as_shipped(unseen) == unseen
     rotate = load_recipe("rotate").environment
     assert rotate.device == "warp"
-    assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation, state=True)
+    assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation, state=True, palm="allowed")
     assert list(evaluation_sets(recipe())) == ["trained on"]
 
 

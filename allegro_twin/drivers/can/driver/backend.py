@@ -67,6 +67,11 @@ class CanBackend:
         return self._settings.period
 
     @property
+    def codec(self) -> Codec:
+        """How this hand is spoken to."""
+        return self._codec
+
+    @property
     def calibration(self) -> dict[str, Any]:
         """What turns this hand's counts into rad and N·m, for recordings."""
         return described(self._codec)

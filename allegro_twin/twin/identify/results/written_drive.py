@@ -72,6 +72,9 @@ def choose_drive(
 ) -> WrittenDrive:  # fmt: skip
     """The drive that predicts best. `before`: what the file has; `kept`: what stays in any case."""
     unseen = {name: value.unseen for name, value in values.items()}
+    # An encoder offset is where a hand is said to be. In motion one that is 0.3 rad off can look like a cable; at rest
+    # every posture is that far off.
+    unseen["offset"] = unseen["offset"] | ~values["offset"].determined
     candidates: dict[Source, DriveParameters] = {
         "nominal": _upright(before),
         "determined": _leaning(select_values(found, {**unwritten(values), **kept}, before)),

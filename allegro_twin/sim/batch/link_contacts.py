@@ -1,0 +1,76 @@
+"""Which links of the hands touch an object, and how the force is shared among them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.types import Array
+
+GROUPS = ("tips", "middle", "palm")
+"""Of links: the last of each finger; those that carry these; the palm and everything between."""
+_TOUCH = 1e-9  # N. A contact without force touches nothing.
+
+
+class LinkContacts:
+    """Contact forces of `n` hands on one object, period by period, summed since the reset of each simulation.
+
+    Scenes have the sensors of `Stage.sensed`.
+    """
+
+    def __init__(self, worlds: SimBatch) -> None:
+        xp = worlds.xp
+        self.links, self._force = worlds.contact_forces()
+        group = _groups(worlds, self.links)
+        self._member: Array = xp.asarray((group[:, None] == np.arange(len(GROUPS))).astype(np.float64))
+        """Whether a link (row) belongs to a group (column)."""
+        self.sums: Array = xp.zeros((worlds.n, len(self.links)))
+        """Of each link, size of the force summed over periods, (n, links), N."""
+        self._touched: Any = xp.zeros((worlds.n, len(self.links)), bool)
+        self._xp = xp
+
+    def begin(self, rows: Rows) -> None:
+        self.sums[rows], self._touched[rows] = 0.0, False
+
+    def begin_decision(self) -> None:
+        self._touched[...] = False
+
+    def add_period(self) -> None:
+        """Count the period that has just been simulated."""
+        square = (self._force * self._force).sum(axis=-1)
+        square = self._xp.where(self._xp.isfinite(square), square, 0.0)
+        self.sums += self._xp.sqrt(square)
+        self._touched |= square > _TOUCH**2
+
+    def touching(self, group: str) -> NDArray[np.int64]:
+        """Number of a group's links that touched the object in a period since `begin_decision`, (n,)."""
+        column = self._member[:, GROUPS.index(group)] > 0
+        found: NDArray[np.int64] = (self._touched & column).sum(axis=-1)
+        return found
+
+    def shares(self) -> dict[str, Array]:
+        """Share of each group in the sum of contact forces since the reset, (n,); 0 where nothing touched."""
+        total = self.sums.sum(axis=-1)
+        safe = self._xp.where(total > 0, total, 1.0)
+        return {name: (self.sums * self._member[:, k]).sum(axis=-1) / safe for k, name in enumerate(GROUPS)}
+
+
+def _groups(worlds: SimBatch, links: tuple[str, ...]) -> NDArray[np.int64]:
+    """Number of each link's group: a tip moves no other of the links, and a middle link moves only tips."""
+    model: Any = worlds.model
+    ids = [int(model.body(name).id) for name in links]
+    moved = [[k for k, other in enumerate(ids) if other != own and own in _ancestors(model, other)] for own in ids]
+    tips = {k for k, carried in enumerate(moved) if not carried}
+    return np.array([0 if k in tips else 1 if set(moved[k]) <= tips and len(moved[k]) == 1 else 2
+                     for k in range(len(ids))])  # fmt: skip
+
+
+def _ancestors(model: Any, body: int) -> set[int]:
+    found = set()
+    while body:
+        body = int(model.body_parentid[body])
+        found.add(body)
+    return found

@@ -1,0 +1,151 @@
+"""In the fingertips palm and proximal links end an episode, and `info` tells by which links an object was carried."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.tasks.in_hand import OBJECTS, in_hand_object
+from allegro_twin.learning.tasks.scenes import PALM
+from allegro_twin.learning.tasks.start_states import FINGERTIPS, TEST, TRAIN, file_name, load_start_states
+from allegro_twin.learning.training.report import evaluation_sets
+from allegro_twin.learning.training.settings import load_recipe
+
+N = 24
+ALL = (*OBJECTS, "hex_nut")
+STILL = np.zeros((N, 16), np.float32)
+
+
+def batch(task: str = "Rotate", **more: Any) -> HandVectorEnv:
+    env = HandVectorEnv(task, N, autoreset="disabled", timestep=0.003, decimation=20, **more)
+    env.reset(seed=11)
+    return env
+
+
+@pytest.mark.parametrize("starts", ["train", "test"])
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_fingertips_alone_hold_every_object_at_the_beginning(starts: str, side: str) -> None:
+    for objects in (OBJECTS, ("hex_nut",)):
+        env = batch(starts=starts, side=side, objects=objects)
+        _, report = env.reset(seed=11)
+        assert {*report["object"]} == {*objects}
+        failed = np.zeros(N, bool)
+        for _ in range(10):
+            *_, end, _, info = env.step(STILL)
+            failed |= end
+        assert failed.sum() <= 1  # The noise of the start shakes a few loose.
+        assert (info["by_tips"][~failed] > 0.75).all()
+        assert (info["by_palm"][~failed] == 0.0).all()
+
+
+def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes() -> None:
+    for name in ALL:
+        thing = in_hand_object(name)
+        train, test = (load_start_states(thing, "right", FINGERTIPS, states) for states in (TRAIN, TEST))
+        assert len(train.size) > 0.7 * TRAIN.most, name
+        assert len(test.size) > 0.7 * TEST.most, name
+        apart = np.abs(train.position[:, None] - test.position[None]).max(axis=-1)
+        assert apart.min() > 0.01, name
+        if name != "hex_nut":  # A mesh has one size.
+            assert 0.9 <= train.size.min() < train.size.max() <= 1.1
+            assert ((test.size < 0.9) | (test.size > 1.1)).all()
+
+
+def test_every_state_ships() -> None:
+    for name in ALL:
+        for states in (TRAIN, TEST):
+            file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), FINGERTIPS, states)
+            assert file.is_file(), f"{name}: python -m benchmarks.starts makes {file.name}"
+
+
+@pytest.mark.parametrize("task", ["Rotate", "Reorient"])
+@pytest.mark.parametrize("palm", ["forbidden", "allowed"])
+def test_an_object_on_the_palm_ends_the_episode_unless_that_is_allowed(task: str, palm: str) -> None:
+    env = HandEnv(task, timestep=0.003, decimation=1, palm=palm, objects=("cube",))
+    env.reset(seed=0)
+    in_hand: Any = env.engine.task
+    in_hand.thing.pose[0] = -0.02, 0.0, PALM + 0.0285 * in_hand._factor[0] - 0.0005, 1.0, 0.0, 0.0, 0.0
+    in_hand.place[0] = in_hand.thing.pose[0, :3]
+    in_hand.thing.velocity[:] = in_hand.thing.spin[:] = 0.0
+    _, reward, failed, _, info = env.step(STILL[0])
+    assert info["by_palm"] > 0.1
+    assert failed == (palm == "forbidden")
+    assert (reward < -15.0) == failed
+
+
+def test_a_touch_between_two_decisions_counts() -> None:
+    env = HandEnv("Rotate", timestep=0.003, decimation=20, objects=("cube",))
+    env.reset(seed=0)
+    in_hand: Any = env.engine.task
+    contacts, palm = in_hand.contacts, in_hand.contacts.links.index("palm_link")
+    real, add, count = contacts._force, contacts.add_period, []
+
+    def once() -> None:
+        count.append(1)
+        contacts._force = np.array(real)
+        contacts._force[0, palm, 2] = 0.5 if len(count) == 7 else 0.0
+        add()
+
+    contacts.add_period = once
+    *_, info = env.step(STILL[0])
+    assert len(count) == 20
+    assert info["dropped"] == -20.0
+
+
+def test_shares_are_those_of_mujocos_own_contact_forces() -> None:
+    env = HandVectorEnv("Rotate", N, autoreset="disabled", timestep=0.003, decimation=1, palm="allowed")
+    env.reset(seed=11)
+    sums = np.zeros((N, 3))
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        info = env.step(rng.normal(0.0, 0.3, (N, 16)).clip(-1.0, 1.0).astype(np.float32))[4]
+        for row in range(N):
+            sums[row] += forces(env, row)
+    shares = np.stack([info["by_tips"], info["by_middle"], info["by_palm"]], axis=-1)
+    total = sums.sum(axis=-1)
+    np.testing.assert_allclose(shares[total > 0], (sums / np.maximum(total, 1e-12)[:, None])[total > 0], atol=1e-6)
+    assert shares[:, 1:].max() > 0.02  # Something was carried by other links.
+
+
+def forces(env: HandVectorEnv, row: int) -> Any:
+    """Sizes of the net forces of each group of links on the object at the last step, (3,), N."""
+    worlds: Any = env.engine.worlds
+    data = worlds._batch.get_data(row)
+    model, body = worlds._batch.get_model(row), worlds.model.body("object").id
+    net: dict[str, Any] = {}
+    for k, contact in enumerate(data.contact[: data.ncon]):
+        bodies = model.geom_bodyid[contact.geom]
+        if body not in bodies or contact.efc_address < 0:
+            continue
+        force = np.zeros(6)
+        mujoco.mj_contactForce(model, data, k, force)
+        link = model.body(int(bodies[bodies != body][0])).name
+        sign = 1.0 if bodies[1] == body else -1.0
+        net[link] = net.get(link, 0.0) + sign * contact.frame.reshape(3, 3).T @ force[:3]
+    group = {f"link_{k}.0": 0 if k % 4 == 3 else 1 if k % 4 == 2 else 2 for k in range(16)} | {"palm_link": 2}
+    found = np.zeros(3)
+    for link, force in net.items():
+        found[group[link]] += np.linalg.norm(force)
+    return found
+
+
+def test_test_states_are_of_the_fingertips_only() -> None:
+    with pytest.raises(ConfigError, match="starts: test is of palm: forbidden"):
+        HandEnv("Rotate", palm="allowed", starts="test")
+    with pytest.raises(ConfigError, match="Grasp has no palm to choose"):
+        HandEnv("Grasp", palm="allowed")
+
+
+def test_an_evaluation_in_the_fingertips_has_sizes_and_objects_of_no_training() -> None:
+    sets = evaluation_sets(load_recipe("rotate_fingertips"))
+    assert list(sets) == ["trained on", "unseen sizes", "held out"]
+    assert [each.starts for each in sets.values()] == ["train", "test", "test"]
+    assert sets["held out"].objects == ("hex_nut",)
+    assert list(evaluation_sets(load_recipe("rotate"))) == ["trained on"]
