@@ -217,7 +217,7 @@ def test_contacts_that_find_no_room_are_an_error_and_not_left_out(room: dict[str
 @pytest.mark.long
 def test_a_contact_that_the_collider_gives_up_ends_that_episode_alone() -> None:
     warp()
-    device = HandVectorEnv("Reorient", 3, device="warp:cpu", autoreset="disabled")
+    device = HandVectorEnv("Reorient", 3, device="warp:cpu", autoreset_mode="disabled")
     device.reset(seed=0)
     worlds = device.engine.worlds
     worlds._overflow[1] |= worlds._missed  # type: ignore[attr-defined]

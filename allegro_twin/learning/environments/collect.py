@@ -26,7 +26,7 @@ def collect_episodes(
     `seed + i`. Raises ConfigError."""
     if episodes < 1:
         raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
-    env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords)
+    env = HandVectorEnv(task, episodes, threads=threads, autoreset_mode="disabled", **keywords)
     observation, report = env.reset(seed=seed)
     observations, rows, running = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)
     length, failed = np.zeros(episodes, np.int64), np.zeros(episodes, bool)

@@ -7,13 +7,15 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
-from allegro_twin.learning.environments.spaces import action_space, observation_space
+from allegro_twin.learning.environments.snapshot import EpisodeState, restore_snapshot, take_snapshot
+from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import GoalTask
 from allegro_twin.viewing.batch import BatchCamera, has_screen
@@ -44,10 +46,33 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: BatchCamera | None = None
+        self._spec: EnvSpec | None = None
         if isinstance(self.engine.task, GoalTask):
             # Stable-Baselines3 treats an environment with these as a goal environment.
             self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._goal_reward
             self.compute_terminated = self.compute_truncated = _never
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's, with the length of an episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_episode_length(spec, self.engine.limit)
+
+    def save_state(self) -> EpisodeState:
+        """All that decides how the episode goes on, random numbers included: plain arrays and numbers, which pickle.
+        Raises ConfigError on a device."""
+        return EpisodeState(take_snapshot(self), [self.np_random.bit_generator.state])
+
+    def restore_state(self, state: EpisodeState) -> Observation:
+        """Go on from a `save_state` of an environment with the same keywords, to the bit. Returns the observation that
+        it had. Raises ConfigError for another."""
+        (saved,) = state.generators
+        self.np_random.bit_generator.state = saved
+        restore_snapshot(self, state.parts)
+        return self._observation()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -12,7 +12,10 @@ from allegro_twin.learning.environments.engine import EpisodeEngine
 
 _OURS = ("allegro_twin.learning.environments.", "allegro_twin.learning.tasks.", "allegro_twin.sim.batch.")
 _PHYSICS = "physics"
-_FIELD = "engine/worlds/_rows/"
+_FIELD = "worlds/_rows/"
+"""In the paths of model fields that simulations have to themselves."""
+_CACHES = ("_palettes",)
+"""What follows from the models."""
 
 
 class _Slot(NamedTuple):
@@ -23,9 +26,22 @@ class _Slot(NamedTuple):
     value: Any
 
 
+class EpisodeState(NamedTuple):
+    """A saved state of an environment."""
+
+    parts: dict[str, Any]
+    """Arrays and numbers by their paths."""
+    generators: list[Any]
+    """States of the random number generators."""
+
+
 def take_snapshot(env: Any) -> dict[str, Any]:
-    """Copies of all arrays and numbers of an environment with an `engine` on processors, by their paths."""
+    """Copies of all arrays and numbers of an environment with an `engine` on processors, by their paths. Raises
+    ConfigError on a device."""
     engine: EpisodeEngine = env.engine
+    if engine.settings.device != "cpu":
+        raise ConfigError(f"device {engine.settings.device}: its runs are not equal to the bit, and states are not "
+                          "saved there; device cpu saves them")  # fmt: skip
     found: dict[str, Any] = {_PHYSICS: np.stack([engine.worlds.state(row) for row in range(engine.n)])}
     for path, slot in _slots(env, engine):
         value = slot.value
@@ -38,9 +54,12 @@ def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
     fit."""
     engine: EpisodeEngine = env.engine
     for path in content:
-        if path.startswith(_FIELD):
-            engine.worlds.expand(path.removeprefix(_FIELD))
-    slots = dict(_slots(env, engine))
+        if _FIELD in path:
+            engine.worlds.expand(path.partition(_FIELD)[2])
+    _let_go(engine)
+    slots, owners = dict(_slots(env, engine)), dict(_owners(env, engine))
+    for path in sorted(content.keys() ^ slots.keys() - {_PHYSICS}):
+        _match(path, content, slots, owners, engine)
     for path, value in content.items():
         if path == _PHYSICS:
             for row, state in enumerate(np.asarray(value)):
@@ -51,18 +70,47 @@ def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
     different = [path for path, value in content.items() if path in slots and not _same(again[path], value)]
     if different:
         raise ConfigError(
-            f"the checkpoint's {different[0]} does not fit these environments: train anew in another folder"
+            f"the state's {different[0]} does not fit these environments: it is of other settings or another version"
         )
 
 
+def _let_go(engine: EpisodeEngine) -> None:
+    """Have arrays of one's own in place of those that the last step has given out: they stay as they were given."""
+    for owner in (engine, engine.task):
+        for name, value in vars(owner).items():
+            if isinstance(value, np.ndarray) and value.base is None:
+                setattr(owner, name, value.copy())
+
+
+def _match(
+    path: str, content: dict[str, Any], slots: dict[str, _Slot], owners: dict[str, Any], engine: EpisodeEngine
+) -> None:
+    """Make or unmake a part that only the state has, or only the environments: what a task made on the way, and a model
+    field that has been the same for all since. Raises ConfigError for any other."""
+    above, _, name = path.rpartition("/")
+    if path == _PHYSICS:
+        return
+    if _FIELD in path:
+        engine.worlds.reset_field(name)
+    elif above not in owners or isinstance(owners[above], dict | list | tuple):
+        raise ConfigError(f"the state and these environments differ in {path}: it is of other settings, or of another "
+                          "version")  # fmt: skip
+    elif path in content:
+        setattr(owners[above], name, content[path])
+    else:
+        delattr(owners[above], name)
+        del slots[path]
+
+
 def _set(path: str, slot: _Slot, value: Any) -> None:
-    if not isinstance(slot.value, np.ndarray):
+    if not isinstance(slot.value, np.ndarray) or value is None:
+        value = np.array(value) if isinstance(value, np.ndarray) else value
         if isinstance(slot.owner, dict | list):
             slot.owner[slot.key] = value
         elif not isinstance(slot.owner, tuple):
             setattr(slot.owner, slot.key, value)
     elif np.shape(value) != slot.value.shape:
-        raise ConfigError(f"the checkpoint's {path} has the shape {np.shape(value)}, and here it is {slot.value.shape}")
+        raise ConfigError(f"the state's {path} has the shape {np.shape(value)}, and here it is {slot.value.shape}")
     else:
         given = np.asarray(value)
         # In place, so that views of it stay views. PyTorch has no unsigned integers.
@@ -78,22 +126,32 @@ def _same(one: Any, other: Any) -> bool:
 def _slots(env: Any, engine: EpisodeEngine) -> Iterator[tuple[str, _Slot]]:
     """Arrays with a row per simulation, and plain numbers, by their paths."""
     modules = (*_OURS, type(engine.task).__module__)
-    yield from _nested_slots(env, "", engine.n, modules, set())
+    return ((path, slot) for path, slot in _nested_slots(env, "", engine.n, modules, set()) if isinstance(slot, _Slot))
 
 
-def _nested_slots(
-    owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[int]
-) -> Iterator[tuple[str, _Slot]]:
+def _owners(env: Any, engine: EpisodeEngine) -> Iterator[tuple[str, Any]]:
+    """What has such, by its path."""
+    modules = (*_OURS, type(engine.task).__module__)
+    for path, slot in _nested_slots(env, "", engine.n, modules, set()):
+        if not isinstance(slot, _Slot):
+            yield path, slot
+
+
+def _nested_slots(owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[int]) -> Iterator[tuple[str, Any]]:
+    """Slots, and every owner of some."""
     if id(owner) in seen:
         return
     seen.add(id(owner))
+    yield path, owner
     for key, value in _parts(owner):
+        if key in _CACHES:
+            continue
         here = f"{path}/{key}" if path else str(key)
         if isinstance(value, np.ndarray):
             # Read-only arrays are results of the last step, or never change.
             if value.flags.writeable and value.dtype.kind in "biuf" and n in value.shape[:2]:
                 yield here, _Slot(owner, key, value)
-        elif isinstance(value, bool | int | float):
+        elif value is None or isinstance(value, bool | int | float):
             yield here, _Slot(owner, key, value)
         elif isinstance(value, dict | list | tuple) or _is_environment_part(value, modules):
             yield from _nested_slots(value, here, n, modules, seen)

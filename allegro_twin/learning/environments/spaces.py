@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
@@ -50,3 +52,8 @@ def describe_space(space: spaces.Space[Any]) -> str:
         return ", ".join(f"{name} {part.shape[0]}" for name, part in space.items() if part.shape)
     assert isinstance(space, spaces.Box)
     return f"{space.shape[0]} in [{space.low.min():g}, {space.high.max():g}]"
+
+
+def with_episode_length(spec: EnvSpec | None, limit: int) -> EnvSpec | None:
+    """A specification that says how many actions an episode has; Gymnasium only knows a limit that was asked for."""
+    return spec if spec is None or spec.max_episode_steps is not None else replace(spec, max_episode_steps=limit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
-from allegro_twin.learning.environments.spaces import action_space, observation_space
+from allegro_twin.learning.environments.snapshot import EpisodeState, restore_snapshot, take_snapshot
+from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.viewing.batch import BatchCamera
 
@@ -23,8 +25,9 @@ Rows = NDArray[np.int64]
 class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     """`num_envs` simulations. Number i behaves as the single environment with the seed `seed + i` does, to the bit.
 
-    `autoreset`: `next_step` as in Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset` takes
-    the option `reset_mask`. `threads`: 0 for one per processor. Other keywords as in `HandEnv`. Raises ConfigError.
+    `autoreset_mode`: `next_step` as in Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset`
+    takes the option `reset_mask`; or Gymnasium's `AutoresetMode`. `threads`: 0 for one per processor. Other keywords as
+    in `HandEnv`. Raises ConfigError.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
@@ -39,18 +42,20 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         num_envs: int = 1,
         *,
         threads: int = 0,
-        autoreset: str = "next_step",
+        autoreset_mode: AutoresetMode | str = "next_step",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
         **kwargs: Any,
     ) -> None:
-        EzPickle.__init__(self, task, num_envs, threads=threads, autoreset=autoreset, render_mode=render_mode,
+        EzPickle.__init__(self, task, num_envs, threads=threads, autoreset_mode=autoreset_mode, render_mode=render_mode,
                           max_episode_steps=max_episode_steps, width=width, height=height, **kwargs)  # fmt: skip
         modes = {mode.name.lower(): mode for mode in AutoresetMode}
-        if autoreset not in modes:
-            raise ConfigError(f"autoreset {autoreset!r} is none of {', '.join(modes)}")
+        named = {mode.value: mode for mode in AutoresetMode} | modes
+        mode = autoreset_mode if isinstance(autoreset_mode, AutoresetMode) else named.get(autoreset_mode)
+        if mode is None:
+            raise ConfigError(f"autoreset_mode {autoreset_mode!r} is none of {', '.join(modes)}")
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
         self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs, threads)
@@ -60,12 +65,39 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._mode = modes[autoreset]
+        self._mode = mode
         fps = round(1.0 / self.engine.task.interface.seconds)
         self.metadata = self.metadata | {"autoreset_mode": self._mode, "render_fps": fps}
         self._generators: list[np.random.Generator] = []
         self._ended = np.zeros(num_envs, bool)
         self._pictures: BatchCamera | None = None
+        self._spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's, with the length of an episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_episode_length(spec, self.limit)
+
+    def save_state(self) -> EpisodeState:
+        """All that decides how the episodes go on, random numbers included: plain arrays and numbers, which pickle.
+        Raises ConfigError on a device."""
+        generators = [generator.bit_generator.state for generator in self._generators]
+        return EpisodeState(take_snapshot(self), generators)
+
+    def restore_state(self, state: EpisodeState) -> Observation:
+        """Go on from a `save_state` of environments with the same keywords, to the bit. Returns the observations that
+        they had. Raises ConfigError for others."""
+        while len(self._generators) < len(state.generators):
+            self._generators.append(np.random.default_rng())
+        for generator, saved in zip(self._generators, state.generators, strict=True):
+            generator.bit_generator.state = saved
+        restore_snapshot(self, state.parts)
+        found: Observation = self.engine.fetch(self.engine.observe())
+        return found
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

@@ -65,6 +65,7 @@ class HoldDisturbedTask(GraspTask):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         self._weight = self.worlds.xp.zeros(n)
+        self._force: Array = self.worlds.xp.zeros((n, 3))
         self._key = self.worlds.xp.zeros(n, np.uint64)
         self._push: Ticks = self.worlds.xp.zeros(n, np.int64) - 1
         """Number of the push whose force is known; -1 where it is not."""

@@ -130,6 +130,7 @@ class InHandTask(Task):
         self._things: list[catalogue.GraspObject] = []
         self._names: list[str] = []
         self._table: StartStates | None = None
+        self._shapes: ObjectShapes
         self._palm_ends = settings.palm == "forbidden"
         if settings.starts == "test" and not self._palm_ends:
             raise ConfigError("starts: test is of palm: forbidden; with the palm allowed there is one set of states")
@@ -149,7 +150,6 @@ class InHandTask(Task):
         """Set-points of the fingers at the beginning, rad."""
         self._factor, self._low = xp.ones(n), xp.zeros(n)
         """Size factors of the objects; decisions since the reset at which they were on the palm."""
-        self._shapes: ObjectShapes | None = None
         self._normal = palm_normal(xp.zeros((n, 3)))
         self.contacts = LinkContacts(self.worlds)
         self.shown: ObjectObservation
@@ -237,8 +237,6 @@ class InHandTask(Task):
         (`by_tips`, `by_middle`, `by_palm`), (n,) each. Call once per decision."""
         assert self.thing is not None
         xp = self.worlds.xp
-        if self._shapes is None:
-            self._shapes = ObjectShapes(self._things, xp)
         over = palm_clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
         self._low += (over < ON_PALM) & (tick > 0)
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
@@ -255,12 +253,13 @@ class InHandTask(Task):
             )
         kind = (FINGERTIPS, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
         self._held.append(load_start_states(thing, self.settings.side, *kind))
-        self._table = self._shapes = None
+        self._table = None
         self._things.append(thing)
         # On a device all simulations have geoms of the same types.
         mixed = self.settings.device != "cpu" and self._n_choices > 1 and thing.shape in catalogue.SIZES_OF_KIND
         self._add(upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings, every_shape=mixed), n, threads)
         self._names.append(thing.name)
+        self._shapes = ObjectShapes(self._things, self.worlds.xp)
 
     def _states(self) -> StartStates:
         """Start states of all objects in one table, (objects, states, …). Missing states have infinite size."""

@@ -53,7 +53,7 @@ def evaluate(
     ConfigError."""
     if episodes < 1:
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
-    env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **env_keywords(settings))
+    env = HandVectorEnv(task, episodes, threads=threads, autoreset_mode="disabled", **env_keywords(settings))
     observation, report = env.reset(seed=seed)
     running = np.ones(episodes, bool)
     success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)

@@ -288,6 +288,10 @@ class SimBatch:
             self._rows[field] = self._batch.expand(field)
         return self._rows[field]
 
+    def reset_field(self, field: str) -> None:
+        """Give all simulations what their variants have of a model field that is expanded."""
+        self._rows[field][...] = self._palette(field)[self.variant]
+
     def choose(self, rows: Rows, variant: Rows) -> None:
         """Give simulations a variant each, and the state in which it begins."""
         for field, own in self._rows.items():

@@ -89,14 +89,14 @@ def test_in_a_batch_the_simulation_is_named_too() -> None:
 
 @pytest.mark.parametrize("mask", [np.zeros(3, bool), np.ones(2, bool), np.ones(3)])
 def test_a_reset_mask_must_name_somebody(mask: np.ndarray[Any, Any]) -> None:
-    envs = HandVectorEnv("Reach", 3, autoreset="disabled")
+    envs = HandVectorEnv("Reach", 3, autoreset_mode="disabled")
     with pytest.raises(ConfigError, match="reset_mask must be 3 truth values with at least one true"):
         envs.reset(options={"reset_mask": mask})
 
 
 def test_a_vector_environment_needs_a_mode_and_somebody_in_it() -> None:
-    with pytest.raises(ConfigError, match="autoreset 'never' is none of next_step, same_step, disabled"):
-        HandVectorEnv("Reach", 2, autoreset="never")
+    with pytest.raises(ConfigError, match="autoreset_mode 'never' is none of next_step, same_step, disabled"):
+        HandVectorEnv("Reach", 2, autoreset_mode="never")
     with pytest.raises(ConfigError, match="num_envs must be at least 1, not 0"):
         HandVectorEnv("Reach", 0)
 
@@ -156,7 +156,7 @@ def test_an_id_of_one_side_refuses_the_other() -> None:
 
 
 def test_nobody_steps_before_the_first_reset_of_all() -> None:
-    envs = HandVectorEnv("Reach", 3, autoreset="disabled")
+    envs = HandVectorEnv("Reach", 3, autoreset_mode="disabled")
     with pytest.raises(CommandError, match=r"a step before the first reset: call reset\(\) first"):
         envs.step(np.zeros((3, 16), np.float32))
     with pytest.raises(ConfigError, match="the first reset is of all 3 simulations, not of 2"):

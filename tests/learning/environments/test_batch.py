@@ -80,7 +80,7 @@ def test_a_simulation_in_a_batch_is_the_single_environment_with_its_seed(task: s
 
 def test_a_partial_reset_leaves_the_others_alone() -> None:
     n = 4
-    first, second = (HandVectorEnv("Lift", n, autoreset="disabled", **kwargs_of("Lift")) for _ in range(2))
+    first, second = (HandVectorEnv("Lift", n, autoreset_mode="disabled", **kwargs_of("Lift")) for _ in range(2))
     zero = np.zeros((n, 16), np.float32)
     for env in (first, second):
         env.reset(seed=1)
@@ -111,7 +111,7 @@ def test_the_next_step_after_an_end_is_the_first_observation_of_a_new_episode() 
 
 
 def test_in_the_mode_same_step_the_last_observation_comes_with_the_first_of_the_next_episode() -> None:
-    env = HandVectorEnv("Lift", 2, max_episode_steps=3, autoreset="same_step", **kwargs_of("Lift"))
+    env = HandVectorEnv("Lift", 2, max_episode_steps=3, autoreset_mode="same_step", **kwargs_of("Lift"))
     env.reset(seed=0)
     zero = np.zeros((2, 16), np.float32)
     for _ in range(2):

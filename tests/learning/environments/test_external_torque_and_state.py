@@ -81,7 +81,7 @@ def test_an_episode_is_the_same_whether_its_contacts_are_felt_or_not() -> None:
 
 
 def test_before_the_first_period_nothing_is_felt_whatever_was_before() -> None:
-    env = HandVectorEnv("HoldDisturbed", 2, timestep=0.003, touch=True, autoreset="disabled")
+    env = HandVectorEnv("HoldDisturbed", 2, timestep=0.003, touch=True, autoreset_mode="disabled")
     env.reset(seed=1)
     env.step(np.zeros((2, N), np.float32))
     seen = np.asarray(env.reset(options={"reset_mask": np.array([True, False])})[0])[:, -N:]
@@ -119,7 +119,7 @@ def test_on_a_warp_device_both_are_what_they_are_on_processors() -> None:
     pytest.importorskip("mujoco_warp", reason="MuJoCo Warp is not installed: pip install 'allegro-twin[warp]'")
     told: list[Any] = []
     for device in ("cpu", "warp:cpu"):
-        env = HandVectorEnv("Reach", 2, autoreset="disabled", device=device, state=True, touch=True)
+        env = HandVectorEnv("Reach", 2, autoreset_mode="disabled", device=device, state=True, touch=True)
         env.reset(seed=5)
         told.append([env.step(np.full((2, N), 0.2, np.float32))[0] for _ in range(3)][-1])
     here, there = told

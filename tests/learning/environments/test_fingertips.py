@@ -24,7 +24,7 @@ STILL = np.zeros((N, 16), np.float32)
 
 
 def batch(task: str = "Rotate", **more: Any) -> HandVectorEnv:
-    env = HandVectorEnv(task, N, autoreset="disabled", timestep=0.003, decimation=20, **more)
+    env = HandVectorEnv(task, N, autoreset_mode="disabled", timestep=0.003, decimation=20, **more)
     env.reset(seed=11)
     return env
 
@@ -100,7 +100,7 @@ def test_a_touch_between_two_decisions_counts() -> None:
 
 
 def test_shares_are_those_of_mujocos_own_contact_forces() -> None:
-    env = HandVectorEnv("Rotate", N, autoreset="disabled", timestep=0.003, decimation=1, palm="allowed")
+    env = HandVectorEnv("Rotate", N, autoreset_mode="disabled", timestep=0.003, decimation=1, palm="allowed")
     env.reset(seed=11)
     sums = np.zeros((N, 3))
     rng = np.random.default_rng(0)

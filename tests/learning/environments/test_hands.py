@@ -304,7 +304,7 @@ def test_an_object_that_a_hand_does_not_keep_is_not_disturbed() -> None:
 
 @pytest.mark.long
 def test_by_default_those_are_disturbed_that_a_hand_keeps() -> None:
-    env = HandVectorEnv("HoldDisturbed", 40, hand="leap", autoreset="disabled")
+    env = HandVectorEnv("HoldDisturbed", 40, hand="leap", autoreset_mode="disabled")
     _, info = env.reset(seed=0)
     assert {"lemon", "mug"} <= {*info["object"]}
     assert "golf_ball" not in info["object"]

@@ -10,7 +10,7 @@ from allegro_twin.learning.environments.vector import HandVectorEnv
 
 @pytest.mark.parametrize("randomise", ["off", "default"])
 def test_a_history_shows_what_was_seen_at_the_decisions_before(randomise: str) -> None:
-    env = HandVectorEnv("Rotate", 3, history=3, randomise=randomise, timestep=0.003, autoreset="disabled")
+    env = HandVectorEnv("Rotate", 3, history=3, randomise=randomise, timestep=0.003, autoreset_mode="disabled")
     frame = env.engine.task.interface.frame
     rng = np.random.default_rng(0)
     rows = [env.reset(seed=1)[0]]

@@ -12,7 +12,7 @@ from allegro_twin.spec import Side
 @pytest.mark.long
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_mug_is_kept_through_the_pushes_by_the_grasp_that_it_is_given(side: Side) -> None:
-    env = HandVectorEnv("HoldDisturbed", 12, objects=("mug",), side=side, level="easy", autoreset="disabled")
+    env = HandVectorEnv("HoldDisturbed", 12, objects=("mug",), side=side, level="easy", autoreset_mode="disabled")
     _, info = env.reset(seed=0)
     assert set(info["grasp"]) == {"power_sphere"}
     kept = np.ones(12, bool)

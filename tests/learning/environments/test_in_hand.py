@@ -25,7 +25,7 @@ STILL = np.zeros((N, 16), np.float32)
 
 
 def batch(task: str, **more: Any) -> HandVectorEnv:
-    env = HandVectorEnv(task, N, autoreset="disabled", timestep=0.003, **{"palm": "allowed"} | more)
+    env = HandVectorEnv(task, N, autoreset_mode="disabled", timestep=0.003, **{"palm": "allowed"} | more)
     env.reset(seed=3)
     return env
 

@@ -101,7 +101,7 @@ def test_the_share_of_decisions_on_the_palm_is_in_info(task: str, kind: str) -> 
     if kind == "single":
         env, action = HandEnv(task, **settings), np.zeros(16, np.float32)
     elif kind == "batch":
-        env, action = HandVectorEnv(task, N, autoreset="disabled", **settings), np.zeros((N, 16), np.float32)
+        env, action = HandVectorEnv(task, N, autoreset_mode="disabled", **settings), np.zeros((N, 16), np.float32)
     else:
         torch = pytest.importorskip("torch", reason="tensors: extra rsl")
         env, action = TensorVectorEnv(task, N, **settings), torch.zeros((N, 16))

@@ -72,7 +72,7 @@ def write(content: dict[str, Any]) -> str:
 
 def made(content: dict[str, Any], n: int = 3, task: str = "Reach", **kwargs: Any) -> HandVectorEnv:
     randomise = {"twin": write(content)} | kwargs.pop("randomise", {})
-    return HandVectorEnv(task, n, threads=1, autoreset="disabled", randomise=randomise, **kwargs)
+    return HandVectorEnv(task, n, threads=1, autoreset_mode="disabled", randomise=randomise, **kwargs)
 
 
 @cache
@@ -220,7 +220,7 @@ def test_the_other_draws_of_a_seed_are_those_without_a_twin() -> None:
     ranges = {"mass": (0.5, 2.0), "friction": (0.4, 1.0)}
     kwargs: dict[str, Any] = {"objects": ("lemon", "apple"), "level": "easy"}
     env = made(table(), 2, "Lift", randomise=ranges, **kwargs)
-    plain = HandVectorEnv("Lift", 2, threads=1, randomise=ranges, autoreset="disabled", **kwargs)
+    plain = HandVectorEnv("Lift", 2, threads=1, randomise=ranges, autoreset_mode="disabled", **kwargs)
     with_twin, without = (each.reset(seed=3)[1] for each in (env, plain))
     for name in ranges:
         np.testing.assert_array_equal(with_twin["randomised"][name], without["randomised"][name])

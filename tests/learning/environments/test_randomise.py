@@ -19,7 +19,7 @@ STILL = np.zeros((N, 16), np.float32)
 def made(task: str = "Reach", **ranges: Any) -> tuple[HandVectorEnv, dict[str, Any]]:
     """Simulations of which one range, or a few, are drawn, and what was drawn."""
     kwargs: dict[str, Any] = {} if task == "Reach" else {"objects": ("lemon",), "level": "easy"}
-    env = HandVectorEnv(task, N, threads=1, autoreset="disabled", randomise=ranges, **kwargs)
+    env = HandVectorEnv(task, N, threads=1, autoreset_mode="disabled", randomise=ranges, **kwargs)
     return env, env.reset(seed=11)[1]["randomised"]
 
 

@@ -77,7 +77,7 @@ def test_a_goal_counts_where_the_cube_truly_is(kind: str, off: float, reached: b
             observation, _, _, _, info = tensors.step(torch.zeros((N, 16)))
             told.append((observation["achieved_goal"], observation["desired_goal"], info["bonus"] > 0))
     elif kind == "batch":
-        batch = HandVectorEnv("Reorient", N, autoreset="disabled", **settings)
+        batch = HandVectorEnv("Reorient", N, autoreset_mode="disabled", **settings)
         batch.reset(seed=1)
         for _ in range(20):
             turned_to(batch, off)

@@ -21,7 +21,7 @@ FEW: dict[str, Any] = {"objects": ("tennis_ball", "lemon")}
 
 def adapted(task: str = "Grasp", **kwargs: Any) -> Sb3VecEnv:
     given = FEW | kwargs if task == "Grasp" else kwargs
-    return Sb3VecEnv(HandVectorEnv(task, N, autoreset="disabled", threads=1, **given))
+    return Sb3VecEnv(HandVectorEnv(task, N, autoreset_mode="disabled", threads=1, **given))
 
 
 def uncut(env: Sb3VecEnv) -> Sb3VecEnv:

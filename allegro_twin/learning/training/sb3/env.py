@@ -20,7 +20,7 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
 
     The first episodes after a reset are cut at random times, so that the simulations are not all at the same place of
     an episode. They are truncated like any other, and left out of the statistics. `scale` multiplies rewards, not the
-    reported returns. Expects an environment with `autoreset="disabled"`.
+    reported returns. Expects an environment with `autoreset_mode="disabled"`.
     """
 
     def __init__(self, env: HandVectorEnv, *, scale: float = 1.0) -> None:

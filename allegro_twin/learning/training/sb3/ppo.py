@@ -44,7 +44,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     """Train in `folder`, or continue what is there. Raises ConfigError for a folder of another training."""
     path = max(folder.glob("checkpoints/*.zip"), default=None)
     progress = TrainingProgress() if path is None else _read(path, recipe)
-    env = HandVectorEnv(recipe.task, recipe.envs, autoreset="disabled", **env_keywords(recipe.environment))
+    env = HandVectorEnv(recipe.task, recipe.envs, autoreset_mode="disabled", **env_keywords(recipe.environment))
     card = env.engine.task.card().model_copy(update={"note": f"{recipe.task}: seed {recipe.seed}"})
     stable = Sb3VecEnv(env, scale=recipe.reward_scale)
     # No number may depend on the number of threads.
