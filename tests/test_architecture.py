@@ -90,7 +90,7 @@ FLOORS: dict[str, list[str | set[str]]] = {
     "drivers/can": ["codec", "config", "link", "driver", "virtual", "tools", "opening"],
     "drivers/dynamixel": ["codec", "config", "driver", "virtual", "opening"],
     "hands": ["description", "generate", "library", "settings", "limits"],
-    "learning": ["policy", {"tasks", "environments"}, "training"],
+    "learning": ["policy", {"tasks", "environments"}, "mpc", "training"],
     "sim": [
         "settings", "drivetrain", "objects", "hand_import", "model", "engine", "contact", "batch", "open_loop",
         "observer",
@@ -217,7 +217,7 @@ def test_only_paced_sleeps_and_only_drivers_ros_the_trainer_and_the_planner_ask_
         "surfaces/cli/hardware/calibration.py",
         "surfaces/cli/twin/identification.py",
     }  # Write into a file on which day it was measured.
-    timed = ("drivers", "learning/training", "grasping/plan", "surfaces/ros")
+    timed = ("drivers", "learning/mpc", "learning/training", "grasping/plan", "surfaces/ros")
     assert {str(p) for p in users if not str(p).startswith(timed)} == {"loop.py", *dated}
     assert {str(p.relative_to(PACKAGE)) for p in MODULES if "time.sleep(" in p.read_text()} == {"loop.py"}
     assert (PACKAGE / "loop.py").read_text().count("time.sleep(") == 1

@@ -74,6 +74,27 @@ def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
         )
 
 
+def spread_snapshot(env: Any, content: dict[str, Any]) -> None:
+    """Let all simulations of an environment go on from the one episode of a snapshot of another, with the same
+    settings."""
+    engine: EpisodeEngine = env.engine
+    for path in content:
+        if _FIELD in path:
+            engine.worlds.expand(path.partition(_FIELD)[2])
+    for row in range(engine.n):
+        engine.worlds.restore(row, content[_PHYSICS][0])
+    _let_go(engine)
+    slots = dict(_slots(env, engine))
+    for path, slot in slots.items():
+        if path not in content or not path.startswith("engine/") or path.endswith("/n"):
+            continue
+        value = content[path]
+        if isinstance(slot.value, np.ndarray) and isinstance(value, np.ndarray):
+            slot.value[...] = value  # One row for all.
+        elif not isinstance(slot.value, np.ndarray) and not isinstance(value, np.ndarray):
+            _set(path, slot, value)
+
+
 def _let_go(engine: EpisodeEngine) -> None:
     """Have arrays of one's own in place of those that the last step has given out: they stay as they were given."""
     for owner in (engine, engine.task):

@@ -116,7 +116,7 @@ class InHandTask(Task):
     """rad per action, where the settings name no other."""
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
     own_settings: ClassVar[tuple[str, ...]] = ("observation", "palm", "starts")
-    share_terms: ClassVar[tuple[str, ...]] = ("on_palm", "by_tips", "by_middle", "by_palm")
+    share_terms: ClassVar[tuple[str, ...]] = ("on_palm", "by_tips")
     in_fingertips: ClassVar[tuple[str, ...]] = OBJECTS
     """Objects, where the settings name none and the palm is forbidden."""
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import GraspSearch
     from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.verdict import TrialReport
+    from allegro_twin.learning.mpc.episodes import MpcEpisode
+    from allegro_twin.learning.mpc.sampling import MpcSettings
+    from allegro_twin.learning.tasks.base import Task
     from allegro_twin.learning.training.evaluation import Evaluation
     from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
@@ -224,7 +227,7 @@ def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Tabl
     table = Table(title=title, title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
     more = [f"{kind.count_term}, {kind.count_unit}: mean (quartiles)"] if kind.count_term else []
-    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.share_terms]
+    more += [f"{_share_name(name)}: policy, no action" for name in kind.share_terms]
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
@@ -235,6 +238,26 @@ def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Tabl
         for name in kind.share_terms:
             shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.no_action)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
+    return table
+
+
+def _share_name(term: str) -> str:
+    """What a share is of."""
+    return {"by_tips": "by fingertips, share of force"}.get(term, f"{term.replace('_', ' ')}, share of time")
+
+
+def mpc_table(found: Sequence[MpcEpisode], kind: type[Task], settings: MpcSettings, seed: int) -> Table:
+    """Episodes under model predictive control, a row each."""
+    title = f"{settings.method}, {settings.samples} samples over {settings.horizon:g} s; seeds from {seed}, in lockstep"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    count = [f"{kind.count_term}, {kind.count_unit}"] if kind.count_term else []
+    for column in ("object", "kept, s", "success", *count, "by fingertips", "thinking a decision, s"):
+        table.add_column(column, justify="left" if column == "object" else "right")
+    for each in found:
+        kept = f"{each.seconds:.1f}" + ("" if each.kept else ", then lost")
+        counted = [f"{each.count:.2f}"] if count else []
+        tips = "–" if math.isnan(each.by_tips) else f"{each.by_tips:.0%}"
+        table.add_row(each.object or "–", kept, "yes" if each.success else "no", *counted, tips, f"{each.thinking:.2f}")
     return table
 
 

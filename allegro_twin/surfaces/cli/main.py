@@ -18,7 +18,7 @@ from allegro_twin.surfaces.cli.data import export, schemas
 from allegro_twin.surfaces.cli.grasps import evaluate, improve, plan
 from allegro_twin.surfaces.cli.grasps import mesh as scans
 from allegro_twin.surfaces.cli.hardware import bus, check_backend, hand, ros, teleop
-from allegro_twin.surfaces.cli.learning import collect, train
+from allegro_twin.surfaces.cli.learning import collect, mpc, train
 from allegro_twin.surfaces.cli.machine import doctor
 from allegro_twin.surfaces.cli.start import lists, move, panel, run, view
 from allegro_twin.surfaces.cli.twin import commands as twin
@@ -30,7 +30,7 @@ PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Grasps": (plan.plan, plan.new, scans.mesh, improve.improve, evaluate.evaluate, evaluate.compare, lists.gallery),
     "Hardware": (hand.hand, hand.calibrate, bus.check, bus.sniff, bus.firmware, check_backend.check_backend, move.teach,
                  teleop.teleop, ros.ros2, ros.ros1),
-    "Learning": (lists.envs, train.train, collect.collect),
+    "Learning": (lists.envs, train.train, mpc.mpc, collect.collect),
     "Twin": (twin.excite, twin.identify, twin.gap, twin.mirror, twin.branch),
     "Cell": (lab.lab, look.lab_look, calibrate.lab_calibrate),
     "Data": (export.export, export.layout, schemas.schemas),

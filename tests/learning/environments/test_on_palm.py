@@ -146,4 +146,4 @@ def test_evaluations_report_it_in_tables_files_and_over_can(tmp_path: Path) -> N
     assert '"on_palm"' in (tmp_path / "evaluation.json").read_text()
     episode = EpisodeBackend("Rotate", settings, 3)
     episode.reset()
-    assert episode.shares == {"on_palm": 0.0, "by_tips": 0.0, "by_middle": 0.0, "by_palm": 0.0}
+    assert episode.shares == {"on_palm": 0.0, "by_tips": 0.0}

@@ -37,3 +37,22 @@ def test_episodes_are_kept_and_of_them_only_those_that_ended_well(
     assert 0 < kept <= 4
     assert f"set/: {kept} episodes" in shown
     assert f"{kept} of 4 ended well" in shown
+
+
+def test_a_task_is_done_without_learning_and_each_episode_is_a_row(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "turn.yaml").write_text("task: Rotate\nenvironment: {decimation: 20, objects: [ball]}\n")
+    (tmp_path / "mpc.yaml").write_text("{method: mppi, samples: 4, horizon: 0.2, knots: 2, iterations: 1}\n")
+    monkeypatch.chdir(tmp_path)
+    code, shown, errors = command(
+        "mpc", "turn.yaml", "--episodes", 2, "--seconds", 0.2, "--settings", "mpc.yaml", "--seed", 7
+    )
+    assert (code, errors) == (0, "")
+    assert "mppi, 4 samples over 0.2 s; seeds from 7, in lockstep" in shown
+    assert shown.count("│ ball") == 2
+    (tmp_path / "mpc.yaml").write_text("{sampels: 4}\n")
+    code, _, errors = command("mpc", "turn.yaml", "--settings", "mpc.yaml")
+    assert code == 2
+    assert "did you mean 'samples'" in errors
+    assert command("mpc", "turn.yaml", "--seconds", 0)[0] == 2

@@ -1,0 +1,77 @@
+"""Whole episodes under model predictive control, in lockstep: simulated time stops while it thinks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.mpc.sampling import MpcSettings, SamplingMpc
+
+
+@dataclass(frozen=True, slots=True)
+class MpcEpisode:
+    """What became of an episode."""
+
+    object: str
+    """Empty where a task has none."""
+    seconds: float
+    """Simulated, s."""
+    kept: bool
+    """It went on to its end."""
+    success: bool
+    total: float
+    """Sum of the rewards."""
+    count: float
+    """The task's own: rad turned, goals reached; NaN without one."""
+    by_tips: float
+    """Share of the contact force by fingertips; NaN where a task does not tell."""
+    thinking: float
+    """Wall time of a decision, mean, s."""
+
+
+def run_episodes(
+    task: str,
+    environment: EnvSettings,
+    settings: MpcSettings,
+    episodes: int,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    threads: int = 0,
+    shown: Callable[[Any], None] | None = None,
+    advance: Callable[[int, int], None] = lambda done, of: None,
+) -> list[MpcEpisode]:
+    """Run episodes of a task; number i is that of the environment with the seed `seed + i`. `seconds`: at most, of
+    each; `shown` gets a picture of every decision; `advance` the decisions of an episode that are done. Raises
+    ConfigError."""
+    keywords = {name: getattr(environment, name) for name in environment.model_fields_set}
+    env = HandEnv(task, render_mode=None if shown is None else "rgb_array", **keywords)
+    mpc, found = SamplingMpc(task, environment, settings, threads), []
+    own, step = env.engine.task, env.engine.task.interface.seconds
+    limit = env.engine.limit if seconds is None else min(max(round(seconds / step), 1), env.engine.limit)
+    for number in range(episodes):
+        _, report = env.reset(seed=seed + number)
+        mpc.begin()
+        total, spent, failed, info, done = 0.0, 0.0, False, dict[str, Any](), 0
+        while not failed and done < limit:
+            began = time.perf_counter()
+            action = mpc.plan(env.save_state())
+            spent += time.perf_counter() - began
+            _, reward, failed, _, info = env.step(action)
+            total, done = total + reward, done + 1
+            if shown is not None:
+                shown(env.render())
+            advance(done, limit)
+        count = float(info[own.count_term]) if own.count_term else np.nan
+        kind = str(report.get("object", ""))
+        tips = float(info.get("by_tips", np.nan))
+        kept, good = not failed, bool(info["is_success"])
+        found.append(MpcEpisode(kind, done * step, kept, good, total, count, tips, spent / done))
+    env.close()
+    return found

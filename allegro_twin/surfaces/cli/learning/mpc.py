@@ -1,0 +1,60 @@
+"""The command `mpc`: a task without learning, by model predictive control."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allegro_twin.surfaces.cli import completion, options
+
+
+def mpc(
+    task: Annotated[
+        str, typer.Argument(help="A task, or a recipe by path or name.", autocompletion=completion.recipes)
+    ],
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 4,
+    seconds: Annotated[float | None, typer.Option(help="Of each episode, at most; default: the task's.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode; each next one adds 1.")] = 0,
+    settings: Annotated[
+        Path | None, typer.Option("--settings", help="YAML: method, samples, horizon and more.")
+    ] = None,
+    hand: options.TrainedHand = None,
+    side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
+    film: Annotated[Path | None, typer.Option(help="Film of all episodes, .mp4.")] = None,
+) -> None:
+    """Do a task without learning, by model predictive control."""
+    from contextlib import ExitStack
+
+    from allegro_twin.errors import ConfigError
+    from allegro_twin.files.schema import load_settings
+    from allegro_twin.learning.mpc.episodes import run_episodes
+    from allegro_twin.learning.mpc.sampling import MpcSettings
+    from allegro_twin.learning.tasks import task_type
+    from allegro_twin.learning.training.settings import load_recipe
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.viewing.films import open_film
+
+    if seconds is not None and not seconds > 0:
+        raise ConfigError(f"--seconds must be positive, not {seconds:g}")
+    recipe = load_recipe(task, hand=hand, side=side)
+    chosen = MpcSettings() if settings is None else load_settings(MpcSettings, settings)
+    # Physics in steps of the control period: three times as fast as those of 1 ms.
+    environment = recipe.environment.model_copy(
+        update={"device": "cpu", "state": False, "timestep": recipe.environment.period}
+    )
+    fps = round(1.0 / (environment.period * environment.decimation))
+    with ExitStack() as stack:
+        bar = stack.enter_context(console.progress()) if console.console.is_terminal else None
+        line = None if bar is None else bar.add_task("decisions", total=None)
+
+        def advance(done: int, of: int) -> None:
+            if bar is not None and line is not None:
+                bar.update(line, completed=done, total=of)
+
+        shown = None if film is None else stack.enter_context(open_film(film, fps))
+        found = run_episodes(
+            recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown, advance=advance
+        )
+    console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
