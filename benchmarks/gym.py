@@ -23,7 +23,7 @@ from allegro_twin.learning.tasks import TASKS
 from allegro_twin.sim.batch.cpu import SimBatch
 
 ROUNDS, BURST, STEPS, MANY = 25, 12, 60, 256
-PEER = {"timestep": 0.002, "period": 0.004, "decimation": 10}  # Its 20 substeps of 2 ms a step.
+PEER = {"timestep": 0.002, "period": 0.004, "decimation": 10, "palm": "allowed"}  # Its 20 substeps of 2 ms a step.
 _USER = int(mujoco.mjtState.mjSTATE_USER)
 Figure = tuple[str, float, float, str]
 

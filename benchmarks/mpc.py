@@ -17,7 +17,7 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.mpc import MpcSettings, run_episodes
 
 SHAPES = ("cube", "cylinder", "ball", "bar", "hex_nut")
-MPC = MpcSettings(method="predictive", samples=48, iterations=1, spread=0.3)
+MPC = MpcSettings(method="predictive", samples=32, iterations=1, horizon=0.48, hold=0.36, knots=3, spread=0.35)
 COMMON: dict[str, Any] = {"timestep": 0.003, "decimation": 20, "starts": "test"}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     **{f"Rotate {name}": ("Rotate", {"objects": (name,)}) for name in SHAPES},

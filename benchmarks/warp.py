@@ -16,7 +16,7 @@ from allegro_twin.learning.environments.tensors import TensorVectorEnv
 
 ROWS: tuple[tuple[int, dict[str, Any]], ...] = ((1024, {"coarse": True}), (4096, {"coarse": True}),
                                                 (16384, {"coarse": True}), (4096, {}))  # fmt: skip
-KEYWORDS: dict[str, Any] = {"timestep": 0.003, "decimation": 20}
+KEYWORDS: dict[str, Any] = {"timestep": 0.003, "decimation": 20, "palm": "allowed"}
 WARM, ACTIONS, STEPS = 4, 10, 100
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,7 +45,9 @@ def run_all(
     missing = [k for k in range(first, protocol["hands"]) if not (out / f"{k:02d}.json").exists()]
     out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(jobs) as pool:
-        for number, found in zip(missing, pool.map(rehearse, missing, [protocol] * len(missing)), strict=True):
+        running = {pool.submit(rehearse, number, protocol): number for number in missing}
+        for future in as_completed(running):
+            number, found = running[future], future.result()
             with atomic_file(out / f"{number:02d}.json") as temporary:
                 temporary.write_text(json.dumps(found | {"registered": registered}, indent=1))
             typer.echo(f"hand {number}: done")

@@ -2,7 +2,7 @@
 
 From the present state s, with knots θ of a spline a_θ(t) over a horizon of H decisions and the task's own reward r,
 
-    J(θ) = Σ_{h<H} r(s_h, a_θ(h)),   until the episode fails,
+    J(θ) = Σ_{h<H} r(s_h, a_θ(h)) + Σ_{H≤h<H+S} r(s_h, 0),   until the episode fails,
 
 is maximised over samples θ_i = θ̄ + σ ε_i in one of three ways: *predictive sampling* keeps the best sample (Howell et
 al. 2022), the *cross-entropy method* the mean and spread of the best share, *MPPI* the mean weighted by
@@ -34,6 +34,8 @@ class MpcSettings(Settings):
     """Simulations side by side."""
     horizon: Positive = 0.6
     """s"""
+    hold: Annotated[float, Field(ge=0)] = 0.36
+    """s after the horizon without any action, in which a plan that ends in a bad hold shows it."""
     knots: Annotated[int, Field(ge=2)] = 4
     """Of the spline, over the horizon; between them it is linear."""
     iterations: Annotated[int, Field(ge=1)] = 2
@@ -60,6 +62,7 @@ class SamplingMpc:
         seconds = self._sims.engine.task.interface.seconds
         self.decisions = max(round(settings.horizon / seconds), 2)
         """In the horizon."""
+        self._still = round(settings.hold / seconds)
         self._joints = self._sims.engine.task.spec.n_joints
         at = np.linspace(0.0, settings.knots - 1.0, self.decisions)
         low = np.minimum(at.astype(int), settings.knots - 2)
@@ -91,7 +94,7 @@ class SamplingMpc:
         spread_snapshot(self._sims, state.parts)
         actions = self._spline(knots).astype(np.float32)
         total, going = np.zeros(len(knots)), np.ones(len(knots), bool)
-        for each in actions:
+        for each in (*actions, *[np.zeros_like(actions[0])] * self._still):
             _, reward, failed, _, _ = self._sims.step(each)
             total += np.where(going, reward, 0.0)
             going &= ~failed

@@ -157,6 +157,7 @@ def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
 @pytest.fixture
 def nothing_kept_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """As with recordings too short to keep a part back: only what is determined is written."""
+    hidden.found()  # As it is for all other tests.
     monkeypatch.setattr("allegro_twin.twin.identify.results.written_drive.SHORTEST_TRIAL", 1e3)
 
 
@@ -389,8 +390,32 @@ def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path
     assert written["wire"]["encoder_offset"] == offsets
     assert written["mine"] == {"kept": 1}
     assert "stay as they were" in said
+    assert written["identified"]["encoder_offset"] == "as the file had them"
     file.unlink()
     assert not hand_file.write_hand_file(file, result.fit, result.values, result.motions, "2026-01-02")
+
+
+@pytest.mark.slow
+def test_offsets_from_calibrate_stay_also_when_the_hand_was_recorded_with_them(tmp_path: Path) -> None:
+    """Weight tells them worse than the ends of the joints do: hands of the rehearsal were 5 to 17 mrad off by it."""
+    file, result = tmp_path / "mine.yaml", hidden.found()
+    offsets = [40 - 5 * joint for joint in range(16)]
+    motions = [replace(m, calibration=replace(m.calibration, encoder_offset=tuple(offsets))) for m in result.motions]
+    file.write_text(yaml.safe_dump({"wire": {"encoder_offset": offsets}}))
+    for _ in range(2):  # The second time the file is an identified one.
+        said = hand_file.write_hand_file(file, result.fit, result.values, motions, "2026-01-02")
+        assert yaml.safe_load(file.read_text())["wire"]["encoder_offset"] == offsets
+        assert "stay as they were. By weight they are up to" in said
+    file.unlink()
+    hand_file.write_hand_file(file, result.fit, result.values, motions, "2026-01-02")
+    by_weight = yaml.safe_load(file.read_text())
+    assert by_weight["identified"]["encoder_offset"] == "by weight"
+    again = [
+        replace(m, calibration=replace(m.calibration, encoder_offset=tuple(by_weight["wire"]["encoder_offset"])))
+        for m in result.motions
+    ]
+    hand_file.write_hand_file(file, result.fit, result.values, again, "2026-01-02")
+    assert yaml.safe_load(file.read_text())["wire"]["encoder_offset"] != by_weight["wire"]["encoder_offset"]
 
 
 @pytest.mark.slow

@@ -37,6 +37,8 @@ SCALE = {
     "weighed": "a known weight at a fingertip",
 }
 NOTHING_WRITTEN = "nothing is written: the nominal hand predicts what the fit has not seen best"
+BY_WEIGHT, FROM_FILE = "by weight", "as the file had them"
+"""Where a hand's encoder offsets are from, in its `identified` block."""
 _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
@@ -75,20 +77,23 @@ def _offset_note(
     apart = np.abs(values["offset"].value - offset_shift(motions[0].version, motions[0].calibration, kept))
     apart = np.where(values["offset"].determined, apart, 0.0)
     most = int(apart.argmax())
+    other = f": {motions[0].name} was recorded with others" if kept != motions[0].calibration.encoder_offset else ""
     return (
-        f"The encoder offsets in {path} stay as they were: {motions[0].name} was recorded with others. By weight "
+        f"The encoder offsets in {path} stay as they were{other}. By weight "
         f"they are up to {1000 * apart[most]:.1f} mrad from that ({_joint(motions[0].spec, most)}); take "
         "`wire.encoder_offset` out of the file to have that instead."
     )
 
 
 def _kept_offsets(path: Path, content: Mapping[str, Any], first: RecordedMotion) -> tuple[int, ...] | None:
-    """Encoder offsets, counts, that the file has from elsewhere, as from `calibrate`, and the recordings were not made
-    with."""
+    """Encoder offsets, counts, that the file has from elsewhere, as from `calibrate`: the ends of the joints tell them
+    to a fraction of a milliradian, weight to some. None where it has none, or those of an identification."""
     if "encoder_offset" not in (content.get("wire") or {}):
         return None
     written = load_wiring(serial=str(path)).calibration.encoder_offset
-    return None if written == first.calibration.encoder_offset else written
+    identified = content.get("identified")
+    own = identified is not None and identified.get("encoder_offset") != FROM_FILE
+    return None if own and written == first.calibration.encoder_offset else written
 
 
 def check_hand_file(path: Path, content: Mapping[str, Any], motions: Sequence[RecordedMotion]) -> None:
@@ -162,7 +167,8 @@ def _blocks(
     if found.masses == "weighed":
         drive["mass_scale"] = _plain(own.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
-    return blocks | {"identified": _basis(found, values, motions, spec, day) | _proof(chosen, spec)}
+    origin = {"encoder_offset": BY_WEIGHT if kept is None else FROM_FILE}
+    return blocks | {"identified": _basis(found, values, motions, spec, day) | origin | _proof(chosen, spec)}
 
 
 def _proof(chosen: WrittenDrive, spec: HandSpec) -> dict[str, Any]:
