@@ -63,7 +63,7 @@ def test_an_episode_driven_as_a_hand_is_the_environments_own(task: str, randomis
 
 @pytest.mark.parametrize("task", ["Rotate", "Reorient"])
 def test_what_no_hand_reports_is_told_beside_it_and_is_the_environments_own(task: str) -> None:
-    env, steps = HandEnv(task, decimation=20, timestep=0.003), 25
+    env, steps = HandEnv(task, decimation=20, timestep=0.003, palm="allowed"), 25
     observation = env.reset(seed=4)[0]
     weights = np.random.default_rng(0).normal(size=(77, 16)).astype(np.float32)
     seen: list[Any] = []
