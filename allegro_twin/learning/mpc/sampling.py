@@ -6,7 +6,8 @@ From the present state s, with knots θ of a spline a_θ(t) over a horizon of H 
 
 is maximised over samples θ_i = θ̄ + σ ε_i in one of three ways: *predictive sampling* keeps the best sample (Howell et
 al. 2022), the *cross-entropy method* the mean and spread of the best share, *MPPI* the mean weighted by
-exp((J_i − max J) / (λ sd J)). The first action is taken, and θ̄ moves on by one decision.
+exp((J_i − max J) / (λ sd J)). The first action is taken, of the best sample or with MPPI of θ̄, and θ̄ moves on by one
+decision.
 """
 
 from __future__ import annotations
@@ -41,9 +42,9 @@ class MpcSettings(Settings):
     iterations: Annotated[int, Field(ge=1)] = 2
     """Of the search in each decision."""
     spread: Positive = 0.4
-    """Standard deviation of the first samples, in parts of an action's range."""
-    narrowest: Positive = 0.1
-    """Least standard deviation, with `cem`."""
+    """Largest standard deviation of samples, in parts of an action's range."""
+    narrowest: Positive = 0.05
+    """Least standard deviation, with `cem`, which begins every decision with twice that of the last."""
     elite: Share = 0.15
     """Best share of the samples, with `cem`."""
     temperature: Positive = 0.2
@@ -78,13 +79,17 @@ class SamplingMpc:
     def plan(self, state: EpisodeState) -> NDArray[np.float32]:
         """The next action from a saved state of the episode, (joints,), in [-1, 1]."""
         chosen = self.settings
-        self._spread[:] = chosen.spread
+        self._spread = np.clip(2.0 * self._spread, chosen.narrowest, chosen.spread)
+        best = self._mean
         for _ in range(chosen.iterations):
             knots = self._mean + self._spread * self._rng.standard_normal((chosen.samples, *self._mean.shape))
             knots[0] = self._mean
             knots = np.clip(knots, -1.0, 1.0)
-            self._choose(knots, self._returns(state, knots))
-        actions = self._spline(self._mean[None])[:, 0]
+            returns = self._returns(state, knots)
+            best = knots[int(returns.argmax())]
+            self._choose(knots, returns)
+        # What was tried is certain here, and a mean was not tried; with `mppi` it is the plan by definition.
+        actions = self._spline((self._mean if chosen.method == "mppi" else best)[None])[:, 0]
         self._move_on(actions)
         first: NDArray[np.float32] = actions[0].astype(np.float32)
         return first
