@@ -117,6 +117,7 @@ def test_motors_without_power_are_a_fault_by_their_joints_names(motors: tuple[in
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_motors_that_give_a_fifth_are_a_fault() -> None:
     assert str(powerless(cell_of(**ONCE), HAND, "ToLiftedPose", 0.2).end) == "fault: hand without torque"
 
