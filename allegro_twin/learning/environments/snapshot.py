@@ -46,7 +46,7 @@ def take_snapshot(env: Any) -> dict[str, Any]:
     for path, slot in _slots(env, engine):
         value = slot.value
         found[path] = np.array(value) if isinstance(value, np.ndarray) else value
-    return found
+    return dict(sorted(found.items()))  # In no order that the course of an episode decides.
 
 
 def restore_snapshot(env: Any, content: dict[str, Any]) -> None:

@@ -146,5 +146,5 @@ def test_a_checkpoint_of_other_environments_is_refused(tmp_path: Path) -> None:
     whole = torch.load(path, weights_only=True)
     whole["learner"]["episodes"]["engine/task/turned"] = torch.zeros(5)
     torch.save(whole, path)
-    with pytest.raises(ConfigError, match=r"the checkpoint's engine/task/turned has the shape \(5,\), and here it is"):
+    with pytest.raises(ConfigError, match=r"the state's engine/task/turned has the shape \(5,\), and here it is"):
         train(recipe("Rotate", steps=144), tmp_path)
