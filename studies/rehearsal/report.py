@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest  # type: ignore[import-untyped]  # Its types are a package of its own.
 
 from studies.rehearsal.rehearse import rms_mrad
 
@@ -22,7 +23,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     for twin in twins:
         per = {kind: np.array([_rms(row[twin], kind) for row in rows]) for kind in ("pd", "pid")}
         held = [grasp["held"] for row in rows for grasp in row[twin]["grasps"]]
-        low, high = _wilson(sum(held), len(held))
+        low, high = binomtest(sum(held), len(held)).proportion_ci(method="wilson")
         shown = [f"{np.median(each):.1f} ({each.max():.1f})" for each in per.values()]
         within = ", ".join(f"{(each < WANTED_RMS).sum()} of {len(each)}" for each in per.values())
         lines.append(f"| {twin} | {shown[0]} | {shown[1]} | {within} | {sum(held)} of {len(held)}: "
@@ -39,14 +40,6 @@ def table(rows: list[dict[str, Any]]) -> str:
         lines.append(f"| {row['number']} | {what} | {' | '.join(cells)} | {row['learnt']['bus_s']:.0f} s, "
                      f"{row['learnt']['cpu_s']:.0f} CPU s |")  # fmt: skip
     return "\n".join(lines)
-
-
-def _wilson(successes: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a rate."""
-    z, rate = 1.96, successes / trials
-    middle, wide = rate + z * z / (2 * trials), z * np.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials**2))
-    scale = 1.0 + z * z / trials
-    return (middle - wide) / scale, (middle + wide) / scale
 
 
 def _rms(found: dict[str, Any], kind: str) -> float:

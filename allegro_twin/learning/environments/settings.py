@@ -134,3 +134,8 @@ def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task:
         if key not in allowed:
             raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
     return parse_settings(ResetOptions, values, "options")
+
+
+def env_keywords(settings: EnvSettings) -> dict[str, Any]:
+    """Settings as the keyword arguments that they came from."""
+    return {name: getattr(settings, name) for name in settings.model_fields_set}

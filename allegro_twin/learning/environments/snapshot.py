@@ -53,9 +53,7 @@ def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
     """Restore a snapshot in an environment of the same settings and size. Raises ConfigError where a part does not
     fit."""
     engine: EpisodeEngine = env.engine
-    for path in content:
-        if _FIELD in path:
-            engine.worlds.expand(path.partition(_FIELD)[2])
+    _expand_fields(engine, content)
     _let_go(engine)
     slots, owners = dict(_slots(env, engine)), dict(_owners(env, engine))
     for path in sorted(content.keys() ^ slots.keys() - {_PHYSICS}):
@@ -78,9 +76,7 @@ def spread_snapshot(env: Any, content: dict[str, Any]) -> None:
     """Let all simulations of an environment go on from the one episode of a snapshot of another, with the same
     settings."""
     engine: EpisodeEngine = env.engine
-    for path in content:
-        if _FIELD in path:
-            engine.worlds.expand(path.partition(_FIELD)[2])
+    _expand_fields(engine, content)
     for row in range(engine.n):
         engine.worlds.restore(row, content[_PHYSICS][0])
     _let_go(engine)
@@ -93,6 +89,13 @@ def spread_snapshot(env: Any, content: dict[str, Any]) -> None:
             slot.value[...] = value  # One row for all.
         elif not isinstance(slot.value, np.ndarray) and not isinstance(value, np.ndarray):
             _set(path, slot, value)
+
+
+def _expand_fields(engine: EpisodeEngine, content: dict[str, Any]) -> None:
+    """Give each simulation a row of its own of every model field of which the snapshot has some."""
+    for path in content:
+        if _FIELD in path:
+            engine.worlds.expand(path.partition(_FIELD)[2])
 
 
 def _let_go(engine: EpisodeEngine) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.mpc.sampling import MpcSettings, SamplingMpc
 
 
@@ -50,8 +50,7 @@ def run_episodes(
     """Run episodes of a task; number i is that of the environment with the seed `seed + i`. `seconds`: at most, of
     each; `shown` gets a picture of every decision; `advance` the decisions of an episode that are done. Raises
     ConfigError."""
-    keywords = {name: getattr(environment, name) for name in environment.model_fields_set}
-    env = HandEnv(task, render_mode=None if shown is None else "rgb_array", **keywords)
+    env = HandEnv(task, render_mode=None if shown is None else "rgb_array", **env_keywords(environment))
     mpc, found = SamplingMpc(task, environment, settings, threads), []
     own, step = env.engine.task, env.engine.task.interface.seconds
     limit = env.engine.limit if seconds is None else min(max(round(seconds / step), 1), env.engine.limit)

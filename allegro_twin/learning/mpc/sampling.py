@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from allegro_twin.files.schema import Positive, Settings
-from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.types import Array
@@ -57,8 +57,9 @@ class SamplingMpc:
 
     def __init__(self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0) -> None:
         self.settings = settings
-        keywords = {name: getattr(environment, name) for name in environment.model_fields_set}
-        self._sims = HandVectorEnv(task, settings.samples, threads=threads, autoreset_mode="disabled", **keywords)
+        self._sims = HandVectorEnv(
+            task, settings.samples, threads=threads, autoreset_mode="disabled", **env_keywords(environment)
+        )
         self._sims.reset(seed=settings.seed)
         seconds = self._sims.engine.task.interface.seconds
         self.decisions = max(round(settings.horizon / seconds), 2)

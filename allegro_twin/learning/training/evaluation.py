@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.controller import Policy
@@ -83,8 +82,3 @@ def check_card(card: PolicyCard, task: PolicyCard) -> None:
                 f"the policy has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: "
                 "give the recipe that it was trained with"
             )
-
-
-def env_keywords(settings: EnvSettings) -> dict[str, Any]:
-    """Settings as the keyword arguments that they came from."""
-    return {name: getattr(settings, name) for name in settings.model_fields_set}

@@ -24,9 +24,9 @@ from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
+from allegro_twin.learning.environments.settings import env_keywords
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard
-from allegro_twin.learning.training.evaluation import env_keywords
 from allegro_twin.learning.training.goal_features import goal_difference, goal_difference_width
 from allegro_twin.learning.training.onnx_policy import PolicyNetwork, read_onnx_network
 from allegro_twin.learning.training.progress import (

@@ -17,9 +17,10 @@ from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.learning.environments.settings import env_keywords
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard, write_card
-from allegro_twin.learning.training.evaluation import env_keywords, evaluate
+from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.onnx_policy import to_onnx
 from allegro_twin.learning.training.progress import (
     EVALUATION,

@@ -47,7 +47,7 @@ def collect(
     """Write episodes of an environment as a LeRobot or Minari set."""
     from allegro_twin.errors import ConfigError
     from allegro_twin.learning.environments.collect import collect_episodes
-    from allegro_twin.learning.training.evaluation import env_keywords
+    from allegro_twin.learning.environments.settings import env_keywords
     from allegro_twin.learning.training.settings import load_recipe
     from allegro_twin.recording.exchange.environment_episodes import to_lerobot, to_minari
     from allegro_twin.surfaces.cli import console
