@@ -56,3 +56,16 @@ def test_a_task_is_done_without_learning_and_each_episode_is_a_row(
     assert code == 2
     assert "did you mean 'samples'" in errors
     assert command("mpc", "turn.yaml", "--seconds", 0)[0] == 2
+
+
+def test_the_name_of_a_task_is_the_task_in_the_fingertips_and_not_the_recipe_that_allows_the_palm(
+    command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from allegro_twin.learning.mpc import episodes
+
+    asked: list[str] = []
+    monkeypatch.setattr(
+        episodes, "run_episodes", lambda task, environment, *_, **__: asked.append(environment.palm) or []
+    )
+    assert command("mpc", "Rotate")[0] == command("mpc", "rotate")[0] == 0
+    assert asked == ["forbidden", "allowed"]

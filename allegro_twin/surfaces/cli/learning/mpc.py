@@ -11,9 +11,7 @@ from allegro_twin.surfaces.cli import completion, options
 
 
 def mpc(
-    task: Annotated[
-        str, typer.Argument(help="A task, or a recipe by path or name.", autocompletion=completion.recipes)
-    ],
+    task: Annotated[str, typer.Argument(help="A task as it is, or a recipe's.", autocompletion=completion.recipes)],
     episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 4,
     seconds: Annotated[float | None, typer.Option(help="Of each episode, at most; default: the task's.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode; each next one adds 1.")] = 0,
@@ -28,17 +26,20 @@ def mpc(
     from contextlib import ExitStack
 
     from allegro_twin.errors import ConfigError
-    from allegro_twin.files.schema import load_settings
+    from allegro_twin.files.schema import load_settings, parse_settings
     from allegro_twin.learning.mpc.episodes import run_episodes
     from allegro_twin.learning.mpc.sampling import MpcSettings
-    from allegro_twin.learning.tasks import task_type
-    from allegro_twin.learning.training.settings import load_recipe
+    from allegro_twin.learning.tasks import task_names, task_type
+    from allegro_twin.learning.training.settings import Recipe, load_recipe
     from allegro_twin.surfaces.cli import console
     from allegro_twin.viewing.films import open_film
 
     if seconds is not None and not seconds > 0:
         raise ConfigError(f"--seconds must be positive, not {seconds:g}")
-    recipe = load_recipe(task, hand=hand, side=side)
+    # The name of a task is the task as `gymnasium.make` has it; a shipped recipe of that name can be an easier one.
+    own = {name: value for name, value in (("hand", hand), ("side", side)) if value is not None}
+    plain = {"task": task, "environment": own}
+    recipe = parse_settings(Recipe, plain, "mpc") if task in task_names() else load_recipe(task, **own)
     chosen = MpcSettings() if settings is None else load_settings(MpcSettings, settings)
     # Physics in steps of the control period: three times as fast as those of 1 ms.
     environment = recipe.environment.model_copy(
