@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -64,8 +65,11 @@ def test_the_name_of_a_task_is_the_task_in_the_fingertips_and_not_the_recipe_tha
     from allegro_twin.learning.mpc import episodes
 
     asked: list[str] = []
-    monkeypatch.setattr(
-        episodes, "run_episodes", lambda task, environment, *_, **__: asked.append(environment.palm) or []
-    )
+
+    def run_none(task: str, environment: Any, *_: Any, **__: Any) -> list[Any]:
+        asked.append(environment.palm)
+        return []
+
+    monkeypatch.setattr(episodes, "run_episodes", run_none)
     assert command("mpc", "Rotate")[0] == command("mpc", "rotate")[0] == 0
     assert asked == ["forbidden", "allowed"]
