@@ -70,6 +70,7 @@ def test_a_host_that_knows_the_torque_constants_asks_for_that_much_less_of_full_
                 host.rig.backend.write(host.rig.controller(state, host.rig.controller.start(state))[0])
                 state = host.rig.backend.read()
             duties.append(host.hidden._duty.copy())
+    np.testing.assert_allclose(duties[0], 0.1, rtol=0.02)
     np.testing.assert_allclose(duties[1], duties[0] / 2.0, rtol=0.02)
 
 

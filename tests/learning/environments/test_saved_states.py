@@ -116,7 +116,10 @@ def test_what_an_option_changed_since_is_as_it_was() -> None:
     first = played(env, 1, 6)
     env.reset(seed=5, options={"friction": 0.3, "size": 1.05})
     played(env, 2, 3)
+    friction = env.engine.worlds.expand("geom_friction")
+    assert friction[0, :, 0].max() == 0.3
     env.restore_state(state)
+    np.testing.assert_array_equal(friction[0], env.engine.worlds.model.geom_friction)
     np.testing.assert_array_equal(np.concatenate(first), np.concatenate(played(env, 1, 6)))
 
 

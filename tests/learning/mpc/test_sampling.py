@@ -88,6 +88,30 @@ def test_a_spline_goes_through_its_knots_and_moves_on_by_a_decision() -> None:
     np.testing.assert_allclose(mpc._mean[-1], 0.0)
 
 
+def test_a_plan_is_the_last_one_moved_on_where_nothing_else_is_tried() -> None:
+    settings = MpcSettings(samples=2, horizon=0.39, knots=10, iterations=1, method="predictive", spread=1e-12)
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), settings.model_copy(update={"narrowest": 1e-12}), threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    mpc._mean = np.linspace(0.0, 0.9, 10)[:, None] * np.ones((1, 16))
+    for action in (0.0, 0.1, 0.2):
+        np.testing.assert_allclose(mpc.plan(env.save_state()), action, atol=1e-6)
+
+
+def test_what_comes_after_a_failure_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK.model_copy(update={"samples": 2}), threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    steps = iter(range(100))
+
+    def step(actions: Any) -> Any:
+        return None, np.array([1.0, 1.0]), np.array([next(steps) == 2, False]), None, None
+
+    monkeypatch.setattr(mpc._sims, "step", step)
+    returns = mpc._returns(env.save_state(), np.zeros((2, 2, 16)))
+    assert returns.tolist() == [3.0, float(mpc.decisions)]
+
+
 def test_an_episode_reports_what_became_of_it() -> None:
     seen: list[Any] = []
     (found,) = run_episodes(
