@@ -174,6 +174,19 @@ class Wrist(Settings):
     """From the grasp pose to where the approach begins, m."""
 
 
+class EdgePush(Settings):
+    """Before the grasp: the hand pushes the first object along the table, over its edge, and lets go of it."""
+
+    distance: Positive
+    """m, along x, that the palm goes with its fingers behind the object."""
+    wrist: Wrist
+    """Where the palm is when it begins; `retreat` is from where it comes down, and to where it goes up again."""
+    posture: tuple[float, ...]
+    """Where the joints of the right hand are meanwhile, rad."""
+    speed: Positive = 0.08
+    """m/s, on average."""
+
+
 class Scenario(Settings):
     """One trial, written for the right hand; the left hand performs its mirror image."""
 
@@ -184,6 +197,10 @@ class Scenario(Settings):
     """Sliding friction of every contact."""
     stand: StandSettings | None = None
     """None: the objects lie on the table."""
+    edge: Positive | None = None
+    """The table ends so far from the middle of the first object, along x, m; None: far away."""
+    push: EdgePush | None = None
+    """None: the object is grasped where it is."""
     grasp: str
     """Name in the grasp library, or a file; a relative path is the scenario's own."""
     hand: str = HAND
@@ -191,6 +208,12 @@ class Scenario(Settings):
     side: Side = "right"
     wrist: Wrist
     protocol: str = "table_pick"
+
+    @model_validator(mode="after")
+    def _ends(self) -> Scenario:
+        if self.push is not None and self.edge is None:
+            raise ValueError("`push` needs `edge`: how far from the object the table ends, m")
+        return self
 
     @property
     def model(self) -> str:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
+from allegro_twin.grasping.scenario import EdgePush, Phase, Scenario, ScenarioObject, TrialProtocol
 from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
-from allegro_twin.sim.model.scene import Stage
-from allegro_twin.sim.model.wrist import WristSegment
+from allegro_twin.sim.model.scene import TABLE_END, Stage
+from allegro_twin.sim.model.wrist import WristSegment, wrist_angles
 from allegro_twin.sim.objects.catalogue import (
     SIZES_OF_KIND,
     GraspObject,
@@ -22,13 +26,17 @@ from allegro_twin.sim.objects.catalogue import (
     load_object,
     standing_orientation,
 )
-from allegro_twin.spec import Side
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
 # What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
 # are pseudovectors, about the palm's x, y, z.
 DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+BACK, BESIDE = 0.02, 0.10
+"""m: by which fingers leave what they have pushed, and from where the approach begins that the palm comes down."""
+SWIFT, TURNED, SHORTEST = 0.25, 0.15, 0.2
+"""m/s of the palm on average where it pushes nothing; the radius, m, with which a turn counts as a way; s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,23 +57,88 @@ class TrialTimeline:
 
 
 def make_timeline(
-    protocol: TrialProtocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float
+    protocol: TrialProtocol, grasp: Grasp, scenario: Scenario, start: Vector, spec: HandSpec, period: float
 ) -> TrialTimeline:
     """Time every phase in whole control periods, beginning with the hand at `start` (n,), rad."""
-    windows, waypoints, segments, pushes = [], [], [], []
+    windows, waypoints, segments, pushes, side = [], [], [], [], spec.side
     posture, t = start, 0.0
-    for phase in protocol.phases:
-        waypoint = Waypoint(posture, seconds=phase.seconds)
-        if phase.hand is not None:
-            waypoint = grasp.waypoint(phase.hand, phase.seconds)
+
+    def add(name: str, waypoint: Waypoint, segment: Callable[[float], WristSegment], phase: Phase | None) -> None:
+        nonlocal posture, t
         seconds = max(round(travel_time(posture, waypoint) / period), 1) * period
         posture = waypoint.posture
         waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
-        segments.append(_segment(phase, seconds, scenario, side))
-        windows.append(PhaseWindow(phase.name, t, t + seconds, phase.check))
-        pushes.append(np.tile(_on_side(phase.push, side), (round(seconds / period), 1)))
+        segments.append(segment(seconds))
+        windows.append(PhaseWindow(name, t, t + seconds, phase is not None and phase.check))
+        pushes.append(np.tile(_on_side((0, 0, 0) if phase is None else phase.push, side), (round(seconds / period), 1)))
         t += seconds
+
+    pushing = scenario.push if _approaches(protocol) else None
+    for phase in protocol.phases:
+        if phase.wrist == "approach" and pushing is not None:
+            for name, seconds, move, preshaped in edge_push_moves(scenario, pushing, side):
+                waypoint = Waypoint(grasp.preshape if preshaped else posture, seconds=seconds)
+                add(name, waypoint, partial(WristSegment, move=move, shake=np.zeros(6)), None)
+            pushing = None
+        waypoint = Waypoint(posture, seconds=phase.seconds)
+        if phase.hand is not None:
+            waypoint = grasp.waypoint(phase.hand, phase.seconds)
+        add(phase.name, waypoint, partial(_segment, phase, scenario=scenario, side=side), phase)
     return TrialTimeline(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
+
+
+def first_posture(scenario: Scenario, protocol: TrialProtocol, grasp: Grasp, spec: HandSpec) -> Vector:
+    """In which the hand acts first, (n,), rad: it pushes, or is open for the grasp. Raises ConfigError for a posture of
+    another number of joints."""
+    if scenario.push is None or not _approaches(protocol):
+        return grasp.preshape
+    posture = np.array(scenario.push.posture)
+    if posture.shape != (spec.n_joints,):
+        raise ConfigError(f"push: posture has {len(posture)} joints, {spec.name} has {spec.n_joints}")
+    return posture if spec.side == "right" else spec.mirror_posture(posture)
+
+
+class WristMove(NamedTuple):
+    """One of those before the grasp."""
+
+    name: str
+    seconds: float
+    move: Array
+    """Of the wrist's six coordinates, m and rad."""
+    preshaped: bool
+    """The fingers come to the grasp's pre-shape meanwhile."""
+
+
+def edge_push_moves(scenario: Scenario, push: EdgePush, side: Side) -> list[WristMove]:
+    """Down behind the object, along, back and up; over to the grasp, and beside where its approach begins."""
+    begin, first = np.array(push.wrist.position), matrix_facing(push.wrist.facing, push.wrist.fingers)
+    turn = first.T @ matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
+    retreat = np.array(scenario.wrist.retreat)
+    goal = np.array(scenario.wrist.position) + retreat
+    beside = goal + BESIDE * retreat / max(float(np.linalg.norm(retreat)), 1e-9)
+    pushed = np.add(begin, (push.distance, 0.0, 0.0))
+    back = pushed - (BACK, 0.0, 0.0)
+    up = back + push.wrist.retreat
+    over = np.array([*beside[:2], max(beside[2], up[2])])
+    places = [begin + push.wrist.retreat, begin, pushed, back, up, over, beside, goal]
+    names = ("push_down", "push", "push_back", "push_up", "push_over", "push_beside", "push_ready")
+    found = []
+    for name, (here, there) in zip(names, pairwise(places), strict=True):
+        angles = wrist_angles(turn) if name == "push_over" else np.zeros(3)
+        far = max(float(np.linalg.norm(there - here)), float(np.abs(angles).max()) / TURNED)
+        move = np.concatenate([there - here, angles]) * (_MIRROR if side == "left" else 1.0)
+        found.append(WristMove(name, max(far / (push.speed if name == "push" else SWIFT), SHORTEST), move,
+                               name == "push_over"))  # fmt: skip
+    return found
+
+
+def pushed_until(windows: Sequence[PhaseWindow]) -> float:
+    """When the object lies where it was pushed to, s."""
+    return next(window.end for window in windows if window.name == "push_up")
+
+
+def _approaches(protocol: TrialProtocol) -> bool:
+    return not protocol.floating and any(phase.wrist == "approach" for phase in protocol.phases)
 
 
 def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
@@ -80,10 +153,15 @@ def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: 
         x, y, z = things[0].position
         things[0] = replace(things[0], position=(x, y, z + scenario.stand.height))
         stand = (x, y, *scenario.stand.size, scenario.stand.height)
+    wrist, edge = scenario.wrist, TABLE_END
+    if scenario.push is not None and _approaches(protocol):
+        wrist, offset = scenario.push.wrist, np.array(scenario.push.wrist.position)
+    if scenario.edge is not None:
+        edge = things[0].position[0] + scenario.edge
     position = np.add(things[0].position, offset)
     if any(phase.wrist == "approach" for phase in protocol.phases):
-        position = position + scenario.wrist.retreat
-    rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
+        position = position + wrist.retreat
+    rotation = matrix_facing(wrist.facing, wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
@@ -93,7 +171,7 @@ def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: 
         things[0] = replace(things[0], thing=replace(things[0].thing, mass=protocol.mass))
     friction = (protocol.friction or scenario.friction) * protocol.physics.friction
     return Stage(
-        position, quaternion_from_matrix(rotation), things, friction, table=not protocol.floating, wrist=True,
+        position, quaternion_from_matrix(rotation), things, friction, not protocol.floating, edge, wrist=True,
         stand=None if protocol.floating else stand, physics=protocol.physics.physics(),
     )  # fmt: skip
 

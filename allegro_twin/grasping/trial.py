@@ -13,7 +13,7 @@ from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, SurfaceLoad, classify_grasp
 from allegro_twin.grasping.scenario import Scenario, TrialProtocol, load_protocol, load_scenario, parse_object
-from allegro_twin.grasping.timeline import make_stage, make_timeline
+from allegro_twin.grasping.timeline import first_posture, make_stage, make_timeline
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.hands.library.grasps import Grasp
@@ -34,8 +34,8 @@ from allegro_twin.types import Array, HandState, Sample, Vector
 class Trial:
     """A simulated hand at a scenario, and what is seen of it.
 
-    `start` are the joint positions at reset, (n,), rad; by default the grasp's pre-shape. `protocol` takes the place of
-    the scenario's; `draw` is what the hand is not told.
+    `start` are the joint positions at reset, (n,), rad; by default those in which the hand acts first. `protocol` takes
+    the place of the scenario's; `draw` is what the hand is not told.
     """
 
     def __init__(
@@ -56,8 +56,8 @@ class Trial:
         if draw is not None:
             scene = draw.on(scene, self.protocol.physics.friction)
         self.things: tuple[PlacedObject, ...] = tuple(scene.things)
-        posture = grasp.preshape if start is None else start
-        timeline = make_timeline(self.protocol, grasp, scenario, posture, spec.side, period)
+        posture = first_posture(scenario, self.protocol, grasp, spec) if start is None else start
+        timeline = make_timeline(self.protocol, grasp, scenario, posture, spec, period)
         self.windows: tuple[PhaseWindow, ...] = timeline.windows
         self.reference: Moves = timeline.reference
         self.seconds = timeline.seconds
@@ -98,9 +98,10 @@ class Trial:
 
     def begin_of(self, stage: str) -> float:
         """When the hand begins to `close` or to `squeeze`, s. Raises ConfigError when the protocol never does."""
-        for phase, window in zip(self.protocol.phases, self.windows, strict=True):
+        begins = {window.name: window.begin for window in self.windows}
+        for phase in self.protocol.phases:
             if phase.hand == stage:
-                return window.begin
+                return begins[phase.name]
         raise ConfigError(f"protocol {self.scenario.protocol}: no phase lets the hand {stage}")
 
     def latest(self) -> Mapping[str, Array]:

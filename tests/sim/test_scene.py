@@ -137,7 +137,7 @@ def wrist_run(protocol: str, side: Side) -> tuple[SimBackend, Any]:
     spec = load_spec(side=side)
     settings = scenario()
     grasp = load_grasp("quadpod", spec)
-    timeline = make_timeline(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
+    timeline = make_timeline(load_protocol(protocol), grasp, settings, grasp.preshape, spec, 0.003)
     model = compile_scene(spec, make_stage(settings, PROTOCOL, side, Path()))
     drive = wrist_set_points(timeline.segments, Physics().timestep, wrist_load(model))
     return SimBackend(spec, model, posture=grasp.preshape, drive=drive), timeline

@@ -113,7 +113,7 @@ DIGITS = 4
 
 def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
     """The scenario with the candidate's palm."""
-    away = candidate.position - np.array(bench.placed.position)
+    away = candidate.position - bench.begun
     wrist = Wrist.model_validate(
         {
             "position": round_vector(away), "facing": round_vector(candidate.rotation[:, 0]),

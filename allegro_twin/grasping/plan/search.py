@@ -23,6 +23,7 @@ from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE, FINE
 from allegro_twin.grasping.plan.proposals.poses import Random
 from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.proposals.refine import Population
+from allegro_twin.grasping.plan.pushing import pushed_stage
 from allegro_twin.grasping.plan.region import GraspRegion
 from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
@@ -64,9 +65,10 @@ good one ends the search."""
 
 @dataclass(frozen=True, slots=True)
 class SearchBudget:
-    """How much a search may cost. A round that time does not allow to end counts for nothing, so that a search that
-    ended after so many candidates finds the same as one that is told their number. The first round alone is cut short
-    where it would take longer than all the time: `GraspSearch.cut` says so, and nobody repeats that by a number."""
+    """How much a search may cost. Where little is left, a last round is smaller by the number of its candidates; one
+    that time does not allow to end counts for nothing. So a search that ended after so many candidates finds the same
+    as one that is told their number. The first round alone is cut short where it would take longer than all the time:
+    `GraspSearch.cut` says so, and nobody repeats that by a number."""
 
     candidates: float = math.inf
     """That physics closes."""
@@ -74,6 +76,9 @@ class SearchBudget:
     """s of all processors together, without what it costs to cut a mesh into pieces, once, and to judge afterwards."""
 
 
+LEAST, IN_HAND = 4, 0.8
+"""Candidates of a round at least, where time or their number does not suffice for a whole one; and of the time that is
+left, what such a round is planned for."""
 EVOLVING = 0.4
 """Of the time, that the first round proposes and evolves at most."""
 
@@ -94,6 +99,10 @@ class _Clock:
     def over(self) -> bool:
         """Whether no time is left but what is kept back."""
         return self.spent + self.kept_back >= self.budget
+
+    def part(self, round_: float, settling: float) -> float:
+        """Of a round that takes so many s, what fits in before settling, with a little in hand; at most all of it."""
+        return min(1.0, IN_HAND * (self.budget - self.spent - settling) / max(round_, 1e-9))
 
     def first_over(self) -> bool:
         """Whether the first round has evolved for long enough."""
@@ -120,7 +129,7 @@ class GraspSearch:
     ends: Counter[str] = field(default_factory=Counter)
     """Where candidates ended."""
     closed: int = 0
-    """How many candidates physics has closed."""
+    """How many candidates rounds were made for, which physics has closed but where there were not so many."""
     counts: dict[int, int] = field(default_factory=dict)
     """The same by seed, where several searches ran side by side."""
     cpu: float = 0.0
@@ -151,33 +160,37 @@ class GraspSearch:
         population = (
             None if proposer.gains is None else Population(proposer, prover.turns, max(4, 2 * effort.closed // 3))
         )
-        dearest = 0.0
+        dearest, longest, full = 0.0, 0.0, max(1, effort.closed if population is None else effort.closed // 2)
         while sum(each.good for each in prover.best(n)) < n:
-            clock.kept_back = dearest + prover.settling_time(n)
-            if self.closed and (clock.over() or self.closed >= budget.candidates):
+            settling, began = prover.settling_time(n), clock.spent
+            fits = clock.part(longest, settling) if self.closed else 1.0
+            most = int(min(full, full * fits, budget.candidates - self.closed))
+            if self.closed and most < min(full, LEAST):
                 break
+            part = most / full
+            clock.kept_back = part * dearest + settling
             over = clock.over if self.closed else clock.first_over
             begun = population is not None and len(population.elite) >= population.kept // 2
-            guessed = _next(proposed, effort.guessed // 4 if begun else effort.guessed, over)
+            guessed = _next(proposed, math.ceil(part * effort.guessed / (4 if begun else 1)), over)
             ended = not over()
             if not guessed:
                 break
-            varied = proposer.near(elite, effort.closed // 2)
-            most = int(min(effort.closed, budget.candidates - self.closed))
+            varied = proposer.near(elite, math.ceil(part * effort.closed / 2))
             if population is None:
                 ranked = sorted(guessed, key=lambda c: -c.score)
                 closed = [*varied, *ranked[: effort.closed - len(varied)]][:most]
             else:
-                ended &= population.evolve([*guessed, *varied], over)
-                closed = population.take(min(most, max(1, effort.closed // 2)))
+                ended &= population.evolve([*guessed, *varied], over, part)
+                closed = population.take(most)
             if not ended and self.closed:
                 break
             if not ended:
                 self.cut, closed = True, closed[: 2 * n]
+                most = len(closed)
             if not closed:
                 continue  # All that evolved has been closed before: begin anew.
             evolved = clock.spent
-            self.closed += len(closed)
+            self.closed += most
             if protocol.floating:
                 validate_in_air(prover, self._apart(self._squeezed(closed, protocol, random), prover))
             else:
@@ -192,12 +205,13 @@ class GraspSearch:
                     ]
                     population.drop(strong)
                 prover.add(
-                    self._apart(passed, prover)[: n if self.cut else effort.drawn],
+                    self._apart(passed, prover)[: n if self.cut else math.ceil(part * effort.drawn)],
                     n,
                     clock.over if self.cut else lambda: False,
                 )
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
-            dearest = max(dearest, clock.spent - evolved)
+            dearest = max(dearest, (clock.spent - evolved) / part)
+            longest = max(longest, (clock.spent - began) / part)
             tell(
                 [each for each in prover.ranked(prover.options, n) if each.good],
                 max(clock.spent / budget.cpu, self.closed / budget.candidates),
@@ -227,7 +241,11 @@ class GraspSearch:
     def _bench(self, protocol: TrialProtocol) -> GraspScene:
         physics = protocol.physics if protocol.floating else PhysicsSettings()
         coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
-        return GraspScene(self.spec, make_stage(self.scenario, coarse, self.spec.side, self.folder))
+        stage = make_stage(self.scenario, coarse, self.spec.side, self.folder)
+        if self.scenario.push is None:
+            return GraspScene(self.spec, stage)
+        pushed = pushed_stage(self.scenario, stage, self.spec, self.templates[0], self.folder)
+        return GraspScene(self.spec, pushed, stage.things[0].position)
 
     def _performer(self, protocol: TrialProtocol) -> FingerGains:
         return FingerGains(
@@ -258,9 +276,9 @@ def check_efforts(spec: HandSpec) -> None:
 
 
 def search_symmetry(search: GraspSearch) -> Array | None:
-    """Turns that make a grasp no other one; in the air every pose of the palm is its own."""
+    """Turns that make a grasp no other one; in the air, and at a table's edge, every pose of the palm is its own."""
     protocol = load_protocol(search.scenario.protocol)
-    if protocol.floating:
+    if protocol.floating or search.scenario.edge is not None:
         return None
     return object_symmetry(make_stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
 

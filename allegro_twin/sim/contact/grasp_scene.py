@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.parts import body_parts
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.model.wrist import WRIST_JOINTS
+from allegro_twin.sim.model.wrist import WRIST_JOINTS, wrist_angles
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -38,12 +39,15 @@ class TouchPoints(NamedTuple):
 class GraspScene:
     """One model for every pose of the palm: its wrist's coordinates are the pose."""
 
-    def __init__(self, spec: HandSpec, around: Stage) -> None:
+    def __init__(self, spec: HandSpec, around: Stage, begun: Sequence[float] | None = None) -> None:
+        """`begun`: where the object's middle is when a trial begins, (3,), m, if it is pushed to where it is here."""
         around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
-        self.spec, self.thing = spec, around.things[0]
+        self.spec, self.thing, self._edge = spec, around.things[0], around.edge
         self.model = model = compile_scene(spec, around)
         self.data = mujoco.MjData(model)
         self.name = self.thing.thing.name
+        self.begun = np.array(self.thing.position if begun is None else begun)
+        """Where the object's middle is at first, (3,), m: from there scenarios count."""
         self.body = int(model.body(self.name).id)
         self._posed = PostureMap(spec, model)
         self.motors = self._posed.motors
@@ -84,12 +88,14 @@ class GraspScene:
         self._collide()
 
     def lowest(self, position: Array, rotation: Array, posture: Vector) -> float:
-        """Height of the hand's lowest point, by the bounding boxes of its shapes, m."""
+        """Height of the hand's lowest point over the table, by the bounding boxes of its shapes, m; inf where all of it
+        is beyond the edge."""
         self._move(position, rotation, posture)
         data, box = self.data, self.model.geom_aabb[self._hand]
-        turn = data.geom_xmat[self._hand].reshape(-1, 3, 3)[:, 2]
-        centre = data.geom_xpos[self._hand, 2] + np.sum(turn * box[:, :3], axis=1)
-        return float((centre - np.sum(np.abs(turn) * box[:, 3:], axis=1)).min())
+        turn = data.geom_xmat[self._hand].reshape(-1, 3, 3)
+        centre = data.geom_xpos[self._hand] + np.einsum("gij,gj->gi", turn, box[:, :3])
+        low = centre - np.einsum("gij,gj->gi", np.abs(turn), box[:, 3:])
+        return float(low[low[:, 0] < self._edge, 2].min(initial=np.inf))
 
     def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
         self._posed(posture, self.data.qpos)
@@ -152,10 +158,8 @@ class GraspScene:
 
 
 def wrist_coordinates(position: Array, rotation: Array) -> Array:
-    """The wrist's six coordinates of a palm: slides, then the angles of R = Rx(a) Ry(b) Rz(c)."""
-    b = np.arcsin(np.clip(rotation[0, 2], -1.0, 1.0))
-    a, c = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])
-    return np.array([*position, a, b, c])
+    """The wrist's six coordinates of a palm: slides, then angles."""
+    return np.concatenate([position, wrist_angles(rotation)])
 
 
 def _carrying(model: mujoco.MjModel, joints: list[int]) -> NDArray[np.bool_]:

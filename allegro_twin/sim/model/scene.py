@@ -40,6 +40,8 @@ class TrayBox(NamedTuple):
     """Of the walls, m."""
 
 
+TABLE_END = 0.45
+"""m from the world's origin, along x and y, to which a table goes unless something else is said."""
 WALL = 0.006
 """m, thickness of a tray's walls and floor."""
 
@@ -57,6 +59,8 @@ class Stage:
     """Sliding friction of every contact."""
     table: bool = False
     """A table top at z = 0."""
+    edge: float = TABLE_END
+    """x at which it ends, m."""
     stand: tuple[float, float, float, float, float] | None = None
     """A block on the table: its place x, y, its edges along x, y, and its height, m."""
     tray: TrayBox | None = None
@@ -173,7 +177,8 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
         _add_tray(world, stage.tray, stage.physics.friction(stage.friction))
     if stage.table:
         world.add_geom(
-            name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
+            name="table", type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[(stage.edge + TABLE_END) / 2, TABLE_END, 0.02], pos=[(stage.edge - TABLE_END) / 2, 0, -0.02],
             friction=stage.physics.friction(stage.friction), rgba=[*TABLE, 1.0],
         )  # fmt: skip
 

@@ -22,6 +22,8 @@ WRIST_JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "w
 # (docs/reference/allegro_model.md#wrist).
 _STIFFNESS = np.array([2e4] * 3 + [600.0] * 3)
 _INERTIA = np.array([8.0] * 3 + [0.08] * 3)
+_UPRIGHT = 1.0 - 1e-9
+"""Sine of the second hinge's angle from which the first and the third have one axis."""
 
 
 class WristServo(NamedTuple):
@@ -80,6 +82,16 @@ def set_wrist_servo(model: mujoco.MjModel, servo: WristServo) -> None:
         model.dof_armature[model.joint(name).dofadr[0]] = servo.inertia[index] - (
             wrist_load(model) if index < 3 else 0.0
         )
+
+
+def wrist_angles(rotation: Array) -> Array:
+    """The three hinges that turn a palm by R = Rx(a) Ry(b) Rz(c), (3,), rad; c is 0 where a and c have one axis."""
+    b = np.arcsin(np.clip(rotation[0, 2], -1.0, 1.0))
+    if abs(rotation[0, 2]) > _UPRIGHT:
+        return np.array([np.arctan2(rotation[2, 1], rotation[1, 1]), b, 0.0])
+    return np.array([
+        np.arctan2(-rotation[1, 2], rotation[2, 2]), b, np.arctan2(-rotation[0, 1], rotation[0, 0])
+    ])  # fmt: skip
 
 
 def wrist_load(model: mujoco.MjModel) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -39,12 +40,12 @@ class Population:
     _closed: set[Candidate] = field(default_factory=set)
     """Those that physics has closed."""
 
-    def evolve(self, fresh: Sequence[Candidate], over: Callable[[], bool] = lambda: False) -> bool:
-        """Let a round of generations pass, with some more candidates. `over`: whether time is up, asked before each.
-        Whether the round came to its end."""
+    def evolve(self, fresh: Sequence[Candidate], over: Callable[[], bool] = lambda: False, part: float = 1.0) -> bool:
+        """Let a round of generations pass, or a part of one, with some more candidates. `over`: whether time is up,
+        asked before each. Whether the round came to its end."""
         self._select([*self.elite, *fresh])
         history = [self._share()]
-        for number in range(GENERATIONS):
+        for number in range(math.ceil(part * GENERATIONS)):
             if not self.elite or history[-1] <= EASY:
                 break
             if over():

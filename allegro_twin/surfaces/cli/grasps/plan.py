@@ -79,6 +79,15 @@ def plan(
             "--by", metavar="REGION", help="Region of the object to hold, m in its own frame: x>0.045,z<0.03."
         ),
     ] = None,
+    edge: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="The table ends M in front of the object: push it there first.",
+            callback=options.positive,
+            rich_help_panel=options.TRIALS,
+        ),
+    ] = None,
     protocol: Annotated[
         str, typer.Option(help="table_pick; or fc: in the air, pushed along six axes.", rich_help_panel=options.TRIALS)
     ] = "table_pick",
@@ -115,6 +124,7 @@ def plan(
 ) -> None:
     """Find grasps for an object, validated in simulated trials."""
     from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
+    from allegro_twin.grasping.plan.pushing import with_push
     from allegro_twin.grasping.plan.region import parse_region
     from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
@@ -129,6 +139,10 @@ def plan(
     scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
         update={"protocol": protocol, "hand": hand}
     )
+    if edge is not None:
+        if load_protocol(protocol).floating:
+            raise ConfigError(f"--edge is of a table; under {protocol} there is none")
+        scenario = with_push(scenario.model_copy(update={"edge": edge}), spec)
     load_protocol(protocol)
     search = GraspSearch(
         scenario,

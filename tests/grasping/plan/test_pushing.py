@@ -1,0 +1,156 @@
+"""What lies flat is pushed over the table's edge and taken there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import parse_settings
+from allegro_twin.grasping.plan import pushing
+from allegro_twin.grasping.plan.candidate import Candidate, candidate_scenario
+from allegro_twin.grasping.plan.pushing import pushed_stage, with_push
+from allegro_twin.grasping.plan.search import GraspSearch
+from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.scenario import Scenario, load_protocol
+from allegro_twin.grasping.timeline import make_stage, pushed_until
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_grasp, load_posture
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics.orientation import matrix_facing
+from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.sim.model.scene import compile_scene
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
+from allegro_twin.spec import Side
+
+SPEC = load_spec()
+BOARD = {"name": "board", "shape": "box", "size": (0.2, 0.14, 0.008), "mass": 0.2}
+AT_THE_EDGE = {"position": (0.2, 0, 0), "facing": (-1, 0, 0), "fingers": (0, 1, 0), "retreat": (0.1, 0, 0)}
+
+
+def scenario(thing: dict[str, Any] = BOARD, **more: Any) -> Scenario:
+    content = {"objects": [thing], "grasp": "prismatic_3_finger", "wrist": AT_THE_EDGE, "edge": 0.15} | more
+    return parse_settings(Scenario, content, "test")
+
+
+@pytest.mark.parametrize("hand", ["allegro", "leap", "model_o", "sih"])
+def test_fingers_that_push_end_at_one_height(hand: str) -> None:
+    spec = load_spec(hand)
+    posture, tips = pushing._level_fingers(spec)
+    names = [finger.name for finger in spec.fingers if "thumb" not in finger.name]
+    ends = hand_kinematics(spec).fingertip_jacobians(posture, names)[0][:, 2]
+    assert len(tips) >= 2
+    assert np.ptp(tips[:, 2]) < 0.001
+    assert ends.max() < tips[:, 2].max() + 0.02
+    flat, bent = load_posture("flat", spec), load_posture("home", spec)
+    assert (posture >= np.minimum(flat, bent) - 1e-4).all()
+    assert (posture <= np.maximum(flat, bent) + 1e-4).all()
+
+
+def test_the_hand_comes_down_behind_the_object_and_leaves_its_centre_on_the_table() -> None:
+    push = with_push(scenario(), SPEC).push
+    assert push is not None
+    tips = hand_kinematics(SPEC).fingertip_jacobians(np.array(push.posture), ["middle"])[0][0]
+    tip = np.array(push.wrist.position) + matrix_facing(push.wrist.facing, push.wrist.fingers) @ tips
+    behind = -0.1 - tip[0]
+    assert pushing.BEHIND < behind < pushing.BEHIND + 0.02
+    assert_allclose(push.distance - pushing.BEHIND, 0.15 - pushing.KEPT, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("thing", "edge", "said"),
+    [
+        ({"name": "die", "shape": "box", "size": (0.04, 0.04, 0.04), "mass": 0.1}, 0.15, r"object die: .* 0 mm of it"),
+        (BOARD, 0.02, r"object board: pushed until"),
+    ],
+)
+def test_what_would_not_stand_out_is_refused_with_its_length(thing: dict[str, Any], edge: float, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        with_push(scenario(thing, edge=edge), SPEC)
+
+
+def test_a_push_needs_an_edge() -> None:
+    with pytest.raises(ConfigError, match="needs the table's edge"):
+        with_push(scenario(edge=None), SPEC)
+    push = with_push(scenario(), SPEC).model_dump()["push"]
+    with pytest.raises(ConfigError, match="`push` needs `edge`"):
+        scenario(edge=None, push=push)
+
+
+def test_the_table_ends_at_its_edge_and_nothing_else_of_a_scene_changes() -> None:
+    ends = []
+    for edge in (None, 0.15):
+        model = compile_scene(SPEC, make_stage(scenario(edge=edge), load_protocol("table_pick"), "right", Path()))
+        table = model.geom("table")
+        ends.append((table.pos[0] - table.size[0], table.pos[0] + table.size[0]))
+    assert_allclose(ends, [(-0.45, 0.45), (-0.45, 0.15)])
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_after_the_push_the_palm_comes_to_where_the_grasp_has_it(side: Side) -> None:
+    spec, pushed = load_spec(side=side), with_push(scenario(), SPEC)
+    trial = Trial(pushed, spec, load_grasp("prismatic_3_finger", spec))
+    model, data = trial.backend.model, mujoco.MjData(trial.backend.model)
+    names = [window.name for window in trial.windows]
+    assert names[:9] == ["settle", "push_down", "push", "push_back", "push_up", "push_over", "push_beside",
+                         "push_ready", "approach"]  # fmt: skip
+    set_points = trial.backend.drive
+    assert set_points is not None
+    step = round(trial.windows[names.index("approach")].end / model.opt.timestep) - 1
+    load = float(model.body_subtreemass[model.body("palm_link").id]) * 9.81 / 2e4
+    for axis, name in enumerate(WRIST_JOINTS):
+        data.qpos[model.joint(name).qposadr[0]] = set_points[step, axis] - (load if axis == 2 else 0.0)
+    mujoco.mj_kinematics(model, data)
+    mirror = np.diag([1.0, -1.0 if side == "left" else 1.0, 1.0])
+    palm = data.body("palm_link")
+    wrist = pushed.wrist
+    assert_allclose(palm.xpos, mirror @ (np.add(wrist.position, (0, 0, 0.0041))), atol=1e-4)
+    assert_allclose(palm.xmat.reshape(3, 3), mirror @ matrix_facing(wrist.facing, wrist.fingers) @ mirror, atol=1e-6)
+
+
+def test_the_object_comes_to_lie_where_the_push_ends() -> None:
+    pushed = with_push(scenario(), SPEC)
+    stage = make_stage(pushed, load_protocol("table_pick"), "right", Path())
+    after = pushed_stage(pushed, stage, SPEC, grasp_templates(SPEC)[0])
+    x, y, z = after.things[0].position
+    assert_allclose((x, y, z), (0.125, 0.0, 0.004), atol=0.015)
+    assert pushed_until(Trial(pushed, SPEC, grasp_templates(SPEC)[0]).windows) > 2.0
+
+
+def test_what_rolls_away_was_not_pushed() -> None:
+    ball = {"name": "ball", "shape": "sphere", "size": (0.12,), "mass": 0.2}
+    rolling = with_push(scenario(ball), SPEC)
+    stage = make_stage(rolling, load_protocol("table_pick"), "right", Path())
+    with pytest.raises(ConfigError, match="object ball: the push leaves it .* from where it was to come"):
+        pushed_stage(rolling, stage, SPEC, grasp_templates(SPEC)[0])
+
+
+@pytest.fixture(scope="module")
+def search() -> GraspSearch:
+    return GraspSearch(with_push(scenario(), SPEC), SPEC, grasp_templates(SPEC))
+
+
+@pytest.fixture(scope="module")
+def bench(search: GraspSearch) -> GraspScene:
+    return search._bench(load_protocol("table_pick"))
+
+
+def test_a_grasp_at_the_edge_is_told_from_where_the_object_is_at_first(search: GraspSearch, bench: GraspScene) -> None:
+    assert bench.placed.position[0] > 0.1
+    at, zero = np.array([0.3, 0.0, 0.02]), np.zeros(SPEC.n_joints)
+    candidate = Candidate(at, np.eye(3), np.array([0.1, 0, 0]), zero, zero, zero, zero, zero, "x")
+    assert_allclose(
+        candidate_scenario(candidate, bench, search.scenario).wrist.position, at - (0, 0, 0.0041), atol=1e-4
+    )
+
+
+def test_a_hand_beyond_the_edge_may_be_lower_than_the_table(bench: GraspScene) -> None:
+    open_, down = load_posture("flat", SPEC), matrix_facing((-1, 0, 0), (0, 0, -1))
+    assert bench.lowest(np.array([0.5, 0.0, 0.1]), down, open_) == np.inf
+    assert bench.lowest(np.array([0.0, 0.0, 0.1]), down, open_) < 0.0
