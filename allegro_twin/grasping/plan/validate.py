@@ -54,8 +54,11 @@ class Squeeze(NamedTuple):
 AS_IT_IS = Squeeze()
 SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
 """Among which draws choose: little slips, much rolls the object out of the fingers."""
-LATCHING = (Squeeze(1.2, 1.0, LatchGrip(kind="latch")), Squeeze(1.6, 0.7, LatchGrip(kind="latch")))
-"""The same where torques are reckoned and fingers latch, so that they press with what was reckoned."""
+LATCHING = (
+    Squeeze(1.2, 1.0, LatchGrip(kind="latch")), Squeeze(1.6, 0.7, LatchGrip(kind="latch")), Squeeze(1.0, SHARE)
+)  # fmt: skip
+"""The same where torques are reckoned. Fingers that latch press with what was reckoned, wherever they meet the object;
+what is heavy they may push aside while they close softly, and a fixed posture does not."""
 SPARE = 3
 """How many more than are asked for are varied."""
 SEARCHED = Uncertainty(position=0.005, torque=0.0)
