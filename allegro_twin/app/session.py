@@ -273,11 +273,13 @@ def _photographed(
 
 
 def _moments(rig: Rig) -> list[float]:
-    """When a trial is worth a picture: the fingers closed, and the end of every check."""
+    """When a trial is worth a picture: the object pushed, the fingers closed, and the end of every check."""
     if rig.trial is None:
         return [] if rig.seconds is None else [rig.seconds]
+    from allegro_twin.grasping.timeline import PUSHED
+
     protocol = rig.trial.protocol
-    return [w.end for w in rig.trial.windows if w.check or w.name == protocol.reference]
+    return [w.end for w in rig.trial.windows if w.check or w.name in (protocol.reference, PUSHED)]
 
 
 def rerun_stage() -> tuple[Any, Any]:

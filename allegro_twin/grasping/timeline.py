@@ -33,6 +33,8 @@ from allegro_twin.types import Array, Vector
 # are pseudovectors, about the palm's x, y, z.
 DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+PUSHED = "push"
+"""The window at whose end the object is over the table's edge."""
 BACK, BESIDE = 0.02, 0.10
 """m: by which fingers leave what they have pushed, and from where the approach begins that the palm comes down."""
 SWIFT, TURNED, SHORTEST = 0.25, 0.15, 0.2
@@ -121,13 +123,13 @@ def edge_push_moves(scenario: Scenario, push: EdgePush, side: Side) -> list[Wris
     up = back + push.wrist.retreat
     over = np.array([*beside[:2], max(beside[2], up[2])])
     places = [begin + push.wrist.retreat, begin, pushed, back, up, over, beside, goal]
-    names = ("push_down", "push", "push_back", "push_up", "push_over", "push_beside", "push_ready")
+    names = ("push_down", PUSHED, "push_back", "push_up", "push_over", "push_beside", "push_ready")
     found = []
     for name, (here, there) in zip(names, pairwise(places), strict=True):
         angles = wrist_angles(turn) if name == "push_over" else np.zeros(3)
         far = max(float(np.linalg.norm(there - here)), float(np.abs(angles).max()) / TURNED)
         move = np.concatenate([there - here, angles]) * (_MIRROR if side == "left" else 1.0)
-        found.append(WristMove(name, max(far / (push.speed if name == "push" else SWIFT), SHORTEST), move,
+        found.append(WristMove(name, max(far / (push.speed if name == PUSHED else SWIFT), SHORTEST), move,
                                name == "push_over"))  # fmt: skip
     return found
 
