@@ -221,11 +221,11 @@ def test_goals_go_farther_from_round_to_round_and_arrive_where_they_should(tmp_p
 
 
 def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() -> None:
-    grasp = load_recipe("Grasp")
+    grasp = load_recipe("grasp_easy")
     assert grasp.environment.position_noise == 0.015
     assert not set(grasp.held_out) & set(grasp.environment.objects or ())
     assert load_recipe("Reach", seed=4).seed == 4
-    assert load_recipe("grasp", side="left").environment.side == "left"
+    assert load_recipe("grasp_easy", side="left").environment.side == "left"
     assert load_recipe("Lift").task == "Lift"
     assert load_recipe("Lift", side="left").environment.side == "left"
     with pytest.raises(ConfigError, match="no task or recipe named 'Grap'; did you mean 'Grasp'"):
@@ -239,8 +239,8 @@ def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytes
 
 
 def test_a_task_by_its_name_with_another_hand_has_the_defaults_for_that_hand() -> None:
-    recipe = load_recipe("Grasp", hand="model_o", steps=1000)
-    assert (recipe.environment.hand, recipe.environment.objects, recipe.steps) == ("model_o", None, 1000)
-    assert load_recipe("Grasp", hand="allegro").environment == load_recipe("Grasp").environment.model_copy(
+    recipe = load_recipe("Reach", hand="model_o", steps=1000)
+    assert (recipe.environment.hand, recipe.environment.timestep, recipe.steps) == ("model_o", 0.001, 1000)
+    assert load_recipe("Reach", hand="allegro").environment == load_recipe("Reach").environment.model_copy(
         update={"hand": "allegro"}
     )
