@@ -21,6 +21,12 @@ OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 Level: TypeAlias = Literal["default", "easy"]
 TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts")
 """Settings that only some tasks have."""
+VARIATIONS = (
+    "objects", "position_noise", "level", "farthest", "starts", "randomise", "timestep", "noslip", "coarse", "device",
+    "contacts", "constraints", "state",
+)  # fmt: skip
+"""Settings that change neither what a policy sees, nor what its actions do, nor what is asked of it: how much differs
+from episode to episode, and how it is simulated."""
 
 
 class EnvSettings(Settings):

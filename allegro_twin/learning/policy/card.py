@@ -79,6 +79,8 @@ class PolicyCard(Settings):
     """Class of Stable-Baselines3, for a zip."""
     note: str = ""
     """How it was trained."""
+    environment: dict[str, Any] | None = None
+    """Keywords of the environments that it was trained in. None: not recorded."""
 
     def interface(self, spec: HandSpec) -> Interface:
         """Make the interface to a hand. Raises ConfigError for the other hand, another version, or a policy that no

@@ -118,6 +118,19 @@ def test_the_command_line_says_both_rates_and_films(
     assert (tmp_path / "reach.mp4").stat().st_size > 10_000
 
 
+def test_a_policy_that_is_judged_off_the_palm_on_which_it_was_trained_is_told_so(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    from allegro_twin.learning.training import report
+
+    monkeypatch.setattr(report, "compare_policy", lambda *_: [])
+    for recipe_name, warned in (("rotate", True), ("rotate_on_palm", False)):
+        code, _, errors = ask(monkeypatch, capfd, "rotate_right", recipe_name, "--episodes", 1)
+        assert code == 0
+        assert ("rotate_right was trained with palm allowed; these episodes have forbidden" in errors) == warned
+
+
 def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
     monkeypatch.setattr("sys.argv", ["allegro-twin", "evaluate", *map(str, words)])
     with pytest.raises(SystemExit) as ended:

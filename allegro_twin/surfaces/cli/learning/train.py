@@ -80,6 +80,8 @@ def evaluate_policy(
     """Compare a policy with the script in the same episodes, with seeds from `seed` on; `can` of them also run on a
     virtual CAN bus. Raises HandError."""
     from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.environments.engine import contradictions
+    from allegro_twin.learning.policy.card import read_card
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe
     from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
@@ -95,6 +97,8 @@ def evaluate_policy(
         )
         console.errors.print(f"[yellow]{warning}[/]", soft_wrap=True)
     path = find_file(policy, "policy", "conf/policies", ".onnx")
+    for key, its, value in contradictions(read_card(path), loaded.environment, ("palm", "goals")):
+        console.errors.print(f"[yellow]{policy} was trained with {key} {its}; these episodes have {value}[/]")
     if film is not None:
         film_policy(load_policy(path).policy, loaded, film, seed=first)
     console.console.print(console.policy_table(compare_policy(path, loaded, episodes, first), loaded, first))
