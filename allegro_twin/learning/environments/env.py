@@ -42,7 +42,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), 1, threads=1)
         self.action_space = action_space(self.engine.task)
-        self.observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: BatchCamera | None = None
@@ -105,6 +105,8 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         return self._pictures.take(0, self.engine.task.marks(0))
 
     def close(self) -> None:
+        if self.engine.pictures is not None:
+            self.engine.pictures.close()
         if self._pictures is not None:
             self._pictures.close()
             self._pictures = None

@@ -77,6 +77,14 @@ class EnvSettings(Settings):
     """Observations are a dictionary with a further part `state`: what only the simulation knows, for a critic."""
     observation: Literal["full", "hand"] = "full"
     """For tasks with an object in the hand: `hand` leaves out what no hand measures."""
+    observe: tuple[Literal["rgb", "depth"], ...] = ()
+    """Pictures in observations, which are a dictionary then: `rgb`, bytes (height, width, 3), and `depth`, m (height,
+    width); of several cameras `rgb_side`, `rgb_top` and so on. On processors."""
+    cameras: Annotated[tuple[str, ...], Field(min_length=1)] = ("side",)
+    """Cameras of these pictures: `side`, `front`, `top`, `palm`, `auto`, or `AZIMUTH,ELEVATION,DISTANCE`; each looks at
+    the middle of the grasp."""
+    resolution: Annotated[str, Field(pattern=r"^[1-9]\d{0,3}x[1-9]\d{0,3}$")] = "84x84"
+    """Width and height of these pictures, pixels."""
     goals: Literal["any", "yaw"] = "any"
     """For Reorient: turns about any axis, or about the vertical alone."""
     farthest: Positive | None = None
@@ -96,6 +104,19 @@ class EnvSettings(Settings):
         if not isinstance(values, dict) or "randomise" not in values:
             return values
         return values | {"randomise": parse_randomise(values["randomise"], _chosen_hand(values))}
+
+    @model_validator(mode="after")
+    def _check_pictures(self) -> EnvSettings:
+        if not self.observe and (alone := sorted(self.model_fields_set & {"cameras", "resolution"})):
+            raise ValueError(f"{alone[0]} is of pictures in observations: give observe, too, or leave it out")
+        if self.observe and self.device != "cpu":
+            raise ValueError(
+                f"observe: pictures are rendered of simulations on processors: device cpu, not {self.device}"
+            )
+        for name in ("observe", "cameras"):
+            if len({*getattr(self, name)}) < len(getattr(self, name)):
+                raise ValueError(f"{name} has one of {', '.join(getattr(self, name))} twice")
+        return self
 
 
 def _chosen_hand(values: dict[str, Any]) -> HandSpec | None:

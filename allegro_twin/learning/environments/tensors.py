@@ -29,7 +29,7 @@ class TensorVectorEnv:
         self.xp = tensor_namespace("cpu") if self._own is np else self._own
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
-        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self._all = self._own.arange(num_envs)
         self._key = self._own.asarray(self._all * 1_000_003 + seed, np.uint64)
         self._episode = self._own.zeros(num_envs, np.int64)

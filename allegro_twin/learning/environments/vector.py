@@ -61,7 +61,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
-        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._mode = mode
@@ -138,6 +138,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         return tuple(frame for frame in frames if frame is not None)
 
     def close_extras(self, **kwargs: Any) -> None:
+        if self.engine.pictures is not None:
+            self.engine.pictures.close()
         if self._pictures is not None:
             self._pictures.close()
 

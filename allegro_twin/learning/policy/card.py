@@ -96,6 +96,11 @@ class PolicyCard(Settings):
                 f"this policy of {self.task} is privileged: {self.privileged} of the numbers it sees are not measured "
                 "by any hand; it runs in its environment only"
             )
+        if pictures := (self.environment or {}).get("observe"):
+            raise ConfigError(
+                f"this policy of {self.task} sees pictures ({', '.join(pictures)}), which no hand reports: it runs in "
+                "its environment only"
+            )
         rows = [closed.sampled(spec, self.periods, self.period) for closed in self.scripts]
         scripts = script_table(rows) if rows else None
         gains = load_gains(self.gains, spec)

@@ -89,6 +89,11 @@ class Recipe(Settings):
         for name in ("desired_kl", "start"):
             if getattr(self, name) is not None and self.learner != "rsl-rl":
                 raise ValueError(f"{name} is for learner: rsl-rl")
+        if self.environment.observe:
+            raise ValueError(
+                "environment.observe: no learner here has a network for pictures: train with a library of your own on "
+                "gymnasium.make, such as MultiInputPolicy of Stable-Baselines3"
+            )
         if self.environment.device != "cpu" and self.learner == "stable-baselines3":
             raise ValueError(
                 f"device {self.environment.device} needs learner: rsl-rl or dagger; {self.learner} has cpu"

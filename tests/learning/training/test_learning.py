@@ -122,7 +122,7 @@ def test_the_exported_policy_acts_as_the_trained_one_and_carries_its_card(whole:
     exported = load_policy(whole / "policy.onnx")
     assert (exported.card.task, exported.card.side, exported.card.mode) == ("AllegroTwin/Reach-v0", "right", "delta")
     assert exported.card.note.startswith("PPO, seed 0, 768 actions")
-    keywords = {"policy": str(whole / "policy.onnx")}
+    keywords: dict[str, Any] = {"policy": str(whole / "policy.onnx")}
     assert HandEnv("Reach", **keywords).engine.settings == Recipe(**SMALL).environment
     last = whole / "checkpoints" / "00003.zip"
     model = PPO.load(str(last), device="cpu")

@@ -267,7 +267,9 @@ def test_a_recipe_with_the_name_of_a_task_is_the_task_as_gymnasium_makes_it(name
         assert asked & found.model_fields_set, f"{name}: the task as it is, under another name"
         return
     # A learner may decide less often, and its critic see more: neither changes what is asked of the hand.
-    of_the_learner = {key: getattr(found, key) for key in ("decimation", "state") if key in found.model_fields_set}
+    of_the_learner: dict[str, Any] = {
+        key: getattr(found, key) for key in ("decimation", "state") if key in found.model_fields_set
+    }
     assert found == EnvSettings(**of_the_learner)
     recipes, made = (HandEnv(own[name], **keywords) for keywords in (env_keywords(found), of_the_learner))
     ours, theirs = ([each.reset(seed=3), each.step(np.full(16, 0.3, np.float32))] for each in (recipes, made))
