@@ -107,8 +107,9 @@ class EnvSettings(Settings):
 
     @model_validator(mode="after")
     def _check_pictures(self) -> EnvSettings:
-        if not self.observe and (alone := sorted(self.model_fields_set & {"cameras", "resolution"})):
-            raise ValueError(f"{alone[0]} is of pictures in observations: give observe, too, or leave it out")
+        for name in ("cameras", "resolution"):
+            if not self.observe and getattr(self, name) != type(self).model_fields[name].default:
+                raise ValueError(f"{name} is of pictures in observations: give observe, too, or leave {name} out")
         if self.observe and self.device != "cpu":
             raise ValueError(
                 f"observe: pictures are rendered of simulations on processors: device cpu, not {self.device}"

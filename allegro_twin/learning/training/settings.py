@@ -38,6 +38,9 @@ class Recipe(Settings):
     start: str | None = None
     """With rsl-rl: a policy to start from, by path or name, instead of a random one, with the recipe's hidden layers.
     Inputs that it does not have (a goal) get zero weights."""
+    log: tuple[Literal["tensorboard", "csv", "wandb"], ...] = ("tensorboard", "csv")
+    """Logs of losses, rates, returns and the task's terms after every update: `tensorboard`, a folder; `csv`,
+    curve.csv; `wandb`, Weights & Biases (an extra; `WANDB_MODE=offline` stays on this machine)."""
     settle: Annotated[int, Field(ge=0)] = 0
     """With `start`: updates at the beginning in which only the value function is learned, which no policy file
     contains."""

@@ -109,7 +109,7 @@ def test_a_simulation_that_has_diverged_shows_zeros() -> None:
         ({"observe": ("rgb",), "resolution": "84"}, "resolution"),
         ({"observe": ("rgb",), "cameras": ("sdie",)}, "sdie"),
         ({"cameras": ("top",)}, "cameras is of pictures in observations: give observe, too"),
-        ({"resolution": "84x84"}, "resolution is of pictures in observations: give observe, too"),
+        ({"resolution": "64x64"}, "resolution is of pictures in observations: give observe, too"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_line(keywords: dict[str, Any], message: str) -> None:

@@ -54,6 +54,7 @@ def curve(folder: Path) -> list[dict[str, str]]:
         rows = list(csv.DictReader(file))
     for row in rows:
         row.pop("seconds")
+        row.pop("time/fps")
     return rows
 
 

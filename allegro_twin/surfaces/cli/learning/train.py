@@ -38,6 +38,9 @@ def train(
     steps: Annotated[int | None, typer.Option(help="Total number of actions.")] = None,
     envs: Annotated[int | None, typer.Option(help="Number of parallel simulations.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the training; default: the recipe's.", min=0)] = None,
+    log: Annotated[
+        str | None, typer.Option(help="Any of tensorboard,csv,wandb; default: the recipe's, or the first two.")
+    ] = None,
     episodes: Episodes = 200,
     video: Annotated[bool, typer.Option(help="Film some episodes at the end.")] = True,
 ) -> None:
@@ -47,7 +50,8 @@ def train(
     from allegro_twin.learning.training import train as learn
     from allegro_twin.surfaces.cli import console
 
-    recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed)
+    logs = None if log is None else [name.strip() for name in log.split(",") if name.strip()]
+    recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed, log=logs)
     folder = out or Path("runs") / Path(task).stem.lower()
     with ExitStack() as stack:
         if out is None:
