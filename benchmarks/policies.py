@@ -29,11 +29,11 @@ from allegro_twin.learning.training.settings import load_recipe
 from benchmarks.baselines import JOINTS, Squeeze
 
 RECIPES = {
-    "grasp_right": "grasp",
+    "grasp_right": "grasp_easy",
     "reach_right": "reach",
-    "rotate_right": "rotate",
-    "rotate_hand_right": "rotate_hand",
-    "reorient_right": "reorient",
+    "rotate_right": "rotate_on_palm",
+    "rotate_hand_right": "rotate_on_palm_hand",
+    "reorient_right": "reorient_on_palm",
 }
 CHUNK = 100
 SCRIPT, CONSTANT = "the script", "+0.10 rad, proximal"

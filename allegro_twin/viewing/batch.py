@@ -8,6 +8,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
@@ -75,3 +76,56 @@ class BatchCamera:
             width, height = self._size
             self._camera = Camera(self._seen, width=width, height=height)
         return self._camera
+
+
+RGB, DEPTH = "rgb", "depth"
+FURTHEST = 10.0
+"""m. What is farther from a camera, or nothing at all, is so far in its depths."""
+
+
+class PictureSensor:
+    """Pictures of every simulation of a batch from several views, as observations: without marks of goals, which no
+    camera sees, and without shadows. Raises ConfigError for an unknown view, and where nothing can be rendered."""
+
+    def __init__(
+        self, worlds: SimBatch, width: int, height: int, *, views: Sequence[str], kinds: Sequence[str]
+    ) -> None:
+        self._worlds, self._size, self._kinds = worlds, (height, width), kinds
+        # Of the scene as it is built, so that no draw moves a camera.
+        self._seen = worlds.snapshot(0)
+        self._cameras: dict[str, Camera] = {}
+        try:
+            for each in views:
+                self._cameras[each] = Camera(self._seen, width=width, height=height, view=each, shadows=False)
+        except ConfigError:
+            self.close()
+            raise
+
+    def shapes(self) -> dict[str, tuple[tuple[int, ...], type[np.generic], float]]:
+        """Shape, type and largest number of each picture of one simulation, by its name."""
+        kinds: dict[str, tuple[tuple[int, ...], type[np.generic], float]] = {
+            RGB: ((*self._size, 3), np.uint8, 255),
+            DEPTH: (self._size, np.float32, FURTHEST),
+        }
+        return {self._name(kind, view): kinds[kind] for kind in self._kinds for view in self._cameras}
+
+    def take(self) -> dict[str, NDArray[Any]]:
+        """All pictures, new arrays: `rgb` (n, rows, columns, 3), bytes, and `depth` (n, rows, columns), m, of one
+        camera; of several with the name of each, `rgb_side`. Those of a simulation that has diverged are zeros."""
+        n = len(self._worlds.position)
+        found = {name: np.zeros((n, *shape), kind) for name, (shape, kind, _) in self.shapes().items()}
+        for row in np.flatnonzero(np.isfinite(self._worlds.position).all(axis=-1)).tolist():
+            self._worlds.snapshot(row, self._seen)
+            for view, camera in self._cameras.items():
+                if RGB in self._kinds:
+                    found[self._name(RGB, view)][row] = camera.take()
+                if DEPTH in self._kinds:
+                    found[self._name(DEPTH, view)][row] = np.minimum(camera.take_depth(), FURTHEST)
+        return found
+
+    def close(self) -> None:
+        for camera in self._cameras.values():
+            camera.close()
+
+    def _name(self, kind: str, view: str) -> str:
+        return kind if len(self._cameras) == 1 else f"{kind}_{view}"

@@ -47,7 +47,8 @@ class Camera:
     """Takes pictures of a scene, looking at the middle of the grasp and following the palm.
 
     `view` is a View or the name of one (`viewing.views`), and `aside` turns it about the
-    vertical, degrees. `turn` leaves that azimuth. Raises ConfigError where nothing can be rendered.
+    vertical, degrees. `turn` leaves that azimuth. Without `shadows` a picture takes a quarter of the time. Raises
+    ConfigError where nothing can be rendered.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class Camera:
         height: int = 480,
         view: str | View = DEFAULT,
         aside: float = 0.0,
+        shadows: bool = True,
     ) -> None:
         self._scene, self._eye = scene, mujoco.MjvCamera()
         self._root = scene.model.body(scene.spec.root).id
@@ -74,6 +76,8 @@ class Camera:
             self._screen = OffscreenRenderer(scene.model, height, width, shadows=_SHADOWS * place.distance)
         except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
             raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
+        if not shadows:
+            self._screen.omit_shadows()
 
     def take(self, marks: Sequence[Mark] = ()) -> Picture:
         """The scene as it is now, and what is marked in it."""

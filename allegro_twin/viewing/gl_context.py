@@ -90,6 +90,9 @@ class OffscreenRenderer:
             self._drawing: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
+    def omit_shadows(self) -> None:
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+
     def draw(
         self, data: mujoco.MjData, eye: mujoco.MjvCamera | PinholeView, marks: Sequence[Mark] = ()
     ) -> NDArray[np.uint8]:

@@ -26,6 +26,8 @@ def collect_episodes(
     `seed + i`. Raises ConfigError."""
     if episodes < 1:
         raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
+    if keywords.get("observe"):
+        raise ConfigError("observe: data sets of episodes have no pictures: leave it out")
     env = HandVectorEnv(task, episodes, threads=threads, autoreset_mode="disabled", **keywords)
     observation, report = env.reset(seed=seed)
     observations, rows, running = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)

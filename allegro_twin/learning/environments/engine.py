@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,84 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import array_namespace, fetch
 from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
 from allegro_twin.learning.environments.posterior import RandomDrive
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import PhysicsRandomiser, draw_values
-from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions, read_options
+from allegro_twin.learning.environments.settings import (
+    VARIATIONS,
+    EnvSettings,
+    ResetOptions,
+    env_keywords,
+    read_options,
+    read_settings,
+)
+from allegro_twin.learning.policy.card import PolicyCard, read_card
 from allegro_twin.learning.policy.interface import BOUND, Floats, InterfaceMemory, Observation
-from allegro_twin.learning.tasks import make_task
-from allegro_twin.learning.tasks.base import Flags, StepOutcome
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.learning.policy.loading import policy_file
+from allegro_twin.learning.tasks import make_task, task_type
+from allegro_twin.learning.tasks.base import Flags, StepOutcome, task_id
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.types import Array
+from allegro_twin.viewing.batch import PictureSensor
+
+_IN_CARD = {"control": "mode", "step": "step", "reach": "reach"}
+"""Settings whose values a card has in full, where its environment has the task's own."""
+
+
+def read_keywords(task: str, keywords: dict[str, Any]) -> EnvSettings:
+    """Settings of a task's environments. `policy`, a path or a name, stands for the environments in which it was
+    trained, on processors and without what only its critic saw. Raises ConfigError with the nearest keyword, and for
+    one that contradicts the policy."""
+    name = keywords.get("policy")
+    given = read_settings({key: value for key, value in keywords.items() if key != "policy"})
+    if name is None:
+        return given
+    card = read_card(policy_file(name))
+    if card.environment is None:
+        raise ConfigError(
+            f"policy {name} does not say in which environments it was trained: give their keywords, and load it with "
+            "load_policy"
+        )
+    if card.task != (own := task_id(task_type(task))):
+        raise ConfigError(f"policy {name} is for {card.task}, not for {own}: make that id, or take another policy")
+    if "of_side" in keywords and given.side != card.side:
+        raise ConfigError(
+            f"policy {name} is for the {card.side} hand, and this id the {given.side} hand's: take the id without "
+            "a side"
+        )
+    for key, its, value in contradictions(card, given, given.model_fields_set):
+        raise ConfigError(
+            f"policy {name} was trained with {key} {its}, not {value}: leave out {key}, or leave out policy and load "
+            "it with load_policy"
+        )
+    trained = _trained_in(card)
+    own_keywords = {key: value for key, value in env_keywords(trained).items() if key not in ("device", "state")}
+    return EnvSettings(**own_keywords | env_keywords(given))
+
+
+def _picture_sensor(settings: EnvSettings, worlds: SimBatch) -> PictureSensor:
+    width, height = (int(edge) for edge in settings.resolution.split("x"))
+    return PictureSensor(worlds, width, height, views=settings.cameras, kinds=settings.observe)
+
+
+def contradictions(card: PolicyCard, settings: EnvSettings, keys: Iterable[str]) -> list[tuple[str, object, object]]:
+    """Which of these settings are not those of a policy's training and change what it is asked for, with its value and
+    the other. None where its card does not say."""
+    if card.environment is None:
+        return []
+    trained, found = _trained_in(card), []
+    for key in sorted({*keys} - {*VARIATIONS}):
+        value, its = getattr(settings, key), getattr(card, _IN_CARD.get(key, ""), getattr(trained, key))
+        if value != its:
+            found.append((key, its, value))
+    return found
+
+
+def _trained_in(card: PolicyCard) -> EnvSettings:
+    return parse_settings(EnvSettings, card.environment or {}, f"a policy of {card.task}: environment")
 
 
 class EpisodeEngine:
@@ -41,6 +109,8 @@ class EpisodeEngine:
         self._state = PrivilegedState(self.worlds, self.task.thing) if settings.state else None
         self.n_state = 0 if self._state is None else self._state.size
         """Numbers of the privileged state; 0 without."""
+        self.pictures = _picture_sensor(settings, self.worlds) if settings.observe else None
+        """Cameras whose pictures are part of an observation."""
         xp = self.worlds.xp
         self.memory: InterfaceMemory = self.task.interface.start(xp.zeros((n, self.task.spec.n_joints)))
         self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
@@ -165,6 +235,8 @@ class EpisodeEngine:
             parts |= {"achieved_goal": xp.asarray(achieved, np.float32), "desired_goal": xp.copy(goal)}
         if self._state is not None:
             parts["state"] = self._state(tick)
+        if self.pictures is not None:
+            parts |= self.pictures.take()
         return parts if len(parts) > 1 else parts["observation"]
 
     def outcome(self, action: Array, observation: Observation) -> tuple[StepOutcome, Flags]:

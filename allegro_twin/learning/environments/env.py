@@ -12,8 +12,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import EpisodeEngine
-from allegro_twin.learning.environments.settings import read_settings
+from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_snapshot, take_snapshot
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
@@ -24,7 +23,8 @@ _ONE = np.zeros(1, np.int64)
 
 
 class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
-    """Gymnasium environment of a task, by its name; further keywords are those of `EnvSettings`. Raises ConfigError.
+    """Gymnasium environment of a task, by its name; further keywords are those of `EnvSettings`, or `policy`: a policy,
+    by path or name, in whose environment it is. Raises ConfigError.
 
     A pickle contains the arguments, not the state of the episode.
     """
@@ -40,9 +40,9 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
-        self.engine = EpisodeEngine(task, read_settings(kwargs), 1, threads=1)
+        self.engine = EpisodeEngine(task, read_keywords(task, kwargs), 1, threads=1)
         self.action_space = action_space(self.engine.task)
-        self.observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: BatchCamera | None = None
@@ -105,6 +105,8 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         return self._pictures.take(0, self.engine.task.marks(0))
 
     def close(self) -> None:
+        if self.engine.pictures is not None:
+            self.engine.pictures.close()
         if self._pictures is not None:
             self._pictures.close()
             self._pictures = None

@@ -21,6 +21,12 @@ OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 Level: TypeAlias = Literal["default", "easy"]
 TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts")
 """Settings that only some tasks have."""
+VARIATIONS = (
+    "objects", "position_noise", "level", "farthest", "starts", "randomise", "timestep", "noslip", "coarse", "device",
+    "contacts", "constraints", "state",
+)  # fmt: skip
+"""Settings that change neither what a policy sees, nor what its actions do, nor what is asked of it: how much differs
+from episode to episode, and how it is simulated."""
 
 
 class EnvSettings(Settings):
@@ -71,6 +77,14 @@ class EnvSettings(Settings):
     """Observations are a dictionary with a further part `state`: what only the simulation knows, for a critic."""
     observation: Literal["full", "hand"] = "full"
     """For tasks with an object in the hand: `hand` leaves out what no hand measures."""
+    observe: tuple[Literal["rgb", "depth"], ...] = ()
+    """Pictures in observations, which are a dictionary then: `rgb`, bytes (height, width, 3), and `depth`, m (height,
+    width); of several cameras `rgb_side`, `rgb_top` and so on. On processors."""
+    cameras: Annotated[tuple[str, ...], Field(min_length=1)] = ("side",)
+    """Cameras of these pictures: `side`, `front`, `top`, `palm`, `auto`, or `AZIMUTH,ELEVATION,DISTANCE`; each looks at
+    the middle of the grasp."""
+    resolution: Annotated[str, Field(pattern=r"^[1-9]\d{0,3}x[1-9]\d{0,3}$")] = "84x84"
+    """Width and height of these pictures, pixels."""
     goals: Literal["any", "yaw"] = "any"
     """For Reorient: turns about any axis, or about the vertical alone."""
     farthest: Positive | None = None
@@ -90,6 +104,20 @@ class EnvSettings(Settings):
         if not isinstance(values, dict) or "randomise" not in values:
             return values
         return values | {"randomise": parse_randomise(values["randomise"], _chosen_hand(values))}
+
+    @model_validator(mode="after")
+    def _check_pictures(self) -> EnvSettings:
+        for name in ("cameras", "resolution"):
+            if not self.observe and getattr(self, name) != type(self).model_fields[name].default:
+                raise ValueError(f"{name} is of pictures in observations: give observe, too, or leave {name} out")
+        if self.observe and self.device != "cpu":
+            raise ValueError(
+                f"observe: pictures are rendered of simulations on processors: device cpu, not {self.device}"
+            )
+        for name in ("observe", "cameras"):
+            if len({*getattr(self, name)}) < len(getattr(self, name)):
+                raise ValueError(f"{name} has one of {', '.join(getattr(self, name))} twice")
+        return self
 
 
 def _chosen_hand(values: dict[str, Any]) -> HandSpec | None:

@@ -13,6 +13,7 @@ from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
 from allegro_twin.learning.tasks.base import Task
 from allegro_twin.spec import HandSpec
+from allegro_twin.viewing.batch import PictureSensor
 
 _ROOM = 0.4  # m. No fingertip of a hand that ships is farther from the palm's origin: the longest finger has 0.15.
 
@@ -23,7 +24,7 @@ def action_space(task: Task) -> spaces.Space[Floats]:
     return spaces.Box(-1.0, 1.0, (task.spec.n_joints,), np.float32)
 
 
-def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
+def observation_space(task: Task, state: int = 0, pictures: PictureSensor | None = None) -> spaces.Space[Observation]:
     """`state`: numbers of the privileged state."""
     parts: dict[str, spaces.Space[Any]] = {}
     parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.n_unmeasured,), np.float32)
@@ -34,6 +35,8 @@ def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
         parts |= {"achieved_goal": place, "desired_goal": place}
     if state:
         parts["state"] = spaces.Box(-BOUND, BOUND, (state,), np.float32)
+    for name, (shape, kind, largest) in {} if pictures is None else pictures.shapes().items():
+        parts[name] = spaces.Box(0, largest, shape, kind)
     return parts["observation"] if len(parts) == 1 else spaces.Dict(parts)  # type: ignore[return-value]  # Of a Dict.
 
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.array_api import tensor_namespace
-from allegro_twin.learning.environments.engine import EpisodeEngine
+from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.snapshot import restore_snapshot, take_snapshot
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 
@@ -25,12 +24,12 @@ class TensorVectorEnv:
     def __init__(
         self, task: str, num_envs: int, *, seed: int = 0, max_episode_steps: int | None = None, **kwargs: Any
     ) -> None:
-        self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs)
+        self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
         self.xp = tensor_namespace("cpu") if self._own is np else self._own
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
-        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self._all = self._own.arange(num_envs)
         self._key = self._own.asarray(self._all * 1_000_003 + seed, np.uint64)
         self._episode = self._own.zeros(num_envs, np.int64)

@@ -12,8 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import EpisodeEngine
-from allegro_twin.learning.environments.settings import read_settings
+from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_snapshot, take_snapshot
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
@@ -58,11 +57,11 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             raise ConfigError(f"autoreset_mode {autoreset_mode!r} is none of {', '.join(modes)}")
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
-        self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs, threads)
+        self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
-        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._mode = mode
@@ -139,6 +138,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         return tuple(frame for frame in frames if frame is not None)
 
     def close_extras(self, **kwargs: Any) -> None:
+        if self.engine.pictures is not None:
+            self.engine.pictures.close()
         if self._pictures is not None:
             self._pictures.close()
 

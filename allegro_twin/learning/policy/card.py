@@ -79,6 +79,8 @@ class PolicyCard(Settings):
     """Class of Stable-Baselines3, for a zip."""
     note: str = ""
     """How it was trained."""
+    environment: dict[str, Any] | None = None
+    """Keywords of the environments that it was trained in. None: not recorded."""
 
     def interface(self, spec: HandSpec) -> Interface:
         """Make the interface to a hand. Raises ConfigError for the other hand, another version, or a policy that no
@@ -93,6 +95,11 @@ class PolicyCard(Settings):
             raise ConfigError(
                 f"this policy of {self.task} is privileged: {self.privileged} of the numbers it sees are not measured "
                 "by any hand; it runs in its environment only"
+            )
+        if pictures := (self.environment or {}).get("observe"):
+            raise ConfigError(
+                f"this policy of {self.task} sees pictures ({', '.join(pictures)}), which no hand reports: it runs in "
+                "its environment only"
             )
         rows = [closed.sampled(spec, self.periods, self.period) for closed in self.scripts]
         scripts = script_table(rows) if rows else None

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import find_file
 from allegro_twin.learning.policy.card import PolicyCard, onnx_session, read_card
 from allegro_twin.learning.policy.controller import Policy, PolicyController
 from allegro_twin.learning.policy.interface import Floats, Observation
@@ -24,14 +25,12 @@ class LoadedPolicy:
 
 
 def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
-    """Load a policy from `.onnx`, or from `.zip` where `trust` says that its maker is trusted: loading it runs what is
-    pickled in it.
+    """Load a policy from `.onnx`, by path or by the name of one that ships, or from `.zip` where `trust` says that its
+    maker is trusted: loading it runs what is pickled in it.
 
     Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted.
     """
-    file = Path(path)
-    if file.suffix not in (".onnx", ".zip"):
-        raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
+    file = policy_file(path)
     card = read_card(file)
     if file.suffix == ".onnx":
         return LoadedPolicy(_Onnx(file, card), card)
@@ -41,6 +40,16 @@ def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
             "if you trust who made it, load_policy(…, trust=True), in a config trust: true"
         )
     return LoadedPolicy(_Baselines(file, card), card)
+
+
+def policy_file(path: str | Path) -> Path:
+    """A policy's file, by its path or by the name of one that ships. Raises ConfigError with the nearest names."""
+    given = Path(path)
+    if not given.suffix and len(given.parts) == 1:
+        return find_file(given, "policy", "conf/policies", ".onnx")
+    if given.suffix not in (".onnx", ".zip"):
+        raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
+    return given
 
 
 def policy_controller(

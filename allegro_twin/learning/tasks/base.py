@@ -174,9 +174,7 @@ class Task(ABC):
     @property
     def id(self) -> str:
         """Id of the environment, for cards."""
-        kind = type(self)
-        own = kind.__module__.startswith("allegro_twin.")
-        return f"AllegroTwin/{self.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"
+        return task_id(type(self))
 
     def card(self) -> PolicyCard:
         """The card of a policy that was trained in this task."""
@@ -198,8 +196,15 @@ class Task(ABC):
             action=self.spec.n_joints,
             history=interface.history,
             privileged=self.n_unmeasured,
+            environment=settings.model_dump(mode="json", exclude_unset=True),
         )
 
     def grasp_scripts(self) -> tuple[GraspScript, ...]:
         """Descriptions of the scripts, one each."""
         return ()
+
+
+def task_id(kind: type[Task]) -> str:
+    """Id of a task's environment, for cards."""
+    own = kind.__module__.startswith("allegro_twin.")
+    return f"AllegroTwin/{kind.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.learning.training.logs import check_logs
 from allegro_twin.learning.training.settings import Recipe, load_recipe
 
 if TYPE_CHECKING:
     from allegro_twin.learning.training.progress import TrainingResult
 
-_STABLE = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
-_RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime", "tensorboard")
-_DAGGER = "rl", ("torch", "onnx", "onnxruntime", "tensorboard")
+_STABLE = "rl", ("torch", "stable_baselines3", "onnx")
+_RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime")
+_DAGGER = "rl", ("torch", "onnx", "onnxruntime")
 
 __all__ = ["Recipe", "load_recipe", "train"]
 
@@ -33,6 +34,7 @@ def train(
             import_module(name)
         except ImportError as error:
             raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
+    check_logs(recipe, extra)
     module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     trained: TrainingResult = import_module(f"allegro_twin.learning.training.{module}").learn(recipe, folder, advance)
     return trained

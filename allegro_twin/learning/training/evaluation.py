@@ -75,7 +75,7 @@ def evaluate(
 def check_card(card: PolicyCard, task: PolicyCard) -> None:
     """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
     for name in PolicyCard.model_fields:
-        if name in ("scripts", "periods", "note", "algorithm"):
+        if name in ("scripts", "periods", "note", "algorithm", "environment"):
             continue
         if getattr(card, name) != getattr(task, name):
             raise ConfigError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -11,7 +10,6 @@ from typing import Any
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file, read_yaml
-from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
@@ -28,10 +26,6 @@ since, NaN where none did."""
 FINAL_RATE = 0.1  # Share of the learning rate at the end.
 EVALUATION = 1_000_000_000  # First seed of the evaluations: never one of training.
 ROUND_SEEDS = 100_003  # Distance of seeds: more than there are simulations, so that no two rounds share a seed.
-
-COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
-"""Actions in all; s of training; episodes that ended since the last row; their mean return, length and success rate;
-and the success rate without noise on the actions, once per round. Empty: no value."""
 
 VERSION = 2
 """Version of the trainer. A checkpoint of another version is not continued."""
@@ -105,11 +99,12 @@ def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> Non
 
 
 def check_same_recipe(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
-    """Raise ConfigError for a checkpoint of another recipe. More steps are a longer training of the same kind, and the
-    device may change."""
+    """Raise ConfigError for a checkpoint of another recipe. More steps are a longer training of the same kind, and
+    device and logs may change."""
     then, now = (each.model_dump(mode="json") for each in (parse_settings(Recipe, was, str(path)), recipe))
     for each in (then, now):
         each["environment"].pop("device", None)
+        each.pop("log")
     changed = [key for key in sorted(now.keys() | then.keys()) if key != "steps" and then.get(key) != now.get(key)]
     if changed:
         key = changed[0]
@@ -152,26 +147,3 @@ def goal_distance(recipe: Recipe, progress: TrainingProgress) -> float | None:
         return None
     near, far = recipe.farthest
     return near + (far - near) * progress.rounds / max(recipe.rounds - 1, 1)
-
-
-class LearningCurve:
-    """A learning curve as a CSV file, one row per update. It continues after the rows up to `steps`: what a killed
-    training wrote beyond its checkpoint is written again."""
-
-    def __init__(self, path: Path, steps: int) -> None:
-        kept: list[dict[str, str]] = []
-        if steps and path.is_file():
-            with path.open(newline="") as file:
-                rows = [row for row in csv.DictReader(file) if None not in row.values()]  # The last row may be cut.
-                kept = [row for row in rows if int(row["steps"]) <= steps]
-        self._path = path
-        with atomic_file(path) as temporary, temporary.open("w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(kept)
-
-    def add(self, **values: float | int | None) -> None:
-        row = {name: value if isinstance(value, int) else f"{value:.6g}" for name, value in values.items()
-               if value is not None}  # fmt: skip
-        with self._path.open("a", newline="") as file:
-            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)

@@ -38,6 +38,9 @@ class Recipe(Settings):
     start: str | None = None
     """With rsl-rl: a policy to start from, by path or name, instead of a random one, with the recipe's hidden layers.
     Inputs that it does not have (a goal) get zero weights."""
+    log: tuple[Literal["tensorboard", "csv", "wandb"], ...] = ("tensorboard", "csv")
+    """Logs of losses, rates, returns and the task's terms after every update: `tensorboard`, a folder; `csv`,
+    curve.csv; `wandb`, Weights & Biases (an extra; `WANDB_MODE=offline` stays on this machine)."""
     settle: Annotated[int, Field(ge=0)] = 0
     """With `start`: updates at the beginning in which only the value function is learned, which no policy file
     contains."""
@@ -89,6 +92,11 @@ class Recipe(Settings):
         for name in ("desired_kl", "start"):
             if getattr(self, name) is not None and self.learner != "rsl-rl":
                 raise ValueError(f"{name} is for learner: rsl-rl")
+        if self.environment.observe:
+            raise ValueError(
+                "environment.observe: no learner here has a network for pictures: train with a library of your own on "
+                "gymnasium.make, such as MultiInputPolicy of Stable-Baselines3"
+            )
         if self.environment.device != "cpu" and self.learner == "stable-baselines3":
             raise ValueError(
                 f"device {self.environment.device} needs learner: rsl-rl or dagger; {self.learner} has cpu"

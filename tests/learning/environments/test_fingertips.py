@@ -151,8 +151,8 @@ def test_test_states_are_of_the_fingertips_only() -> None:
 
 
 def test_an_evaluation_in_the_fingertips_has_sizes_and_objects_of_no_training() -> None:
-    sets = evaluation_sets(load_recipe("rotate_fingertips"))
+    sets = evaluation_sets(load_recipe("rotate"))
     assert list(sets) == ["trained on", "unseen sizes", "held out"]
     assert [each.starts for each in sets.values()] == ["train", "test", "test"]
     assert sets["held out"].objects == ("hex_nut",)
-    assert list(evaluation_sets(load_recipe("rotate"))) == ["trained on"]
+    assert list(evaluation_sets(load_recipe("rotate_on_palm"))) == ["trained on"]

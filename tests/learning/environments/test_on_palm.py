@@ -140,7 +140,7 @@ def test_evaluations_report_it_in_tables_files_and_over_can(tmp_path: Path) -> N
     assert found.shares["on_palm"].shape == (2,)
     assert ((found.shares["on_palm"] >= 0.0) & (found.shares["on_palm"] <= 1.0)).all()
     both = [Comparison("trained on", found, found)]
-    table = console.policy_table(both, load_recipe("rotate"), 3)
+    table = console.policy_table(both, load_recipe("rotate_on_palm"), 3)
     assert "on palm, share of time: policy, no action" in [column.header for column in table.columns]
     write_report(both, tmp_path / "evaluation.json")
     assert '"on_palm"' in (tmp_path / "evaluation.json").read_text()

@@ -104,7 +104,7 @@ def test_an_episode_begins_anew_at_every_reset_and_another_with_another_seed() -
 
 
 def test_a_policy_of_another_task_is_refused_with_both_sides() -> None:
-    settings = load_recipe("Grasp").environment
+    settings = load_recipe("grasp_easy").environment
     ours = HandEnv("Grasp", objects=("lemon",)).engine.task.card()
     with pytest.raises(ConfigError, match="the policy has decimation 13, these environments have 26"):
         check_card(
@@ -113,8 +113,8 @@ def test_a_policy_of_another_task_is_refused_with_both_sides() -> None:
     check_card(ours, HandEnv("Grasp", objects=("apple",)).engine.task.card())
 
 
-@pytest.mark.parametrize("name", ["reach", "grasp"])
-def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
+@pytest.mark.parametrize(("name", "recipe_name"), [("reach", "reach"), ("grasp", "grasp_easy")])
+def test_shipped_policies_are_small_and_for_the_right_hand(name: str, recipe_name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     from allegro_twin.learning.policy.loading import load_policy
 
@@ -123,7 +123,7 @@ def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
     card = load_policy(path).card
     assert card.interface(load_spec()).spec.side == "right"
     assert "PPO, seed 0" in card.note
-    recipe = load_recipe(name)
+    recipe = load_recipe(recipe_name)
     check_card(card, EpisodeBackend(recipe.task, recipe.environment).engine.task.card())
 
 
@@ -133,7 +133,7 @@ def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training.report import as_shipped
 
-    path, recipe = POLICIES / f"{name}_right.onnx", load_recipe(name)
+    path, recipe = POLICIES / f"{name}_right.onnx", load_recipe(f"{name}_on_palm")
     assert path.stat().st_size < 1_000_000
     card = load_policy(path).card
     check_card(card, EpisodeBackend(recipe.task, as_shipped(recipe.environment)).engine.task.card())
@@ -142,14 +142,14 @@ def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["reach", "grasp"])
-def test_a_policy_on_the_virtual_hand_over_can_is_as_good_as_in_the_batch(name: str) -> None:
+@pytest.mark.parametrize(("name", "recipe_name"), [("reach", "reach"), ("grasp", "grasp_easy")])
+def test_a_policy_on_the_virtual_hand_over_can_is_as_good_as_in_the_batch(name: str, recipe_name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training.deployment import evaluate_on_can
     from allegro_twin.learning.training.report import as_shipped
 
-    recipe, path, episodes = load_recipe(name), POLICIES / f"{name}_right.onnx", 60
+    recipe, path, episodes = load_recipe(recipe_name), POLICIES / f"{name}_right.onnx", 60
     settings = as_shipped(recipe.environment)
     batch = evaluate(load_policy(path).policy, recipe.task, settings, episodes, seed=77)
     wire = evaluate_on_can(path, recipe.task, settings, episodes, seed=77)

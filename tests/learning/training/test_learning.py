@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.training import Recipe, load_recipe, train
 from allegro_twin.learning.training.progress import VERSION
 
@@ -53,6 +54,7 @@ def curve(folder: Path) -> list[dict[str, str]]:
         rows = list(csv.DictReader(file))
     for row in rows:
         row.pop("seconds")
+        row.pop("time/fps")
     return rows
 
 
@@ -121,6 +123,8 @@ def test_the_exported_policy_acts_as_the_trained_one_and_carries_its_card(whole:
     exported = load_policy(whole / "policy.onnx")
     assert (exported.card.task, exported.card.side, exported.card.mode) == ("AllegroTwin/Reach-v0", "right", "delta")
     assert exported.card.note.startswith("PPO, seed 0, 768 actions")
+    keywords: dict[str, Any] = {"policy": str(whole / "policy.onnx")}
+    assert HandEnv("Reach", **keywords).engine.settings == Recipe(**SMALL).environment
     last = whole / "checkpoints" / "00003.zip"
     model = PPO.load(str(last), device="cpu")
     rng = np.random.default_rng(0)
@@ -221,11 +225,11 @@ def test_goals_go_farther_from_round_to_round_and_arrive_where_they_should(tmp_p
 
 
 def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() -> None:
-    grasp = load_recipe("Grasp")
+    grasp = load_recipe("grasp_easy")
     assert grasp.environment.position_noise == 0.015
     assert not set(grasp.held_out) & set(grasp.environment.objects or ())
     assert load_recipe("Reach", seed=4).seed == 4
-    assert load_recipe("grasp", side="left").environment.side == "left"
+    assert load_recipe("grasp_easy", side="left").environment.side == "left"
     assert load_recipe("Lift").task == "Lift"
     assert load_recipe("Lift", side="left").environment.side == "left"
     with pytest.raises(ConfigError, match="no task or recipe named 'Grap'; did you mean 'Grasp'"):
@@ -239,8 +243,8 @@ def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytes
 
 
 def test_a_task_by_its_name_with_another_hand_has_the_defaults_for_that_hand() -> None:
-    recipe = load_recipe("Grasp", hand="model_o", steps=1000)
-    assert (recipe.environment.hand, recipe.environment.objects, recipe.steps) == ("model_o", None, 1000)
-    assert load_recipe("Grasp", hand="allegro").environment == load_recipe("Grasp").environment.model_copy(
+    recipe = load_recipe("Reach", hand="model_o", steps=1000)
+    assert (recipe.environment.hand, recipe.environment.timestep, recipe.steps) == ("model_o", 0.001, 1000)
+    assert load_recipe("Reach", hand="allegro").environment == load_recipe("Reach").environment.model_copy(
         update={"hand": "allegro"}
     )

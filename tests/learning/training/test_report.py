@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.policy.controller import ZeroPolicy
+from allegro_twin.learning.tasks import TASKS
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, ROUND_SEEDS
 from allegro_twin.learning.training.report import (
@@ -62,7 +64,7 @@ def test_an_evaluation_is_the_single_environments_episodes_to_their_end() -> Non
 
 
 def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> None:
-    grasp = load_recipe("Grasp")
+    grasp = load_recipe("grasp_easy")
     assert list(evaluation_sets(grasp)) == ["trained on", LOOKED_AT, "held out"]
     seen, looked_at, unseen = evaluation_sets(grasp).values()
     assert looked_at.objects == grasp.looked_at
@@ -71,7 +73,7 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
     assert (seen.position_noise, seen.decimation) == (0.015, grasp.environment.decimation)
     assert unseen.objects == grasp.held_out
     assert as_shipped(unseen) == unseen
-    rotate = load_recipe("rotate").environment
+    rotate = load_recipe("rotate_on_palm").environment
     assert rotate.device == "warp"
     assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation, state=True, palm="allowed")
     assert list(evaluation_sets(recipe())) == ["trained on"]
@@ -114,6 +116,19 @@ def test_the_command_line_says_both_rates_and_films(
     assert "0% (0% to 49%)" in said
     assert "over CAN, trained on: 100% (34% to 100%)" in said
     assert (tmp_path / "reach.mp4").stat().st_size > 10_000
+
+
+def test_a_policy_that_is_judged_off_the_palm_on_which_it_was_trained_is_told_so(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    from allegro_twin.learning.training import report
+
+    monkeypatch.setattr(report, "compare_policy", lambda *_: [])
+    for recipe_name, warned in (("rotate", True), ("rotate_on_palm", False)):
+        code, _, errors = ask(monkeypatch, capfd, "rotate_right", recipe_name, "--episodes", 1)
+        assert code == 0
+        assert ("rotate_right was trained with palm allowed; these episodes have forbidden" in errors) == warned
 
 
 def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
@@ -166,7 +181,7 @@ def test_episodes_that_a_training_has_used_are_named(
     assert seeds_overlap(reach, ROUND_SEEDS + reach.envs, 1) == ""
     assert "after every round" in seeds_overlap(reach, EVALUATION + reach.trials - 1, 5)
     assert "end of a training" in seeds_overlap(reach, SELECTION - 4, 5)
-    assert seeds_overlap(load_recipe("grasp"), 0, 1) == "", "rsl-rl's episodes are drawn otherwise"
+    assert seeds_overlap(load_recipe("grasp_easy"), 0, 1) == "", "rsl-rl's episodes are drawn otherwise"
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     code, _, errors = ask(monkeypatch, capfd, "reach_right", "reach", "--episodes", 1, "--seed", EVALUATION)
     assert code == 0
@@ -220,7 +235,7 @@ def test_the_shapes_that_are_held_out_are_those_of_the_stated_seed() -> None:
     from benchmarks.shapes import SEED as SHAPES
     from benchmarks.shapes import drawn
 
-    grasp = load_recipe("grasp")
+    grasp = load_recipe("grasp_easy")
     wanted = Recipe.model_validate({"task": "Grasp", "held_out": drawn(10, SHAPES)})
     assert wanted.held_out == grasp.held_out
     known = {getattr(each, "name", each) for each in (*(grasp.environment.objects or ()), *grasp.looked_at)}
@@ -241,3 +256,37 @@ def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None
         "100% (51% to 100%)",
         "50% (15% to 85%)",
     ]
+
+
+@pytest.mark.parametrize("name", [path.stem for path in (data_root() / "conf" / "training").glob("*.yaml")])
+def test_a_recipe_with_the_name_of_a_task_is_the_task_as_gymnasium_makes_it(name: str) -> None:
+    own = {task.lower(): task for task in TASKS}
+    found = as_shipped(load_recipe(name).environment)
+    if name not in own:
+        asked = {"palm", "level", "goals", "observation", "objects", "position_noise"}
+        assert asked & found.model_fields_set, f"{name}: the task as it is, under another name"
+        return
+    # A learner may decide less often, and its critic see more: neither changes what is asked of the hand.
+    of_the_learner: dict[str, Any] = {
+        key: getattr(found, key) for key in ("decimation", "state") if key in found.model_fields_set
+    }
+    assert found == EnvSettings(**of_the_learner)
+    recipes, made = (HandEnv(own[name], **keywords) for keywords in (env_keywords(found), of_the_learner))
+    ours, theirs = ([each.reset(seed=3), each.step(np.full(16, 0.3, np.float32))] for each in (recipes, made))
+    assert pickle.dumps(ours) == pickle.dumps(theirs)
+    assert load_recipe(own[name]) == load_recipe(name)
+
+
+def test_the_name_of_any_other_task_is_that_task_and_no_recipe_of_a_part_of_it() -> None:
+    for task in TASKS:
+        settings = as_shipped(load_recipe(task).environment)
+        assert (settings.palm, settings.level, settings.goals, settings.objects) == (
+            "forbidden",
+            "default",
+            "any",
+            None,
+        )
+    with pytest.raises(ConfigError, match="did you mean 'rotate_on_palm_hand'"):
+        load_recipe("rotate_hand")
+    with pytest.raises(ConfigError, match="'Reorient'"):
+        load_recipe("reorient")

@@ -61,7 +61,10 @@ def flat(value: Any, path: str) -> Any:
 
 def rows(folder: Path) -> list[dict[str, str]]:
     with (folder / "curve.csv").open(newline="") as file:
-        return [{name: value for name, value in row.items() if name != "seconds"} for row in csv.DictReader(file)]
+        return [
+            {name: value for name, value in row.items() if name not in ("seconds", "time/fps")}
+            for row in csv.DictReader(file)
+        ]
 
 
 def same(one: Path, other: Path) -> None:

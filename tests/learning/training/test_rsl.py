@@ -115,7 +115,7 @@ def test_what_is_lost_at_the_last_moment_is_a_failure_and_not_a_time_limit(monke
 
 
 def test_a_recipe_for_a_gpu_may_be_followed_on_processors() -> None:
-    loaded = load_recipe("rotate")
+    loaded = load_recipe("rotate_on_palm")
     assert (loaded.task, loaded.learner, loaded.environment.device) == ("Rotate", "rsl-rl", "warp")
     assert load_recipe("rotate", device="cpu").environment.device == "cpu"
 

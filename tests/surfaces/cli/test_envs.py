@@ -59,7 +59,7 @@ def test_a_task_is_done_without_learning_and_each_episode_is_a_row(
     assert command("mpc", "turn.yaml", "--seconds", 0)[0] == 2
 
 
-def test_the_name_of_a_task_is_the_task_in_the_fingertips_and_not_the_recipe_that_allows_the_palm(
+def test_the_name_of_a_task_is_the_task_in_the_fingertips_and_a_recipe_on_the_palm_says_so_in_its_name(
     command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from allegro_twin.learning.mpc import episodes
@@ -71,5 +71,5 @@ def test_the_name_of_a_task_is_the_task_in_the_fingertips_and_not_the_recipe_tha
         return []
 
     monkeypatch.setattr(episodes, "run_episodes", run_none)
-    assert command("mpc", "Rotate")[0] == command("mpc", "rotate")[0] == 0
-    assert asked == ["forbidden", "allowed"]
+    assert [command("mpc", name)[0] for name in ("Rotate", "rotate", "rotate_on_palm")] == [0, 0, 0]
+    assert asked == ["forbidden", "forbidden", "allowed"]

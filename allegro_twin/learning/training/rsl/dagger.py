@@ -67,13 +67,14 @@ class DaggerLearner:
             teacher_rows = round(self.env.num_envs * max(1.0 - self._done / (_LED * self.recipe.steps), 0.0))
             action[:teacher_rows] = teachers[:teacher_rows]
             self._seen, reward, failed, truncated, info = self.env.step(action)
-            self._statistics.add(reward, failed | truncated, info["is_success"])
+            self._statistics.add(reward, failed | truncated, info)
             observations.append(own.clone())
             actions.append(teachers)
             self._done += self.env.num_envs
         self._states.append((torch.cat(observations), torch.cat(actions)))
         del self._states[:-_KEPT]
-        return {"train/loss": self._imitate(), "train/learning_rate": self._adam.param_groups[0]["lr"]}
+        values = {"train/loss": self._imitate(), "train/learning_rate": self._adam.param_groups[0]["lr"]}
+        return values | self._statistics.take_terms()
 
     def episodes(self) -> tuple[int, float, float, float]:
         return self._statistics.take_means()

@@ -124,14 +124,18 @@ class PpoLearner:
                 self._seen, ended = self._observation_groups(seen), failed | truncated
                 more = {"time_outs": truncated & ~failed}
                 self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
-                self._statistics.add(reward, ended, info["is_success"])
+                self._statistics.add(reward, ended, info)
             self.ppo.compute_returns(self._seen)
         with self._fixed_policy():
             losses = self.ppo.update()
-        spread = float(self.ppo.get_policy().output_std.detach().mean())
-        return {f"train/{name}_loss" if name != "entropy" else "train/entropy": float(value)
-                for name, value in losses.items()} | {"train/learning_rate": self.ppo.learning_rate,
-                                                      "train/std": spread}  # fmt: skip
+        named = {f"train/{name}_loss" if name != "entropy" else "train/entropy": float(value)
+                 for name, value in losses.items()}  # fmt: skip
+        return named | {
+            "train/learning_rate": self.ppo.learning_rate,
+            "train/std": float(self.ppo.get_policy().output_std.detach().mean()),
+            "train/kl": self._change(),
+            **self._statistics.take_terms(),
+        }
 
     def episodes(self) -> tuple[int, float, float, float]:
         return self._statistics.take_means()
@@ -143,6 +147,16 @@ class PpoLearner:
         scale = 1.0 / (normal.std + normal.eps)
         mean, scale = normal.mean.cpu().numpy(), scale.cpu().numpy()
         return PolicyNetwork(self.widths, mean, scale, None, list(actor.mlp), self._turns)
+
+    def _change(self) -> float:
+        """KL divergence of the policy before an update from that after it, mean over the update's observations; it has
+        drawn no random number."""
+        storage, actor = self.ppo.storage, self.ppo.get_policy()
+        with torch.inference_mode():
+            mean = actor(storage.observations.flatten(0, 1))
+            before = tuple(each.flatten(0, 1) for each in storage.distribution_params)
+            actor.distribution.update(mean)
+            return float(actor.get_kl_divergence(before, actor.output_distribution_params).mean())
 
     @contextmanager
     def _fixed_policy(self) -> Iterator[None]:

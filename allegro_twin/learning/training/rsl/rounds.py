@@ -15,7 +15,6 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from torch.utils.tensorboard import SummaryWriter
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
@@ -23,11 +22,11 @@ from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.training.evaluation import evaluate
+from allegro_twin.learning.training.logs import NO_TERMS, TrainingLog
 from allegro_twin.learning.training.onnx_policy import PolicyNetwork, to_onnx
 from allegro_twin.learning.training.progress import (
     EVALUATION,
     Advance,
-    LearningCurve,
     TrainingProgress,
     TrainingResult,
     checked_progress,
@@ -55,7 +54,7 @@ class Learner(Protocol):
         ...
 
     def update(self) -> dict[str, float]:
-        """Collect one rollout of all simulations and learn from it. Returns values for TensorBoard."""
+        """Collect one rollout of all simulations and learn from it. Returns values for the logs."""
         ...
 
     def episodes(self) -> tuple[int, float, float, float]:
@@ -81,18 +80,16 @@ def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Adv
     if torch.device(learner.device).type == "cpu":
         torch.set_num_threads(1)
     progress = _read(learner, folder, recipe)
-    curve, policy = LearningCurve(folder / "curve.csv", progress.steps), folder / "policy.onnx"
-    # What a killed training wrote beyond its checkpoint is computed again, and hidden.
-    with SummaryWriter(str(folder / "tensorboard"), purge_step=progress.steps + 1) as board:
+    policy = folder / "policy.onnx"
+    with TrainingLog(recipe, folder, progress.steps) as log:
         while progress.rounds < recipe.rounds:
             learner.begin(progress)
-            progress = _round(learner, recipe, progress, curve, board, advance)
+            progress = _round(learner, recipe, progress, log, advance)
             _write(learner, folder, recipe, progress)
             to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": training_note(recipe, progress)}))
         settings = recipe.environment.model_copy(update={"device": "cpu"})
         rate = evaluate(load_policy(policy).policy, recipe.task, settings, recipe.trials, seed=EVALUATION).rate
-        curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
-        board.add_scalar("evaluation/success_rate", rate, progress.steps)
+        log.add_evaluation(progress.steps, progress.seconds, rate, {})
     with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     return TrainingResult(policy, progress, rate)
@@ -102,20 +99,16 @@ def _round(
     learner: Learner,
     recipe: Recipe,
     progress: TrainingProgress,
-    curve: LearningCurve,
-    board: SummaryWriter,
+    log: TrainingLog,
     advance: Advance,
 ) -> TrainingProgress:
     began, steps = time.monotonic() - progress.seconds, progress.steps
     for _ in range(recipe.round_steps // recipe.update):
         values = learner.update()
         steps += recipe.update
-        number, mean, length, share = learner.episodes()
-        means = {"return": mean, "length": length, "success": share} if number else {}
-        curve.add(steps=steps, seconds=time.monotonic() - began, episodes=number, **means)
-        names = {"return": "rollout/ep_rew_mean", "length": "rollout/ep_len_mean", "success": "rollout/success_rate"}
-        for name, value in {**values, **{names[key]: value for key, value in means.items()}}.items():
-            board.add_scalar(name, value, steps)
+        episodes = learner.episodes()
+        log.add_update(steps, time.monotonic() - began, episodes, values)
+        _, mean, _, share = episodes
         advance(steps, mean, share)
     return TrainingProgress(progress.rounds + 1, steps, time.monotonic() - began)
 
@@ -165,14 +158,22 @@ def _seed(states: dict[str, Any]) -> None:
 
 
 class EpisodeStatistics:
-    """Sums over episodes, on the device of the simulations."""
+    """Sums over episodes and of the task's terms, on the device of the simulations."""
 
     def __init__(self, env: TensorVectorEnv) -> None:
+        self._terms: dict[str, Any] = {}
+        self._actions = 0
         zeros = env.xp.zeros(env.num_envs)
         self._return, self._length, self._over = zeros, zeros.clone(), zeros.new_zeros(4)
 
-    def add(self, reward: Any, ended: Any, success: Any) -> None:
-        """Add one action of every simulation: (n,) each."""
+    def add(self, reward: Any, ended: Any, info: dict[str, Any]) -> None:
+        """Add one action of every simulation: (n,) each. `info`: of the step, with `is_success` and the terms."""
+        success = info["is_success"]
+        for name, value in info.items():
+            if name not in NO_TERMS:
+                mean = value.float().mean()
+                self._terms[name] = self._terms[name] + mean if name in self._terms else mean
+        self._actions += 1
         self._return += reward
         self._length += 1
         one = ended.float()
@@ -181,6 +182,13 @@ class EpisodeStatistics:
         )
         self._return *= 1.0 - one
         self._length *= 1.0 - one
+
+    def take_terms(self) -> dict[str, float]:
+        """Means over the actions since the last call of the task's terms, by their names in the logs."""
+        found = {f"terms/{name}": float(total) / self._actions for name, total in self._terms.items()}
+        self._terms.clear()
+        self._actions = 0
+        return found
 
     def state_dict(self) -> list[Any]:
         """Content for `load`."""

@@ -11,6 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Observation
+from allegro_twin.learning.training.logs import NO_TERMS
 
 Indices = int | Iterable[int] | None
 
@@ -28,6 +29,7 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
         self._generator = np.random.default_rng(0)
         self._seed: int | None = None
         self._actions = np.zeros(0, np.float32)
+        self._terms: dict[str, list[float]] = {}
         self._return = np.zeros(env.num_envs)
         self._age = np.zeros(env.num_envs, np.int64)
         self._cut: NDArray[np.int64] = np.full(env.num_envs, env.limit, np.int64)
@@ -50,6 +52,9 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
 
     def step_wait(self) -> tuple[Observation, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
         observation, reward, terminated, truncated, more = self.env.step(self._actions)
+        for name, value in more.items():
+            if name not in NO_TERMS:
+                self._terms.setdefault(name, []).append(float(value.mean()))
         self._return += reward
         self._age += 1
         ended = terminated | truncated | (self._age >= self._cut)
@@ -61,6 +66,12 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
             observation, _ = self.env.reset(options={"reset_mask": ended})
             self._return[rows], self._age[rows], self._cut[rows] = 0.0, 0, self.env.limit
         return observation, (self._scale * reward).astype(np.float32), ended, infos
+
+    def take_terms(self) -> dict[str, float]:
+        """Means over the actions since the last call of the task's terms, by their names in the logs."""
+        found = {f"terms/{name}": float(np.mean(means)) for name, means in self._terms.items()}
+        self._terms.clear()
+        return found
 
     def _last(self, row: int, observation: Observation, failed: bool, success: bool) -> dict[str, Any]:
         """Info of an episode that has just ended."""

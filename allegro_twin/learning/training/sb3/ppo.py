@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
 from allegro_twin.errors import ConfigError
@@ -21,12 +21,12 @@ from allegro_twin.learning.environments.settings import env_keywords
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard, write_card
 from allegro_twin.learning.training.evaluation import evaluate
+from allegro_twin.learning.training.logs import TrainingLog
 from allegro_twin.learning.training.onnx_policy import to_onnx
 from allegro_twin.learning.training.progress import (
     EVALUATION,
     STATE,
     Advance,
-    LearningCurve,
     TrainingProgress,
     TrainingResult,
     checked_progress,
@@ -52,19 +52,18 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     torch.set_num_threads(1)
     set_random_seed(recipe.seed)
     model = _model(recipe, stable) if path is None else PPO.load(str(path), env=stable, device="cpu")
-    model.set_logger(Logger(str(folder), [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
-    curve = LearningCurve(folder / "curve.csv", progress.steps)
+    model.set_logger(Logger(None, []))
     rate = float("nan")
-    while progress.rounds < recipe.rounds:
-        watching = TrainingCallback(curve, progress.seconds, advance)
-        _round(model, stable, recipe, progress, watching)
-        policy = _deterministic(model)
-        rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
-        progress = TrainingProgress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
-        curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
-        model.logger.record("evaluation/success_rate", rate)
-        model.logger.dump(progress.steps)
-        _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
+    with TrainingLog(recipe, folder, progress.steps) as log:
+        while progress.rounds < recipe.rounds:
+            watching = TrainingCallback(log, progress.seconds, advance)
+            _round(model, stable, recipe, progress, watching)
+            policy = _deterministic(model)
+            rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
+            progress = TrainingProgress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
+            log.add_evaluation(progress.steps, progress.seconds, rate, _losses(model))
+            model.logger.dump(progress.steps)  # The next round begins without values of this one.
+            _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
     if rate != rate:  # Nothing was left to do.
         rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
     to_onnx(
@@ -118,6 +117,19 @@ def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgres
     model.learn(recipe.round_steps, callback=watching, reset_num_timesteps=False)
 
 
+_NAMES = {"train/approx_kl": "train/kl", "train/policy_gradient_loss": "train/surrogate_loss"}
+_OF_THE_RECIPE = ("train/n_updates", "train/clip_range")
+
+
+def _losses(model: Any) -> dict[str, float]:
+    """What the model has logged of its last update, by the names that all learners have."""
+    found = {_NAMES.get(name, name): float(value) for name, value in model.logger.name_to_value.items()
+             if name.startswith("train/") and name not in _OF_THE_RECIPE}  # fmt: skip
+    if "train/entropy_loss" in found:
+        found["train/entropy"] = -found.pop("train/entropy_loss")
+    return found
+
+
 def _deterministic(model: Any) -> Any:
     return lambda observation: model.predict(observation, deterministic=True)[0]
 
@@ -126,9 +138,9 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
     """Updates the normalisation and writes the curve during one round, which begins `seconds` after the training
     did."""
 
-    def __init__(self, curve: LearningCurve, seconds: float, advance: Advance) -> None:
+    def __init__(self, log: TrainingLog, seconds: float, advance: Advance) -> None:
         super().__init__()
-        self._curve, self._advance = curve, advance
+        self._log, self._advance = log, advance
         self._began = monotonic() - seconds
         self._episodes: list[tuple[float, int, bool]] = []
         self._seen: Any = None
@@ -153,9 +165,9 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
         if not float(self.model.policy.pi_features_extractor.count):
             self._learn()  # Nothing is known yet; the first update is better with it.
         found = np.array(self._episodes, float).mean(axis=0) if self._episodes else np.full(3, np.nan)
-        values = dict(zip(("return", "length", "success"), found.tolist(), strict=True)) if self._episodes else {}
-        steps = int(self.num_timesteps)
-        self._curve.add(steps=steps, seconds=self.seconds, episodes=len(self._episodes), **values)
+        steps, (mean, length, share) = int(self.num_timesteps), found.tolist()
+        values = _losses(self.model) | self.training_env.take_terms()
+        self._log.add_update(steps, self.seconds, (len(self._episodes), mean, length, share), values)
         self._advance(steps, float(found[0]), float(found[2]))
         self._episodes.clear()
 

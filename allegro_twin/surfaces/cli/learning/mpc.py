@@ -36,7 +36,7 @@ def mpc(
 
     if seconds is not None and not seconds > 0:
         raise ConfigError(f"--seconds must be positive, not {seconds:g}")
-    # The name of a task is the task as `gymnasium.make` has it; a shipped recipe of that name can be an easier one.
+    # The name of a task is the task as `gymnasium.make` has it, with as many decisions a second.
     own = {name: value for name, value in (("hand", hand), ("side", side)) if value is not None}
     plain = {"task": task, "environment": own}
     recipe = parse_settings(Recipe, plain, "mpc") if task in task_names() else load_recipe(task, **own)

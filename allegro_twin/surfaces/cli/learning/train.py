@@ -38,6 +38,9 @@ def train(
     steps: Annotated[int | None, typer.Option(help="Total number of actions.")] = None,
     envs: Annotated[int | None, typer.Option(help="Number of parallel simulations.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the training; default: the recipe's.", min=0)] = None,
+    log: Annotated[
+        str | None, typer.Option(help="Any of tensorboard,csv,wandb; default: the recipe's, or the first two.")
+    ] = None,
     episodes: Episodes = 200,
     video: Annotated[bool, typer.Option(help="Film some episodes at the end.")] = True,
 ) -> None:
@@ -47,7 +50,8 @@ def train(
     from allegro_twin.learning.training import train as learn
     from allegro_twin.surfaces.cli import console
 
-    recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed)
+    logs = None if log is None else [name.strip() for name in log.split(",") if name.strip()]
+    recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed, log=logs)
     folder = out or Path("runs") / Path(task).stem.lower()
     with ExitStack() as stack:
         if out is None:
@@ -80,6 +84,8 @@ def evaluate_policy(
     """Compare a policy with the script in the same episodes, with seeds from `seed` on; `can` of them also run on a
     virtual CAN bus. Raises HandError."""
     from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.environments.engine import contradictions
+    from allegro_twin.learning.policy.card import read_card
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe
     from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
@@ -95,6 +101,8 @@ def evaluate_policy(
         )
         console.errors.print(f"[yellow]{warning}[/]", soft_wrap=True)
     path = find_file(policy, "policy", "conf/policies", ".onnx")
+    for key, its, value in contradictions(read_card(path), loaded.environment, ("palm", "goals")):
+        console.errors.print(f"[yellow]{policy} was trained with {key} {its}; these episodes have {value}[/]")
     if film is not None:
         film_policy(load_policy(path).policy, loaded, film, seed=first)
     console.console.print(console.policy_table(compare_policy(path, loaded, episodes, first), loaded, first))
