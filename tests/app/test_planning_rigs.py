@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from allegro_twin.app import session
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
 from allegro_twin.app.rig import assemble, spec_of
@@ -40,7 +41,19 @@ def test_a_hand_plans_for_its_episode_and_its_session_tells_of_both(backend: Any
     assert became.endswith(" rad")
 
 
-def test_beside_a_simulated_hand_its_time_passes_as_ours() -> None:
+def test_beside_a_simulated_hand_its_time_passes_as_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    held_back: list[bool] = []
+
+    def hold(samples: Any) -> Any:
+        held_back.append(True)
+        return samples
+
+    monkeypatch.setattr(session, "paced", hold)
+    for time, held in (("lockstep", []), ("real", [True])):
+        chosen = config(time=time, camera={"delay": 0.03, "noise": 0.001})
+        perform(assemble(chosen), chosen, Outputs())
+        assert held_back == held
+    monkeypatch.undo()
     chosen = config(time="real", camera={"delay": 0.03, "noise": 0.001})
     (*_, plans, _) = perform(assemble(chosen), chosen, Outputs()).notes
     assert " plans beside the hand in 6 decisions" in plans

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.mpc.observed import ObservedEpisode, PoseTracker
+from allegro_twin.learning.mpc.sampling import Plan
 from allegro_twin.learning.mpc.settings import MpcSettings, PoseCamera
 from allegro_twin.loop import run, until
 from allegro_twin.types import Array
@@ -50,6 +52,16 @@ def test_a_pose_is_carried_on_over_the_delay_and_between_pictures(delay: float) 
     np.testing.assert_allclose(motion[:3], flight.velocity, atol=1e-9)
     np.testing.assert_allclose(motion[3:], flight.spin, atol=0.05)
     assert len(tracker._pictures) < 8  # What nobody needs any more is forgotten.
+
+
+def test_a_picture_arrives_after_its_delay() -> None:
+    places = iter([np.zeros(3), np.ones(3)])
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    tracker = PoseTracker(lambda: np.concatenate([next(places), upright]), PoseCamera(period=0.03, delay=0.05))
+    tracker.look(0.0)
+    tracker.look(0.03)
+    np.testing.assert_array_equal(tracker.now(0.079)[0][:3], 0.0)
+    assert tracker.now(0.081)[0][0] >= 1.0
 
 
 def test_the_first_picture_is_all_there_is_and_noise_is_that_of_the_seed() -> None:
@@ -122,35 +134,60 @@ def test_beside_a_hand_the_last_plan_goes_on_until_the_next_has_come(monkeypatch
     hand = EpisodeBackend("Reach", EnvSettings(timestep=0.003), seed=1)
     model = ObservedEpisode("Reach", EnvSettings(timestep=0.003), 1)
     controller = MpcController("Reach", model, TINY.model_copy(update={"stride": 1}), real_time=True, threads=1)
-    taken: list[Array] = []
-    asked: list[Any] = []
-    search = controller._mpc.search
+    gate, plans, decided, moved = Event(), list[Plan](), list[Any](), list[int]()
+    search, move_on = controller._mpc.search, controller._mpc.move_on
 
-    def record(state: Any, decided: Any = None) -> Any:
-        asked.append(decided)
-        return search(state, decided)
+    def slow(state: Any, action: Any = None) -> Plan:
+        decided.append(action)
+        if len(decided) == 2:
+            gate.wait(60.0)
+        plans.append(search(state, action))
+        return plans[-1]
 
-    monkeypatch.setattr(controller._mpc, "search", record)
+    def note(plan: Plan, decisions: int = 1) -> None:
+        moved.append(decisions)
+        move_on(plan, decisions)
+
+    monkeypatch.setattr(controller._mpc, "search", slow)
+    monkeypatch.setattr(controller._mpc, "move_on", note)
     state = hand.reset()
     memory = controller.start(state)
-    plans = []
-    for period in range(13 * 6):
-        decided = controller.decisions
+    taken = [memory.action]
+    for _ in range(13 * 5):
+        before = controller.decisions
+        if before == 0 and controller._pending is not None:
+            controller._pending.result()
         command, memory = controller(state, memory)
         hand.write(command)
         state = hand.read()
-        if period == 0 or controller.decisions != decided:
+        if controller.decisions != before:
             taken.append(memory.action)
-            if len(taken) in (1, 4) and controller._pending is not None:
-                plans.append((len(taken) - 1, controller._pending.result()))
+    gate.set()
     controller.close()
-    begun, plan = plans[0]
-    np.testing.assert_array_equal(taken[begun], 0.0)  # Nothing was planned yet.
-    np.testing.assert_array_equal(asked[0], taken[0])
-    np.testing.assert_array_equal(plan.actions[0], 0.0)
-    np.testing.assert_allclose(taken[1], plan.actions[1])
-    assert controller.plans >= 2
-    assert "plans beside the hand in 6 decisions" in controller.report(0.234)
+    none = np.zeros(16)
+    assert len(plans[0].actions) == 3
+    expected = [none, plans[0].actions[1], plans[0].actions[2], none, none]  # Nothing is planned yet; run out.
+    np.testing.assert_array_equal(taken[:5], expected)
+    np.testing.assert_array_equal(decided[0], none)
+    np.testing.assert_array_equal(plans[0].actions[0], none)
+    np.testing.assert_array_equal(decided[1], plans[0].actions[1])
+    assert moved == [1]
+    assert controller.report(0.195) == "mpc: 1 plans beside the hand in 5 decisions, 5.1 a second of the hand"
+
+
+def test_a_late_plan_moves_on_by_the_decisions_that_have_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = ObservedEpisode("Reach", EnvSettings(timestep=0.003), 1)
+    controller = MpcController("Reach", model, TINY.model_copy(update={"stride": 1}), real_time=True, threads=1)
+    moved: list[int] = []
+    monkeypatch.setattr(controller._mpc, "move_on", lambda plan, decisions=1: moved.append(decisions))
+    hand = EpisodeBackend("Reach", EnvSettings(timestep=0.003), seed=1)
+    controller.start(hand.reset())
+    assert controller._pending is not None
+    plan = controller._pending.result()
+    controller.decisions = 2
+    np.testing.assert_array_equal(controller._at_hand(), plan.actions[2])
+    controller.close()
+    assert moved == [2]
 
 
 def test_what_a_model_cannot_follow_is_refused() -> None:

@@ -19,6 +19,7 @@ from allegro_twin.learning.mpc.rollouts import Rollouts, planner_environment
 from allegro_twin.learning.mpc.sampling import Plan, SamplingMpc
 from allegro_twin.learning.mpc.settings import CostSettings, MpcSettings, planner_settings
 from allegro_twin.learning.tasks.base import StepOutcome
+from allegro_twin.sim.batch.link_contacts import LinkContacts
 
 QUICK = MpcSettings(samples=12, horizon=0.3, hold=0.0, knots=2, iterations=1)
 
@@ -183,7 +184,9 @@ def test_some_samples_move_one_finger_alone_and_some_begin_afresh() -> None:
     assert (mpc._draw()[3:] == 0.0).sum() >= 37 * 2 * 12
 
 
-def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_leaves_its_place() -> None:
+def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_leaves_its_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def cost(**weights: float) -> Any:
         settings = MpcSettings(samples=3, costs=CostSettings(**weights))
         environment = EnvSettings(timestep=0.003, objects=("cube",))
@@ -210,6 +213,8 @@ def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_le
     np.testing.assert_allclose(cost(effort=1.0), [0.0, 1 / 16, 1.0])
     np.testing.assert_allclose(cost(place=4.0), [0.0, 1.0, 4.0], atol=1e-12)
     np.testing.assert_allclose(cost(grip=3.0), 3.0)  # Before a step nothing touches.
+    monkeypatch.setattr(LinkContacts, "touching", lambda *_: np.array([4, 3, 2]))
+    np.testing.assert_allclose(cost(grip=1.0), [0.0, 1 / 16, 1 / 4])
     np.testing.assert_allclose(cost(), 0.0)
 
 
@@ -267,6 +272,43 @@ def test_a_decided_action_is_that_of_every_sample(monkeypatch: pytest.MonkeyPatc
     plan = mpc.search(env.save_state(), decided)
     np.testing.assert_allclose(plan.actions[0], decided, atol=1e-7)
     np.testing.assert_allclose(seen[0][0], np.tile(decided, (12, 1)), atol=1e-7)
+
+
+def test_the_plan_is_the_best_of_all_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK.model_copy(update={"iterations": 2}), threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    tried: list[Any] = []
+    worth = iter([np.arange(12.0), np.arange(12.0) - 5.0])
+
+    def returns(state: Any, actions: Any, still: int) -> Any:
+        tried.append(actions)
+        return next(worth)
+
+    returns.begin = mpc._rollouts.begin  # type: ignore[attr-defined]
+    monkeypatch.setattr(mpc, "_rollouts", returns)
+    plan = mpc.search(env.save_state())
+    assert plan.value == 11.0
+    np.testing.assert_array_equal(plan.actions, tried[0][:, 11].astype(np.float32))
+
+
+def test_what_a_task_counts_is_paid_as_it_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    keywords: dict[str, Any] = {"objects": ("cube",), "timestep": 0.003}
+    env = HandEnv("Rotate", **keywords)
+    env.reset(seed=3)
+    settings = QUICK.model_copy(update={"samples": 2, "reward": 0.0, "count": 2.0, "discount": 0.5})
+    rollouts = Rollouts("Rotate", EnvSettings(**keywords), settings, threads=1)
+    counts = iter([[0.1, 0.0], [0.3, 0.0], [0.2, 1.0]])
+
+    def outcome(*_: Any) -> Any:
+        return StepOutcome(np.ones(2), np.zeros(2, bool), np.zeros(2, bool), {"turned": np.array(next(counts))}), None
+
+    monkeypatch.setattr(rollouts.engine, "outcome", outcome)
+    worth = 0.5 ** (0.039 * np.arange(3))
+    found = rollouts(env.save_state(), np.zeros((3, 2, 16)), 0)
+    np.testing.assert_allclose(found, [2.0 * (worth @ [0.1, 0.2, -0.1]), 2.0 * worth[2]])
+    with pytest.raises(ConfigError, match="Reach counts nothing: leave it out"):
+        Rollouts("Reach", EnvSettings(), settings, threads=1)
 
 
 class _Recorded:
