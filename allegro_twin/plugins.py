@@ -20,6 +20,7 @@ from allegro_twin.hands.description.calibration import NOTHING, Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import HandSettings, TaskSettings
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
@@ -83,6 +84,10 @@ class ControllerContext:
     task: TaskSettings
     trial: Trial | None = None
     """The scenario of the task, where it has one."""
+    object_pose: Callable[[], Vector] | None = None
+    """True pose of the object of a simulated or virtual hand's episode, m and quaternion w x y z, (7,)."""
+    live: bool = False
+    """Whether the hand's time passes by itself."""
 
 
 class MadeController(NamedTuple):
@@ -242,6 +247,7 @@ CONTROLLERS = Registry(
             "limp": "LIMP",
             "position": "SETPOINTS",
             "policy": "POLICY",
+            "mpc": "MPC",
             "impedance": "CARTESIAN",
             "compliance": "CARTESIAN",
         }.items()

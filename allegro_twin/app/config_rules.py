@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from allegro_twin.app.controller_settings import CartesianSettings, FollowSettings, PolicySettings, PositionSettings
+from allegro_twin.app.controller_settings import (
+    CartesianSettings,
+    FollowSettings,
+    PlanningSettings,
+    PolicySettings,
+    PositionSettings,
+)
 from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
@@ -26,6 +32,14 @@ def _task(task: TaskSettings, controller: ControllerSettings) -> Iterator[str]:
     kind = controller.kind
     if task.object is not None and task.scenario is None:
         yield "task.object takes the place of a scenario's first object: name task.scenario, too"
+    if task.episode is not None and task.scenario is not None:
+        yield "task.scenario and task.episode are two scenes: leave one out"
+    if isinstance(controller, PlanningSettings):
+        if task.episode is None:
+            yield "controller.kind mpc plans for an episode: name its task, task: {episode: {task: Rotate}}"
+        if task.grasp is not None:
+            yield "task.grasp is not for the mpc controller: use pd, pid or position, or leave it out"
+        return
     if isinstance(controller, PolicySettings):
         return
     if isinstance(controller, _MOVING):
@@ -59,6 +73,12 @@ def _backend(task: TaskSettings, backend: BackendSettings) -> Iterator[str]:
         for key in ("facing", "fingers", "timestep"):
             if key in scene.model_fields_set:
                 yield f"{key} of a simulated hand is where it stands alone; task.scenario says it: leave one out"
+    if task.episode is not None and scene is not None:
+        for key in ("facing", "fingers", "timestep", "start", "truth"):
+            if key in scene.model_fields_set:
+                yield f"{key} of a simulated hand is where it stands alone; task.episode says it: leave one out"
+    if task.episode is not None and isinstance(backend, CanSettings) and backend.virtual and backend.imu > 0:
+        yield "backend.imu: the palm of an episode reports no gravity: leave it out"
     if isinstance(backend, CanSettings) and backend.interface == VIRTUAL:
         for key in ("channel", "options"):
             if key in backend.model_fields_set:

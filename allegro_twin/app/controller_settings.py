@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from allegro_twin.files.schema import PerJoint, Positive, Vector3
+from allegro_twin.learning.mpc.settings import MpcSettings, PoseCamera
 from allegro_twin.plugins import ControllerSettings
 
 
@@ -96,6 +97,21 @@ class PolicySettings(ControllerSettings):
     """Load a .zip too, which can run any program: its maker is trusted."""
 
 
+class PlanningSettings(ControllerSettings):
+    """Plan for the task's episode, by sampling: docs/explanation/model_predictive_control.md."""
+
+    kind: Literal["mpc"]
+    planning: MpcSettings | None = None
+    """Default: the settings of the task in conf/mpc, or those of `allegro-twin mpc`."""
+    time: Literal["lockstep", "real"] = "lockstep"
+    """`lockstep`: the time of a simulated hand stands still while it thinks. `real`: it does not; plans are made beside
+    the hand."""
+    camera: PoseCamera | None = None
+    """How the object of a simulated hand is observed; default: its true pose, every control period."""
+    threads: Annotated[int, Field(ge=0)] = 0
+    """0: one a processor."""
+
+
 OwnController = Annotated[
     TorqueSettings
     | GravitySettings
@@ -103,6 +119,7 @@ OwnController = Annotated[
     | LimpSettings
     | FollowSettings
     | PolicySettings
+    | PlanningSettings
     | CartesianSettings,
     Field(discriminator="kind"),
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app.config import RunConfig
@@ -10,11 +11,13 @@ from allegro_twin.app.controller_settings import (
     FollowSettings,
     GravitySettings,
     LimpSettings,
+    PlanningSettings,
     PolicySettings,
     PositionSettings,
     TorqueSettings,
 )
 from allegro_twin.app.references import posture_of, wanted_of
+from allegro_twin.app.simulated import episode_environment
 from allegro_twin.backend import limp_of
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
@@ -22,7 +25,7 @@ from allegro_twin.files.assets import find_file
 from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
-from allegro_twin.types import frozen
+from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, GravityFeedforward
@@ -35,13 +38,21 @@ _ARMS = ("impedance", "compliance", "torque", "limp")
 """Controllers of an arm, which carries its own weight."""
 
 
-def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> MadeController:
-    """The controller, and how long its motion takes where that is known. Raises ConfigError."""
+def make_controller(
+    config: RunConfig,
+    spec: HandSpec,
+    trial: Trial | None,
+    object_pose: Callable[[], Vector] | None = None,
+    *,
+    live: bool = False,
+) -> MadeController:
+    """The controller, and how long its motion takes where that is known. `object_pose`: of a simulated hand's episode,
+    (7,); `live`: whether the hand's time passes by itself. Raises ConfigError."""
     settings = config.controller
     if settings.kind in CONTROLLERS.builtin:
         check_kind(settings.kind, spec)
     made: MadeController = CONTROLLERS.kind(settings.kind).make(
-        settings, ControllerContext(spec, config.period, config.task, trial)
+        settings, ControllerContext(spec, config.period, config.task, trial, object_pose, live)
     )
     return made
 
@@ -54,7 +65,7 @@ def check_kind(kind: str, spec: HandSpec) -> None:
         raise ConfigError(f"controller.kind {kind} is for arms; {spec.name} is a hand: use pd, pid or position")
     if kind == "position" and "torque" in spec.commands:
         raise ConfigError(f"controller.kind position is for a hand whose firmware closes the loop; {spec.name}: use pd")
-    if kind not in ("position", "limp", "policy") and "torque" not in spec.commands:
+    if kind not in ("position", "limp", "policy", "mpc") and "torque" not in spec.commands:
         raise ConfigError(f"controller.kind {kind} commands torques; {spec.name} takes {', '.join(spec.commands)}: "
                           "use position or limp, or a policy")  # fmt: skip
 
@@ -116,6 +127,34 @@ def _policy(settings: PolicySettings, context: ControllerContext) -> MadeControl
     return MadeController(PolicyController(loaded.policy, interface, goal, script), seconds)
 
 
+def _mpc(settings: PlanningSettings, context: ControllerContext) -> MadeController:
+    """A planner for the task's episode, and how long that lasts."""
+    from allegro_twin.learning.mpc.controller import MpcController
+    from allegro_twin.learning.mpc.observed import ObservedEpisode, PoseTracker
+    from allegro_twin.learning.mpc.settings import PoseCamera, planner_settings
+
+    spec, episode = context.spec, context.task.episode
+    assert episode is not None  # A rule of the config.
+    if settings.time == "lockstep" and context.live:
+        raise ConfigError("controller.time lockstep: the time of this hand passes by itself; choose time: real")
+    camera = settings.camera or PoseCamera(period=context.period, window=context.period)
+    poses = None if context.object_pose is None else PoseTracker(context.object_pose, camera)
+    if settings.camera is not None and poses is None:
+        raise ConfigError(f"controller.camera: {episode.task} has no object here to look at; leave it out")
+    model = ObservedEpisode(episode.task, episode_environment(episode, spec, context.period), episode.seed, poses)
+    interface = model.engine.task.interface
+    if context.task.posture is not None:
+        if interface.goal != "fingertips":
+            raise ConfigError(f"task.posture is a goal of fingertips, and {episode.task} has none: leave it out, or "
+                              "plan for Reach")  # fmt: skip
+        model.goal = interface.fingertips(posture_of(context.task.posture, spec))
+    planning = settings.planning or planner_settings(episode.task)
+    controller = MpcController(
+        episode.task, model, planning, real_time=settings.time == "real", threads=settings.threads
+    )
+    return MadeController(controller, model.engine.limit * interface.seconds)
+
+
 def _position(settings: PositionSettings, context: ControllerContext) -> MadeController:
     """PD or PID on what the task asks for; a grasp that controls force has its own."""
     from allegro_twin.control.controllers import PD, PID
@@ -164,5 +203,6 @@ TORQUE = ControllerKind(TorqueSettings, _torque)
 GRAVITY = ControllerKind(GravitySettings, _gravity_compensation)
 POSITION = ControllerKind(PositionSettings, _position)
 SETPOINTS = ControllerKind(FollowSettings, _setpoints)
+MPC = ControllerKind(PlanningSettings, _mpc)
 POLICY = ControllerKind(PolicySettings, _policy)
 CARTESIAN = ControllerKind(CartesianSettings, _cartesian)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
-from allegro_twin.app.simulated import simulated, trial_of
+from allegro_twin.app.simulated import episode_of, simulated, trial_of
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.limits import arm_limits as arm_limits
 from allegro_twin.controller import Controller
@@ -23,9 +23,11 @@ from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.settings import SceneSettings, SimSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
+from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
+    from allegro_twin.learning.environments.episode import EpisodeBackend
     from allegro_twin.sim.engine.backend import SimBackend
 
 
@@ -43,6 +45,8 @@ class Rig:
     """The scenario, where its scene is simulated in this program."""
     sim: SimBackend | None = None
     """The simulation of a simulated or virtual hand: for pictures, and for pushes."""
+    episode: EpisodeBackend | None = None
+    """The episode of an environment, where a simulated or virtual hand is in one."""
 
     @property
     def device(self) -> Device:
@@ -78,6 +82,7 @@ class SimulatedScene:
 
     sim: SimBackend | None = None
     trial: Trial | None = None
+    episode: EpisodeBackend | None = None
 
 
 def spec_of(config: RunConfig) -> HandSpec:
@@ -105,6 +110,9 @@ def context_of(config: RunConfig, scene: SimulatedScene, physics: Physics | None
         if physics is not None:
             other, scene.trial = physics(spec, step)
             return other  # type: ignore[return-value]  # Who drives it knows a backend only.
+        if config.task.episode is not None:
+            scene.episode = episode_of(config.task.episode, spec, step)
+            return scene.episode  # type: ignore[return-value]  # Likewise.
         wanted = SceneSettings(kind="sim") if settings is None else settings
         assert isinstance(wanted, SimSettings)
         scene.sim, scene.trial = simulated(wanted, config.task, spec, step)
@@ -123,15 +131,25 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
         if not kind.replays:
             check_period(config.period, spec, config.controller.kind)
         trial = scene.trial or trial_of(config.task, spec, config.period)
-        controller, seconds = make_controller(config, spec, trial)
+        controller, seconds = make_controller(
+            config, spec, trial, pose_of(scene.episode), live=not (kind.replays or scene.sim or scene.episode)
+        )
         if kind.replays:
             return Rig(spec, backend, controller, config.seconds)
         if trial is not None:
             seconds = trial.seconds + (STAY if scene.trial is None else 0.0)
-        return Rig(spec, guarded(config, spec, backend), controller, config.seconds or seconds, scene.trial, scene.sim)
+        seconds, guard = config.seconds or seconds, guarded(config, spec, backend)
+        return Rig(spec, guard, controller, seconds, scene.trial, scene.sim, scene.episode)
     except HandError:
         backend.close()
         raise
+
+
+def pose_of(episode: EpisodeBackend | None) -> Callable[[], Vector] | None:
+    """How the true pose of an episode's object is told, (7,); None without an object."""
+    if episode is None or (thing := episode.engine.task.thing) is None:
+        return None
+    return lambda: frozen(thing.pose[0])
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:

@@ -24,6 +24,7 @@ from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import TrialReport
+    from allegro_twin.learning.mpc.controller import MpcController
 
 
 REACHED = 0.03
@@ -89,7 +90,11 @@ def perform(
     if rig.trial is None and config.task.scenario is not None:
         notes.append("no verdict: only a simulation sees what becomes of the object")
     with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
+        planner = _planner(rig, stack)
         samples = to_the_end(run(rig.backend, rig.controller))
+        if planner is not None and planner.real_time and not rig.live and outputs.live is None:
+            samples = paced(samples)  # Plans are made in a time that passes.
+        samples = _until_over(samples, rig)
         if rig.seconds is not None:
             samples = until(rig.seconds, samples)
         beside, viewers = _Beside(rig), list[Any]()
@@ -106,7 +111,39 @@ def perform(
         report = rig.trial.report() if rig.trial is not None else None
         _concluded(viewers, report)
         notes += rig.device.warnings()
+        notes += [] if planner is None else [planner.report(last.t)]
+        notes += _became_of(rig)
     return RunOutcome(last, report, tuple(notes), beside.motion, missed, rig.device.unconfirmed)
+
+
+def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
+    """The controller that plans, which is closed with the run; None for others."""
+    from allegro_twin.learning.mpc.controller import MpcController
+
+    if not isinstance(rig.controller, MpcController):
+        return None
+    stack.callback(rig.controller.close)
+    return rig.controller
+
+
+def _until_over(samples: Iterator[Sample], rig: Rig) -> Iterator[Sample]:
+    """Stop with the end of the episode that a simulated hand is in."""
+    for sample in samples:
+        yield sample
+        if rig.episode is not None and rig.episode.over:
+            return
+
+
+def _became_of(rig: Rig) -> list[str]:
+    """What became of the episode that a simulated hand was in."""
+    episode = rig.episode
+    if episode is None:
+        return []
+    task = episode.engine.task
+    counted = f", {episode.count:.2f} {task.count_unit}" if task.count_term else ""
+    t = int(episode.engine.count[0]) * task.interface.seconds
+    lost = episode.over and episode.engine.count[0] < episode.engine.limit
+    return [f"{task.name}: {f'lost at {t:.2f} s' if lost else f'{t:.2f} s'}{counted}"]
 
 
 class _Beside:

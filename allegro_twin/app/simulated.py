@@ -9,8 +9,10 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import posture_of
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.settings import HandSettings, TaskSettings
+from allegro_twin.hands.settings import EpisodeSettings, HandSettings, TaskSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.spec import HandSpec
@@ -18,6 +20,8 @@ from allegro_twin.types import Vector
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
+    from allegro_twin.learning.environments.episode import EpisodeBackend
+    from allegro_twin.learning.environments.settings import EnvSettings
     from allegro_twin.sim.engine.backend import SimBackend
 
 
@@ -33,6 +37,26 @@ def simulated(settings: SimSettings, task: TaskSettings, spec: HandSpec, period:
     start = None if settings.start is None else posture_of(settings.start, spec)
     trial = trial_of(task, spec, period, start)
     return Simulated(_alone(settings, spec, period, start), None) if trial is None else Simulated(trial.backend, trial)
+
+
+def episode_environment(episode: EpisodeSettings, spec: HandSpec, period: float) -> EnvSettings:
+    """The environment of a config's episode, with its hand. Raises ConfigError."""
+    from allegro_twin.learning.environments.settings import EnvSettings
+
+    own = {"hand": spec.model_reference, "side": spec.side, "period": period}
+    for name in own.keys() & episode.environment.keys():
+        block = "period" if name == "period" else f"hand.{'model' if name == 'hand' else name}"
+        raise ConfigError(f"task.episode.environment.{name} is the config's {block}: leave it out")
+    if episode.environment.get("device", "cpu") != "cpu":
+        raise ConfigError("task.episode.environment.device: a hand is driven on cpu: leave it out")
+    return parse_settings(EnvSettings, episode.environment | own, "task.episode.environment")
+
+
+def episode_of(episode: EpisodeSettings, spec: HandSpec, period: float) -> EpisodeBackend:
+    """A hand in the scene of a config's episode, its object included. Raises ConfigError."""
+    from allegro_twin.learning.environments.episode import EpisodeBackend
+
+    return EpisodeBackend(episode.task, episode_environment(episode, spec, period), episode.seed)
 
 
 def trial_of(task: TaskSettings, spec: HandSpec, period: float, start: Vector | None = None) -> Trial | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -18,6 +18,17 @@ class HandSettings(Settings):
     """File in conf/hands with what was measured on this very hand."""
 
 
+class EpisodeSettings(Settings):
+    """An episode of one of the environments (docs/reference/environments.md)."""
+
+    task: str
+    """Such as Rotate, Reorient or Reach."""
+    environment: dict[str, Any] = Field(default_factory=dict)
+    """Keywords of the environment but hand, side and period, which the config has."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Of the reset: object, size, start and goals."""
+
+
 class TaskSettings(Settings):
     """A scenario, or a grasp in the open, or a posture; without any a position controller goes `home`."""
 
@@ -31,6 +42,8 @@ class TaskSettings(Settings):
     """With a scenario: another object in place of its first: of the catalogue, or a mesh (.obj, .stl)."""
     posture: str | PerJoint | None = None
     """Where to go, by name or in rad. For a policy that reaches goals: the goal, whose fingertips it is to reach."""
+    episode: EpisodeSettings | None = None
+    """A simulated or virtual hand is in this episode, its object included; the controller `mpc` plans for it."""
 
 
 class LimitSettings(Settings):

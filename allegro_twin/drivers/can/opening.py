@@ -137,10 +137,12 @@ def _serial(hand: HandSettings, codec: Codec) -> str:
     return (hand.serial or "VIRTUAL1")[-8:]
 
 
-def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]]:
+def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]] | None:
+    """None for physics that are no simulation of ours, such as a hidden hand's or an episode's."""
+    from allegro_twin.sim.engine.backend import SimBackend
     from allegro_twin.sim.engine.fingertip_pressure import PressureSensors
 
-    return PressureSensors(sim)
+    return PressureSensors(sim) if isinstance(sim, SimBackend) else None
 
 
 KIND = BackendKind(CanSettings, open_can)

@@ -11,9 +11,15 @@ from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
     from allegro_twin.learning.mpc.episodes import MpcEpisode, run_episodes
-    from allegro_twin.learning.mpc.sampling import MpcSettings, SamplingMpc
+    from allegro_twin.learning.mpc.sampling import Plan, SamplingMpc
+    from allegro_twin.learning.mpc.settings import CostSettings, MpcSettings, planner_settings
 
-__all__ = ["MpcEpisode", "MpcSettings", "SamplingMpc", "run_episodes"]
+__all__ = ["CostSettings", "MpcEpisode", "MpcSettings", "Plan", "SamplingMpc", "planner_settings", "run_episodes"]
 __getattr__, __dir__ = exports(
-    __name__, {"episodes": ("MpcEpisode", "run_episodes"), "sampling": ("MpcSettings", "SamplingMpc")}
+    __name__,
+    {
+        "episodes": ("MpcEpisode", "run_episodes"),
+        "sampling": ("Plan", "SamplingMpc"),
+        "settings": ("CostSettings", "MpcSettings", "planner_settings"),
+    },
 )

@@ -11,7 +11,8 @@ import numpy as np
 
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
-from allegro_twin.learning.mpc.sampling import MpcSettings, SamplingMpc
+from allegro_twin.learning.mpc.sampling import SamplingMpc
+from allegro_twin.learning.mpc.settings import MpcSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,8 @@ class MpcEpisode:
     """Share of the contact force by fingertips; NaN where a task does not tell."""
     thinking: float
     """Wall time of a decision, mean, s."""
+    computing: float
+    """Processor time of a decision, mean, s."""
 
 
 def run_episodes(
@@ -47,21 +50,21 @@ def run_episodes(
     shown: Callable[[Any], None] | None = None,
     advance: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[MpcEpisode]:
-    """Run episodes of a task; number i is that of the environment with the seed `seed + i`. `seconds`: at most, of
-    each; `shown` gets a picture of every decision; `advance` the decisions of an episode that are done. Raises
-    ConfigError."""
+    """Run episodes of a task; number i is that of the environment with the seed `seed + i`. `seconds`: of each at most,
+    in place of the task's own; `shown` gets a picture of every decision; `advance` the decisions of an episode that are
+    done. Raises ConfigError."""
     env = HandEnv(task, render_mode=None if shown is None else "rgb_array", **env_keywords(environment))
     mpc, found = SamplingMpc(task, environment, settings, threads), []
     own, step = env.engine.task, env.engine.task.interface.seconds
-    limit = env.engine.limit if seconds is None else min(max(round(seconds / step), 1), env.engine.limit)
+    limit = env.engine.limit if seconds is None else max(round(seconds / step), 1)
     for number in range(episodes):
         _, report = env.reset(seed=seed + number)
         mpc.begin()
-        total, spent, failed, info, done = 0.0, 0.0, False, dict[str, Any](), 0
+        total, spent, used, failed, info, done = 0.0, 0.0, 0.0, False, dict[str, Any](), 0
         while not failed and done < limit:
-            began = time.perf_counter()
+            began, cpu = time.perf_counter(), time.process_time()
             action = mpc.plan(env.save_state())
-            spent += time.perf_counter() - began
+            spent, used = spent + time.perf_counter() - began, used + time.process_time() - cpu
             _, reward, failed, _, info = env.step(action)
             total, done = total + reward, done + 1
             if shown is not None:
@@ -71,6 +74,6 @@ def run_episodes(
         kind = str(report.get("object", ""))
         tips = float(info.get("by_tips", np.nan))
         kept, good = not failed, bool(info["is_success"])
-        found.append(MpcEpisode(kind, done * step, kept, good, total, count, tips, spent / done))
+        found.append(MpcEpisode(kind, done * step, kept, good, total, count, tips, spent / done, used / done))
     env.close()
     return found

@@ -1,55 +1,42 @@
 """Sampling-based model predictive control: actions are splines, tried in a batch of simulations, and the best counts.
 
-From the present state s, with knots θ of a spline a_θ(t) over a horizon of H decisions and the task's own reward r,
+From the present state s, with knots θ of a spline a_θ(t) over a horizon of H decisions, the task's own reward r, its
+weight w and further costs c (`CostSettings`), for decisions of Δt and a discount γ a second,
 
-    J(θ) = Σ_{h<H} r(s_h, a_θ(h)) + Σ_{H≤h<H+S} r(s_h, 0),   until the episode fails,
+    J(θ) = Σ_{h<H+S} γ^{hΔt} (w r - c Δt)(s_h, a_h),  a_h = a_θ(h) for h < H, else 0,   until the episode fails,
 
 is maximised over samples θ_i = θ̄ + σ ε_i in one of three ways: *predictive sampling* keeps the best sample (Howell et
 al. 2022), the *cross-entropy method* the mean and spread of the best share, *MPPI* the mean weighted by
 exp((J_i − max J) / (λ sd J)). The first action is taken, of the best sample or with MPPI of θ̄, and θ̄ moves on by one
 decision.
+
+Among the samples of every decision are always the plan of the last one, moved on; no action at all; the action that was
+taken last, held; and the best samples of the last decision (`keep`). Some samples move one finger alone (`fingers`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from allegro_twin.files.schema import Positive, Settings
-from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
-from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
-from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.snapshot import EpisodeState
+from allegro_twin.learning.mpc.rollouts import Rollouts
+from allegro_twin.learning.mpc.settings import MpcSettings
 from allegro_twin.types import Array
 
-Share = Annotated[float, Field(gt=0, le=1)]
+_FIXED = 3  # Samples that are always tried: the plan, no action, the last action held.
 
 
-class MpcSettings(Settings):
-    """How actions are looked for."""
+class Plan(NamedTuple):
+    """What one search has found."""
 
-    method: Literal["cem", "mppi", "predictive"] = "cem"
-    samples: Annotated[int, Field(ge=2)] = 48
-    """Simulations side by side."""
-    horizon: Positive = 0.6
-    """s"""
-    hold: Annotated[float, Field(ge=0)] = 0.36
-    """s after the horizon without any action, in which a plan that ends in a bad hold shows it."""
-    knots: Annotated[int, Field(ge=2)] = 4
-    """Of the spline, over the horizon; between them it is linear."""
-    iterations: Annotated[int, Field(ge=1)] = 2
-    """Of the search in each decision."""
-    spread: Positive = 0.4
-    """Largest standard deviation of samples, in parts of an action's range."""
-    narrowest: Positive = 0.05
-    """Least standard deviation, with `cem`, which begins every decision with twice that of the last."""
-    elite: Share = 0.15
-    """Best share of the samples, with `cem`."""
-    temperature: Positive = 0.2
-    """λ, with `mppi`."""
-    seed: int = 0
+    actions: NDArray[np.float32]
+    """Of the decisions of the horizon, (decisions, joints), in [-1, 1]."""
+    value: float
+    """J of the best sample."""
 
 
 class SamplingMpc:
@@ -57,15 +44,14 @@ class SamplingMpc:
 
     def __init__(self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0) -> None:
         self.settings = settings
-        self._sims = HandVectorEnv(
-            task, settings.samples, threads=threads, autoreset_mode="disabled", **env_keywords(environment)
-        )
-        self._sims.reset(seed=settings.seed)
-        seconds = self._sims.engine.task.interface.seconds
+        self._rollouts = Rollouts(task, environment, settings, threads)
+        own = self._rollouts.engine.task
+        seconds = own.interface.seconds
         self.decisions = max(round(settings.horizon / seconds), 2)
         """In the horizon."""
         self._still = round(settings.hold / seconds)
-        self._joints = self._sims.engine.task.spec.n_joints
+        self._joints = own.spec.n_joints
+        self._fingers = [list(finger.joints) for finger in own.spec.fingers]
         at = np.linspace(0.0, settings.knots - 1.0, self.decisions)
         low = np.minimum(at.astype(int), settings.knots - 2)
         self._low, self._part = low, (at - low)[:, None, None]
@@ -76,35 +62,82 @@ class SamplingMpc:
         self._rng = np.random.default_rng(self.settings.seed)
         self._mean: Array = np.zeros((self.settings.knots, self._joints))
         self._spread: Array = np.full_like(self._mean, self.settings.spread)
+        self._last: Array = np.zeros(self._joints)
+        self._kept: Array = np.zeros((0, *self._mean.shape))
+        self._begun = False
+        self._place, self.searches = 0, 0
+        """Of the next decision in the present plan; searches since the beginning."""
 
     def plan(self, state: EpisodeState) -> NDArray[np.float32]:
-        """The next action from a saved state of the episode, (joints,), in [-1, 1]."""
-        chosen = self.settings
-        self._spread = np.clip(2.0 * self._spread, chosen.narrowest, chosen.spread)
-        best = self._mean
-        for _ in range(chosen.iterations):
-            knots = self._mean + self._spread * self._rng.standard_normal((chosen.samples, *self._mean.shape))
-            knots[0] = self._mean
-            knots = np.clip(knots, -1.0, 1.0)
-            returns = self._returns(state, knots)
-            best = knots[int(returns.argmax())]
-            self._choose(knots, returns)
-        # What was tried is certain here, and a mean was not tried; with `mppi` it is the plan by definition.
-        actions = self._spline((self._mean if chosen.method == "mppi" else best)[None])[:, 0]
-        self._move_on(actions)
-        first: NDArray[np.float32] = actions[0].astype(np.float32)
-        return first
+        """The next action from a saved state of the episode, (joints,), in [-1, 1]: of a new plan, or where `every` is
+        more than 1 of the last one."""
+        every = min(self.settings.every, self.decisions)
+        if self._place == 0:
+            self._found = self.search(state)
+            self.searches += 1
+        action: NDArray[np.float32] = self._found.actions[self._place]
+        self._place = (self._place + 1) % every
+        if self._place == 0:
+            self.move_on(self._found, every)
+        return action
 
-    def _returns(self, state: EpisodeState, knots: Array) -> Array:
-        """Sum of the rewards of each sample, (samples,)."""
-        spread_snapshot(self._sims, state.parts)
+    def search(self, state: EpisodeState, decided: Array | None = None) -> Plan:
+        """The best plan from a saved state of the episode. `decided`: the action of its first decision, (joints,),
+        where that is not open any more."""
+        chosen = self.settings
+        if not self._begun:
+            self._rollouts.begin(state)
+            self._begun = True
+        self._spread = np.clip(2.0 * self._spread, chosen.narrowest, chosen.spread)
+        best, value, tried = self._mean, -np.inf, []
+        for _ in range(chosen.iterations):
+            knots = self._draw()
+            actions = self._actions(knots, decided)
+            returns = self._rollouts(state, actions.astype(float), self._still)
+            top = int(returns.argmax())
+            if returns[top] > value:
+                best, value = knots[top], float(returns[top])
+            tried.append((returns, knots))
+            self._choose(knots, returns)
+        self._keep(tried)
+        # What was tried is certain here, and a mean was not tried; with `mppi` it is the plan by definition.
+        return Plan(self._actions((self._mean if chosen.method == "mppi" else best)[None], decided)[:, 0], value)
+
+    def move_on(self, plan: Plan, decisions: int = 1) -> None:
+        """Go on with the rest of a plan of which so many decisions have passed."""
+        taken = min(max(decisions, 1), self.decisions)
+        self._last = plan.actions[taken - 1].astype(float)
+        actions = plan.actions.astype(float)
+        self._mean = self._later(actions, decisions)
+        self._kept = np.array([self._later(self._spline(knots[None])[:, 0], decisions) for knots in self._kept])
+
+    def _actions(self, knots: Array, decided: Array | None) -> NDArray[np.float32]:
         actions = self._spline(knots).astype(np.float32)
-        total, going = np.zeros(len(knots)), np.ones(len(knots), bool)
-        for each in (*actions, *[np.zeros_like(actions[0])] * self._still):
-            _, reward, failed, _, _ = self._sims.step(each)
-            total += np.where(going, reward, 0.0)
-            going &= ~failed
-        return total
+        if decided is not None:
+            actions[0] = decided
+        return actions
+
+    def _draw(self) -> Array:
+        """Knots to try, (samples, knots, joints)."""
+        chosen, rng = self.settings, self._rng
+        fixed = [self._mean, np.zeros_like(self._mean), np.broadcast_to(self._last, self._mean.shape), *self._kept]
+        fixed = fixed[: max(chosen.samples // 2, 1)]
+        left = chosen.samples - len(fixed)
+        noise = self._spread * rng.standard_normal((left, *self._mean.shape))
+        alone = np.flatnonzero(rng.random(left) < chosen.fingers)
+        for row, finger in zip(alone, rng.integers(len(self._fingers), size=len(alone)), strict=True):
+            others = np.ones(self._joints, bool)
+            others[self._fingers[finger]] = False
+            noise[row][:, others] = 0.0
+        around = np.where((rng.random(left) < chosen.afresh)[:, None, None], 0.0, self._mean)
+        drawn: Array = np.clip(np.concatenate([np.stack(fixed), around + noise]), -1.0, 1.0)
+        return drawn
+
+    def _keep(self, tried: list[tuple[Array, Array]]) -> None:
+        """Remember the best samples but the very best, which is the plan."""
+        if self.settings.keep:
+            returns, knots = (np.concatenate(parts) for parts in zip(*tried, strict=True))
+            self._kept = knots[np.argsort(returns)[::-1][1 : 1 + self.settings.keep]]
 
     def _spline(self, knots: Array) -> Array:
         """Actions at every decision, (decisions, samples, joints), of knots (samples, knots, joints)."""
@@ -124,8 +157,10 @@ class SamplingMpc:
             self._mean = best.mean(axis=0)
             self._spread = np.maximum(best.std(axis=0), chosen.narrowest)
 
-    def _move_on(self, actions: Array) -> None:
-        """The spline one decision later, which ends with no action."""
-        later = np.concatenate([actions[1:], np.zeros((1, self._joints))])
+    def _later(self, actions: Array, decisions: int) -> Array:
+        """Knots of the spline (decisions, joints) so many decisions later, which ends with no action."""
+        rest = np.zeros((self.decisions, self._joints))
+        rest[: max(self.decisions - decisions, 0)] = actions[decisions:]
         at = np.linspace(0.0, self.decisions - 1.0, self.settings.knots)
-        self._mean = np.stack([np.interp(at, np.arange(self.decisions), column) for column in later.T], axis=-1)
+        found: Array = np.stack([np.interp(at, np.arange(self.decisions), column) for column in rest.T], axis=-1)
+        return found

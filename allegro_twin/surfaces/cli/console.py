@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.mpc.episodes import MpcEpisode
-    from allegro_twin.learning.mpc.sampling import MpcSettings
+    from allegro_twin.learning.mpc.settings import MpcSettings
     from allegro_twin.learning.tasks.base import Task
     from allegro_twin.learning.training.evaluation import Evaluation
     from allegro_twin.learning.training.report import Comparison

@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.orientation import quaternion_product
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.snapshot import spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.mpc.episodes import run_episodes
-from allegro_twin.learning.mpc.sampling import MpcSettings, SamplingMpc
+from allegro_twin.learning.mpc.rollouts import Rollouts, planner_environment
+from allegro_twin.learning.mpc.sampling import Plan, SamplingMpc
+from allegro_twin.learning.mpc.settings import CostSettings, MpcSettings, planner_settings
+from allegro_twin.learning.tasks.base import StepOutcome
+from allegro_twin.sim.batch.link_contacts import LinkContacts
 
 QUICK = MpcSettings(samples=12, horizon=0.3, hold=0.0, knots=2, iterations=1)
 
@@ -81,11 +86,17 @@ def test_a_spline_goes_through_its_knots_and_moves_on_by_a_decision() -> None:
     mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), MpcSettings(samples=2, horizon=0.39, knots=4), threads=1)
     assert mpc.decisions == 10
     knots = np.arange(4.0)[None, :, None] * np.ones((1, 1, 16))
-    actions = mpc._spline(knots)[:, 0]
-    np.testing.assert_allclose(actions[:, 0], np.linspace(0.0, 3.0, 10))
-    mpc._move_on(actions)
+    actions = mpc._spline(knots)[:, 0].astype(np.float32)
+    np.testing.assert_allclose(actions[:, 0], np.linspace(0.0, 3.0, 10), rtol=1e-6)
+    mpc.move_on(Plan(actions, 0.0))
     np.testing.assert_allclose(mpc._mean[0], actions[1])
     np.testing.assert_allclose(mpc._mean[-1], 0.0)
+    np.testing.assert_allclose(mpc._last, actions[0])
+    mpc.move_on(Plan(actions, 0.0), 3)
+    np.testing.assert_allclose(mpc._mean[0], actions[3])
+    np.testing.assert_allclose(mpc._last, actions[2])
+    mpc.move_on(Plan(actions, 0.0), 50)
+    np.testing.assert_allclose(mpc._mean, 0.0)
 
 
 def test_a_plan_is_the_last_one_moved_on_where_nothing_else_is_tried() -> None:
@@ -98,18 +109,29 @@ def test_a_plan_is_the_last_one_moved_on_where_nothing_else_is_tried() -> None:
         np.testing.assert_allclose(mpc.plan(env.save_state()), action, atol=1e-6)
 
 
-def test_what_comes_after_a_failure_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK.model_copy(update={"samples": 2}), threads=1)
+def test_what_comes_after_a_failure_counts_for_nothing_and_a_discount_makes_later_rewards_small(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     env = HandEnv("Reach", timestep=0.003)
     env.reset(seed=3)
-    steps = iter(range(100))
+    for discount in (1.0, 0.25):
+        settings = QUICK.model_copy(update={"samples": 2, "discount": discount})
+        rollouts = Rollouts("Reach", EnvSettings(timestep=0.003), settings, threads=1)
+        stepped: list[list[int]] = []
+        failing = iter([[False, False], [True, False], [False, False], [False, False]])
 
-    def step(actions: Any) -> Any:
-        return None, np.array([1.0, 1.0]), np.array([next(steps) == 2, False]), None, None
+        def outcome(*_: Any, failing: Any = failing) -> Any:
+            return StepOutcome(np.ones(2), np.array(next(failing)), np.zeros(2, bool), {}), None
 
-    monkeypatch.setattr(mpc._sims, "step", step)
-    returns = mpc._returns(env.save_state(), np.zeros((2, 2, 16)))
-    assert returns.tolist() == [3.0, float(mpc.decisions)]
+        def step(action: Any, rows: Any, stepped: list[list[int]] = stepped) -> None:
+            stepped.append([0, 1] if rows is None else rows.tolist())
+
+        monkeypatch.setattr(rollouts.engine, "outcome", outcome)
+        monkeypatch.setattr(rollouts.engine, "step", step)
+        found = rollouts(env.save_state(), np.zeros((3, 2, 16)), 1)
+        worth = discount ** (0.039 * np.arange(4))
+        np.testing.assert_allclose(found, [worth[:2].sum(), worth.sum()])
+        assert stepped == [[0, 1], [0, 1], [1], [1]]  # What has failed takes no time any more.
 
 
 def test_an_episode_reports_what_became_of_it() -> None:
@@ -133,3 +155,167 @@ def test_a_device_has_no_states_to_plan_from() -> None:
     pytest.importorskip("mujoco_warp", reason="mujoco_warp is not installed: pip install 'allegro-twin[warp]'")
     with pytest.raises(ConfigError, match="states are not saved there"):
         HandEnv("Reach", device="warp:cpu").save_state()
+
+
+def test_every_decision_tries_the_plan_no_action_the_last_action_held_and_the_best_of_before() -> None:
+    settings = QUICK.model_copy(update={"keep": 2, "samples": 12})
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), settings, threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    first = mpc.plan(env.save_state())
+    tried = mpc._draw()
+    assert tried.shape == (12, 2, 16)
+    np.testing.assert_array_equal(tried[0], mpc._mean)
+    np.testing.assert_array_equal(tried[1], 0.0)
+    np.testing.assert_array_equal(tried[2], np.stack([first, first]))
+    np.testing.assert_array_equal(tried[3:5], mpc._kept)
+    assert len(mpc._kept) == 2
+    assert len({row.tobytes() for row in tried}) == 12
+
+
+def test_some_samples_move_one_finger_alone_and_some_begin_afresh() -> None:
+    settings = QUICK.model_copy(update={"samples": 40, "fingers": 1.0, "afresh": 0.0})
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), settings, threads=1)
+    mpc._mean[...] = 0.3
+    moved = (mpc._draw()[3:] != 0.3).any(axis=1).reshape(-1, 4, 4).any(axis=-1)  # Four joints a finger.
+    assert (moved.sum(axis=-1) == 1).all()
+    assert moved.any(axis=0).all()
+    mpc.settings = settings.model_copy(update={"afresh": 1.0})
+    assert (mpc._draw()[3:] == 0.0).sum() >= 37 * 2 * 12
+
+
+def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_leaves_its_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def cost(**weights: float) -> Any:
+        settings = MpcSettings(samples=3, costs=CostSettings(**weights))
+        environment = EnvSettings(timestep=0.003, objects=("cube",))
+        rollouts = Rollouts("Rotate", environment, settings, threads=1)
+        env = HandEnv("Rotate", timestep=0.003, objects=("cube",))
+        env.reset(seed=1)
+        rollouts.begin(env.save_state())
+        worlds, thing = rollouts.engine.worlds, rollouts.engine.task.thing
+        spec = rollouts.engine.task.spec
+        assert thing is not None
+        worlds.position[...] = (spec.lower + spec.upper) / 2
+        rollouts.costs._posture = (spec.lower + spec.upper) / 2
+        worlds.control[...] = 0.0
+        span = spec.upper - spec.lower
+        worlds.position[1, 5] = spec.upper[5] - 0.05 * span[5]
+        worlds.position[2, 5] = spec.upper[5]
+        worlds.control[1, 2], worlds.control[2, :] = spec.actuation.torque_limit[2], -spec.actuation.torque_limit
+        thing.pose[1, 2] -= 0.01
+        thing.pose[2, 0] += 0.02
+        return rollouts.costs()
+
+    np.testing.assert_allclose(cost(ends=2.0), [0.0, 2.0 * 0.25, 2.0])
+    np.testing.assert_allclose(cost(posture=1.0), [0.0, 0.45**2, 0.25])
+    np.testing.assert_allclose(cost(effort=1.0), [0.0, 1 / 16, 1.0])
+    np.testing.assert_allclose(cost(place=4.0), [0.0, 1.0, 4.0], atol=1e-12)
+    np.testing.assert_allclose(cost(grip=3.0), 3.0)  # Before a step nothing touches.
+    monkeypatch.setattr(LinkContacts, "touching", lambda *_: np.array([4, 3, 2]))
+    np.testing.assert_allclose(cost(grip=1.0), [0.0, 1 / 16, 1 / 4])
+    np.testing.assert_allclose(cost(), 0.0)
+
+
+def test_leaning_costs_whatever_side_of_the_object_was_up() -> None:
+    costs = Rollouts("Rotate", EnvSettings(objects=("cube",)), MpcSettings(samples=2), threads=1).costs
+    costs.settings = CostSettings(lean=1.0)
+    thing = costs._engine.task.thing
+    assert thing is not None
+    on_side = np.array([np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0])
+    costs.begin(np.zeros(16), np.concatenate([np.zeros(3), on_side]))
+    thing.pose[0, 3:] = quaternion_product(np.array([0.6, 0.0, 0.0, 0.8]), on_side)  # Turned about the vertical.
+    thing.pose[1, 3:] = [1.0, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(costs(), [0.0, 1.0], atol=1e-12)
+
+
+def test_costs_of_an_object_are_refused_where_there_is_none() -> None:
+    with pytest.raises(ConfigError, match="costs.place is for tasks with an object, and Reach has none"):
+        Rollouts("Reach", EnvSettings(), MpcSettings(samples=2, costs=CostSettings(place=1.0)), threads=1)
+    with pytest.raises(ConfigError, match="Lift does not tell what touches"):
+        Rollouts("Lift", EnvSettings(), MpcSettings(samples=2, costs=CostSettings(grip=1.0)), threads=1)
+
+
+def test_the_planner_may_step_more_coarsely_than_the_episode() -> None:
+    environment = EnvSettings(decimation=20, objects=("cube",), timestep=0.001)
+    coarser = planner_environment(environment, MpcSettings(stride=2, coarse=True))
+    assert (coarser.period, coarser.timestep, coarser.decimation, coarser.coarse) == (0.006, 0.006, 10, True)
+    assert planner_environment(environment, MpcSettings()).timestep == environment.period
+    assert planner_environment(environment, MpcSettings(stride=0)) == environment
+    uneven = planner_environment(EnvSettings(), MpcSettings(stride=2))  # 13 control periods are 6 steps.
+    assert uneven.decimation == 6
+    assert uneven.timestep == pytest.approx(0.0065)
+    with pytest.raises(ConfigError, match="Lift has a script, which goes by control periods"):
+        Rollouts("Lift", EnvSettings(decimation=14), MpcSettings(samples=2, stride=2), threads=1)
+    env = HandEnv("Rotate", objects=("cube",), timestep=0.003, decimation=20)
+    env.reset(seed=0)
+    env.step(np.zeros(16, np.float32))
+    rollouts = Rollouts("Rotate", environment, MpcSettings(samples=2, stride=2), threads=1)
+    rollouts.begin(env.save_state())
+    assert rollouts.engine.memory.tick.tolist() == [10, 10]
+    np.testing.assert_array_equal(rollouts.engine.worlds.position[1], env.engine.worlds.position[0])
+
+
+def test_settings_of_tasks_ship() -> None:
+    assert planner_settings("Rotate") != MpcSettings() != planner_settings("Reorient")
+    assert planner_settings("HoldDisturbed") == MpcSettings()
+
+
+def test_a_decided_action_is_that_of_every_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK, threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    seen: list[Any] = []
+    monkeypatch.setattr(mpc, "_rollouts", _Recorded(mpc._rollouts, seen))
+    decided = np.linspace(-0.5, 0.5, 16)
+    plan = mpc.search(env.save_state(), decided)
+    np.testing.assert_allclose(plan.actions[0], decided, atol=1e-7)
+    np.testing.assert_allclose(seen[0][0], np.tile(decided, (12, 1)), atol=1e-7)
+
+
+def test_the_plan_is_the_best_of_all_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK.model_copy(update={"iterations": 2}), threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    tried: list[Any] = []
+    worth = iter([np.arange(12.0), np.arange(12.0) - 5.0])
+
+    def returns(state: Any, actions: Any, still: int) -> Any:
+        tried.append(actions)
+        return next(worth)
+
+    returns.begin = mpc._rollouts.begin  # type: ignore[attr-defined]
+    monkeypatch.setattr(mpc, "_rollouts", returns)
+    plan = mpc.search(env.save_state())
+    assert plan.value == 11.0
+    np.testing.assert_array_equal(plan.actions, tried[0][:, 11].astype(np.float32))
+
+
+def test_what_a_task_counts_is_paid_as_it_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    keywords: dict[str, Any] = {"objects": ("cube",), "timestep": 0.003}
+    env = HandEnv("Rotate", **keywords)
+    env.reset(seed=3)
+    settings = QUICK.model_copy(update={"samples": 2, "reward": 0.0, "count": 2.0, "discount": 0.5})
+    rollouts = Rollouts("Rotate", EnvSettings(**keywords), settings, threads=1)
+    counts = iter([[0.1, 0.0], [0.3, 0.0], [0.2, 1.0]])
+
+    def outcome(*_: Any) -> Any:
+        return StepOutcome(np.ones(2), np.zeros(2, bool), np.zeros(2, bool), {"turned": np.array(next(counts))}), None
+
+    monkeypatch.setattr(rollouts.engine, "outcome", outcome)
+    worth = 0.5 ** (0.039 * np.arange(3))
+    found = rollouts(env.save_state(), np.zeros((3, 2, 16)), 0)
+    np.testing.assert_allclose(found, [2.0 * (worth @ [0.1, 0.2, -0.1]), 2.0 * worth[2]])
+    with pytest.raises(ConfigError, match="Reach counts nothing: leave it out"):
+        Rollouts("Reach", EnvSettings(), settings, threads=1)
+
+
+class _Recorded:
+    def __init__(self, inner: Any, seen: list[Any]) -> None:
+        self._inner, self._seen = inner, seen
+        self.begin = inner.begin
+
+    def __call__(self, state: Any, actions: Any, still: int) -> Any:
+        self._seen.append(actions)
+        return self._inner(state, actions, still)

@@ -21,6 +21,7 @@ PLACES = {
     "grasp": "conf/grasps/*.yaml",
     "trajectory": "conf/trajectories/*.yaml",
     "recipe": "conf/training/*.yaml",
+    "mpc": "conf/mpc/*.yaml",
     "lab": "conf/lab_*.yaml",
 }
 """Where the shipped files of each kind are."""
@@ -49,6 +50,7 @@ def models() -> dict[str, type[Settings]]:
     from allegro_twin.cell.settings import LabSettings
     from allegro_twin.grasping.scenario import Scenario, TrialProtocol
     from allegro_twin.hands.library.entries import GraspFile, PostureFile, TrajectoryFile
+    from allegro_twin.learning.mpc.settings import MpcSettings
     from allegro_twin.learning.training.settings import Recipe
 
     return {
@@ -59,5 +61,6 @@ def models() -> dict[str, type[Settings]]:
         "grasp": GraspFile,
         "trajectory": TrajectoryFile,
         "recipe": Recipe,
+        "mpc": MpcSettings,
         "lab": LabSettings,
     }

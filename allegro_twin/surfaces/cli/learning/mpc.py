@@ -16,7 +16,7 @@ def mpc(
     seconds: Annotated[float | None, typer.Option(help="Of each episode, at most; default: the task's.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first episode; each next one adds 1.")] = 0,
     settings: Annotated[
-        Path | None, typer.Option("--settings", help="YAML: method, samples, horizon and more.")
+        Path | None, typer.Option("--settings", help="YAML: method, samples, costs; default: conf/mpc.")
     ] = None,
     hand: options.TrainedHand = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
@@ -28,7 +28,7 @@ def mpc(
     from allegro_twin.errors import ConfigError
     from allegro_twin.files.schema import load_settings, parse_settings
     from allegro_twin.learning.mpc.episodes import run_episodes
-    from allegro_twin.learning.mpc.sampling import MpcSettings
+    from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
     from allegro_twin.learning.tasks import task_names, task_type
     from allegro_twin.learning.training.settings import Recipe, load_recipe
     from allegro_twin.surfaces.cli import console
@@ -40,7 +40,7 @@ def mpc(
     own = {name: value for name, value in (("hand", hand), ("side", side)) if value is not None}
     plain = {"task": task, "environment": own}
     recipe = parse_settings(Recipe, plain, "mpc") if task in task_names() else load_recipe(task, **own)
-    chosen = MpcSettings() if settings is None else load_settings(MpcSettings, settings)
+    chosen = planner_settings(recipe.task) if settings is None else load_settings(MpcSettings, settings)
     # Physics in steps of the control period: three times as fast as those of 1 ms.
     environment = recipe.environment.model_copy(
         update={"device": "cpu", "state": False, "timestep": recipe.environment.period}

@@ -1,0 +1,75 @@
+"""Rollouts: plans of actions tried side by side in simulations of one episode, and what each is worth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
+from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.mpc.costs import PlanCosts
+from allegro_twin.learning.mpc.settings import MpcSettings
+from allegro_twin.types import Array
+
+
+def planner_environment(environment: EnvSettings, settings: MpcSettings) -> EnvSettings:
+    """The environment in which plans are tried: the same decisions, perhaps with coarser physics."""
+    changed: dict[str, object] = {"coarse": environment.coarse or settings.coarse}
+    if settings.stride:
+        steps = max(round(environment.decimation / settings.stride), 1)
+        period = environment.period * environment.decimation / steps
+        changed |= {"period": period, "timestep": period, "decimation": steps}
+    return environment.model_copy(update=changed)
+
+
+class Rollouts:
+    """`samples` simulations of a task that go on from one saved state. Raises ConfigError."""
+
+    def __init__(self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0) -> None:
+        self.settings = settings
+        planner = planner_environment(environment, settings)
+        self._steps, self._periods = planner.decimation, environment.decimation
+        self._sims = HandVectorEnv(
+            task, settings.samples, threads=threads, autoreset_mode="disabled", **env_keywords(planner)
+        )
+        self._sims.reset(seed=settings.seed)
+        self.engine = self._sims.engine
+        if settings.stride > 1 and self.engine.task.interface.scripts is not None:
+            raise ConfigError(f"stride: {self.engine.task.name} has a script, which goes by control periods: leave "
+                              "stride out")  # fmt: skip
+        if settings.count and not self.engine.task.count_term:
+            raise ConfigError(f"count: {self.engine.task.name} counts nothing: leave it out")
+        self.costs = PlanCosts(settings.costs, self.engine)
+
+    def begin(self, state: EpisodeState) -> None:
+        """A new episode, from its first state."""
+        self._spread(state)
+        thing = self.engine.task.thing
+        self.costs.begin(self.engine.worlds.position[0], None if thing is None else thing.pose[0])
+
+    def __call__(self, state: EpisodeState, actions: Array, still: int) -> Array:
+        """What each sample is worth from a saved state: `actions` (decisions, samples, joints), and then `still`
+        decisions without any. Shape (samples,)."""
+        self._spread(state)
+        engine, n = self.engine, self.engine.n
+        seconds, weight = engine.task.interface.seconds, self.settings.reward
+        total, going, before = np.zeros(n), np.ones(n, bool), np.zeros(n)
+        for decision, each in enumerate((*actions, *[np.zeros_like(actions[0])] * still)):
+            taken = engine.clip_actions(each)
+            engine.step(taken, None if going.all() else np.flatnonzero(going))
+            outcome, _ = engine.outcome(taken, engine.observe())
+            worth = self.settings.discount ** (seconds * decision)
+            gained = worth * (weight * outcome.reward - seconds * self.costs())
+            if self.settings.count:
+                count = outcome.terms[engine.task.count_term]
+                gained, before = gained + worth * self.settings.count * (count - before), count
+            total += np.where(going, np.where(np.isfinite(gained), gained, 0.0), 0.0)
+            going &= ~outcome.failed
+            if not going.any():
+                break
+        return total
+
+    def _spread(self, state: EpisodeState) -> None:
+        spread_snapshot(self._sims, state.parts)
+        self.engine.memory.tick[...] = self.engine.memory.tick // self._periods * self._steps

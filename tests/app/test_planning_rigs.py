@@ -1,0 +1,128 @@
+"""A config may have a hand plan for a task, simulated or behind a virtual bus."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from allegro_twin.app import session
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controllers import make_controller
+from allegro_twin.app.rig import assemble, spec_of
+from allegro_twin.app.session import Outputs, perform
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import parse_settings
+
+TINY = {"method": "predictive", "samples": 4, "iterations": 1, "horizon": 0.12, "hold": 0.0, "knots": 2, "stride": 2}
+SIM: dict[str, Any] = {"kind": "sim"}
+BUS: dict[str, Any] = {"kind": "can", "version": "v4", "interface": "allegro-virtual"}
+
+
+def config(backend: Any = SIM, task: Any = None, seconds: float = 0.3, **controller: Any) -> RunConfig:
+    episode = {"task": "Rotate", "environment": {"objects": ["cube"], "decimation": 20, "timestep": 0.003}}
+    content = {
+        "backend": backend,
+        "task": {"episode": episode} if task is None else task,
+        "controller": {"kind": "mpc", "threads": 1, "planning": TINY} | controller,
+        "seconds": seconds,
+    }
+    return parse_settings(RunConfig, content, "config")
+
+
+@pytest.mark.parametrize("backend", [SIM, BUS, BUS | {"version": "v5"}], ids=["sim", "v4", "v5"])
+def test_a_hand_plans_for_its_episode_and_its_session_tells_of_both(backend: Any) -> None:
+    chosen = config(backend)
+    outcome = perform(assemble(chosen), chosen, Outputs())
+    plans, became = outcome.notes[-2:]
+    assert plans.startswith("mpc: ")
+    assert " plans in lockstep in " in plans
+    assert became.startswith("Rotate: 0.3")
+    assert became.endswith(" rad")
+
+
+def test_beside_a_simulated_hand_its_time_passes_as_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    held_back: list[bool] = []
+
+    def hold(samples: Any) -> Any:
+        held_back.append(True)
+        return samples
+
+    monkeypatch.setattr(session, "paced", hold)
+    for time, held in (("lockstep", []), ("real", [True])):
+        chosen = config(time=time, camera={"delay": 0.03, "noise": 0.001})
+        perform(assemble(chosen), chosen, Outputs())
+        assert held_back == held
+    monkeypatch.undo()
+    chosen = config(time="real", camera={"delay": 0.03, "noise": 0.001})
+    (*_, plans, _) = perform(assemble(chosen), chosen, Outputs()).notes
+    assert " plans beside the hand in 6 decisions" in plans
+
+
+def test_an_episode_that_is_lost_ends_the_run() -> None:
+    chosen = config(seconds=5.0)
+    rig = assemble(chosen)
+    assert rig.episode is not None
+    engine = rig.episode.engine
+    judge = engine.outcome
+
+    def lose(*given: Any) -> Any:
+        outcome, diverged = judge(*given)
+        return outcome._replace(failed=engine.count >= 2), diverged
+
+    engine.outcome = lose  # type: ignore[assignment, method-assign]
+    outcome = perform(rig, chosen, Outputs())
+    assert outcome.last.t == pytest.approx(0.12)
+    assert outcome.notes[-1].startswith("Rotate: lost at 0.12 s, ")
+
+
+def test_a_posture_is_a_goal_of_fingertips() -> None:
+    task = {"posture": "fist", "episode": {"task": "Reach", "environment": {"timestep": 0.003}}}
+    rig = assemble(config(task=task, planning=TINY | {"stride": 1}))
+    interface = rig.controller.episode.engine.task.interface  # type: ignore[attr-defined]
+    from allegro_twin.app.references import posture_of
+
+    goal = rig.controller.episode.goal  # type: ignore[attr-defined]
+    assert goal == pytest.approx(interface.fingertips(posture_of("fist", rig.spec)))
+    assert rig.controller.start(rig.backend.reset()).action.shape == (16,)
+    assert rig.controller.episode.engine.task.goal()[0] == pytest.approx(goal)  # type: ignore[attr-defined]
+    rig.backend.close()
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"task": {}}, "mpc plans for an episode: name its task"),
+        ({"task": {"posture": "fist", "episode": {"task": "Rotate"}}}, "Rotate has none: leave it out, or plan"),
+        ({"task": {"grasp": "power", "episode": {"task": "Rotate"}}}, "task.grasp is not for the mpc controller"),
+        ({"task": {"scenario": "demo", "episode": {"task": "Rotate"}}}, "are two scenes: leave one out"),
+        ({"task": {"episode": {"task": "Rotate", "environment": {"side": "left"}}}}, "is the config's hand.side"),
+        ({"task": {"episode": {"task": "Rotate", "environment": {"device": "warp"}}}}, "driven on cpu: leave it out"),
+        ({"task": {"episode": {"task": "Rotte"}}}, "did you mean 'Rotate'"),
+        ({"task": {"episode": {"task": "Reach"}}, "camera": {}}, "Reach has no object here to look at"),
+        ({"backend": BUS | {"imu": 0.1}}, "backend.imu: the palm of an episode reports no gravity"),
+        ({"backend": SIM | {"start": "fist"}}, "task.episode says it: leave one out"),
+    ],
+)  # fmt: skip
+def test_what_a_planner_cannot_do_is_one_line(given: dict[str, Any], line: str) -> None:
+    with pytest.raises(ConfigError, match=line):
+        assemble(config(**given))
+
+
+def test_a_hand_whose_time_passes_by_itself_does_not_wait_and_one_without_an_object_s_pose_is_refused() -> None:
+    chosen = config()
+    with pytest.raises(ConfigError, match="passes by itself; choose time: real"):
+        make_controller(chosen, spec_of(chosen), None, live=True)
+    chosen = config(time="real")
+    with pytest.raises(ConfigError, match="this hand comes with no pose of one"):
+        make_controller(chosen, spec_of(chosen), None, live=True)
+
+
+def test_an_episode_may_have_any_other_controller() -> None:
+    task = {"episode": {"task": "Rotate", "environment": {"timestep": 0.003}}}
+    chosen = parse_settings(
+        RunConfig, {"backend": SIM, "task": task, "controller": {"kind": "limp"}, "seconds": 3.0}, "config"
+    )
+    outcome = perform(assemble(chosen), chosen, Outputs())
+    assert "lost at" in outcome.notes[-1]
+    assert outcome.last.t < 2.0
