@@ -96,8 +96,8 @@ FLOORS: dict[str, list[str | set[str]]] = {
         "observer",
     ],
     "surfaces": ["worker_process", "hand", "ros", "panel", "teleop", "cli"],
-    "twin": ["identify", "mirror", "branch"],
-    "twin/identify": ["motions", "fitting", "results", "pipeline", "report", "record_excitation"],
+    "twin": ["identify", "mirror", "branch", "rehearsal"],
+    "twin/identify": ["motions", "fitting", "results", "pipeline", "report", {"record_excitation", "joint_ends"}],
 }  # fmt: skip
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -14,7 +14,7 @@ import numpy as np
 
 from allegro_twin import HandError
 from allegro_twin.grasping import Perturbation
-from allegro_twin.twin.rehearsal import Conversation, Rehearsal, RehearsalProtocol
+from allegro_twin.twin.rehearsal import Conversation, HandRehearsal, RehearsalProtocol
 from studies.rehearsal.hidden_hand import HiddenHand, draw_hand
 from studies.rehearsal.sessions import RehearsedHiddenHand
 
@@ -32,7 +32,7 @@ def rehearse(number: int, protocol: Mapping[str, Any]) -> dict[str, Any]:
     marks: list[tuple[str, float]] = []
     with TemporaryDirectory() as name:
         talk = Conversation(begin=lambda step: marks.append((step, time.process_time())))
-        rehearsal = Rehearsal(RehearsedHiddenHand(hand, draws), steps, Path(name), talk=talk)
+        rehearsal = HandRehearsal(RehearsedHiddenHand(hand, draws), steps, Path(name), talk=talk)
         try:
             rehearsal.run()
         except HandError as error:

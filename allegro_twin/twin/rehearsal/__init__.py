@@ -1,7 +1,7 @@
 """The rehearsal of one hand: what grasps and motions that were made on its twin lose on it.
 
-`Rehearsal` performs a `RehearsalProtocol` with a `RehearsedHand` and writes everything into a folder: recordings, the
-identified hand's file, the result, and a page with the score beside those of hidden hands.
+`HandRehearsal` performs a `RehearsalProtocol` with a `RehearsedHand` and writes everything into a folder: recordings,
+the identified hand's file, the result, and a page with the score beside those of hidden hands.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
-    from allegro_twin.twin.rehearsal.program import Conversation, Rehearsal
+    from allegro_twin.twin.rehearsal.program import Conversation, HandRehearsal
     from allegro_twin.twin.rehearsal.protocol import RehearsalProtocol, rehearsal_trajectory
     from allegro_twin.twin.rehearsal.score import hidden_scores, score_of
     from allegro_twin.twin.rehearsal.sessions import (
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Conversation",
-    "Rehearsal",
+    "HandRehearsal",
     "RehearsalProtocol",
     "RehearsedHand",
     "RehearsedTwin",
@@ -40,7 +40,7 @@ __all__ = [
 __getattr__, __dir__ = exports(
     __name__,
     {
-        "program": ("Conversation", "Rehearsal"),
+        "program": ("Conversation", "HandRehearsal"),
         "protocol": ("RehearsalProtocol", "rehearsal_trajectory"),
         "score": ("hidden_scores", "score_of"),
         "sessions": (

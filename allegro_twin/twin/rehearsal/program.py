@@ -68,7 +68,7 @@ class RehearsalStep(NamedTuple):
     perform: Callable[[], dict[str, Any]]
 
 
-class Rehearsal:
+class HandRehearsal:
     """A rehearsal in a folder. What is done there already, by the same config and protocol, is not done again."""
 
     def __init__(

@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli.twin.rehearse import config_of, protocol_of
-from allegro_twin.twin.rehearsal import Rehearsal
+from allegro_twin.twin.rehearsal import HandRehearsal
 from tests.surfaces.cli.conftest import Run
 
 
@@ -43,12 +43,12 @@ def test_a_hand_that_a_person_must_lay_down_needs_a_terminal_or_yes(tmp_path: Pa
 def test_the_end_says_what_was_not_reached_and_where_the_page_is(
     tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run(own: Rehearsal) -> dict[str, Any]:
+    def run(own: HandRehearsal) -> dict[str, Any]:
         rows = [{"controller": "pd", "error": [0.004] * 16}]
         twins = {twin: {"postures": rows, "trajectories": [], "grasps": []} for twin in own.protocol.twins}
         return json.loads(json.dumps(own.result())) | twins | {"hand_s": 390.0, "problems": list(problems)}
 
-    monkeypatch.setattr(Rehearsal, "run", run)
+    monkeypatch.setattr(HandRehearsal, "run", run)
     problems = ["nominal palm-up ok pd: not reached: rad off: ring_2 -0.31"]
     code, out, err = command("rehearse", "can_virtual", "-o", tmp_path / "out")
     assert code == 5

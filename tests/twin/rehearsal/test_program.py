@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.twin.identify.joint_ends import JointEnds
 from allegro_twin.twin.identify.motions.limits import FoundLimits
-from allegro_twin.twin.rehearsal import Conversation, Rehearsal, RehearsalProtocol, RehearsedHand
+from allegro_twin.twin.rehearsal import Conversation, HandRehearsal, RehearsalProtocol, RehearsedHand
 from allegro_twin.twin.rehearsal import program as steps_of
 from allegro_twin.twin.rehearsal.page import NO_HANDS, rehearsal_page, score_rows
 from allegro_twin.twin.rehearsal.score import HiddenScores, hidden_scores, rank, score_of
@@ -40,7 +40,9 @@ class Sessions:
         self.error = {"nominal": 0.006, "identified": 0.002}
         for name in ("lead_to_ends", "excite_in_pose", "hold_posture", "follow_trajectory"):
             monkeypatch.setattr(steps_of, name, getattr(self, name))
-        monkeypatch.setattr(Rehearsal, "_identify", lambda own: self.note("identify") or {"lines": ["It has a cable."]})
+        monkeypatch.setattr(
+            HandRehearsal, "_identify", lambda own: self.note("identify") or {"lines": ["It has a cable."]}
+        )
         monkeypatch.setattr(RehearsedHand, "check_link", lambda own: self.note("checkup") or "limp")
 
     def note(self, name: str) -> None:
@@ -85,8 +87,8 @@ def sessions(monkeypatch: pytest.MonkeyPatch) -> Sessions:
     return Sessions(monkeypatch)
 
 
-def rehearsal(folder: Path, protocol: RehearsalProtocol = SHORT, talk: Conversation | None = None) -> Rehearsal:
-    return Rehearsal(RehearsedHand(load_config("can_virtual")), protocol, folder, "2026-11-26", talk)
+def rehearsal(folder: Path, protocol: RehearsalProtocol = SHORT, talk: Conversation | None = None) -> HandRehearsal:
+    return HandRehearsal(RehearsedHand(load_config("can_virtual")), protocol, folder, "2026-11-26", talk)
 
 
 def stop(error: BaseException) -> Callable[[], None]:
@@ -193,7 +195,7 @@ def test_a_folder_of_another_config_or_protocol_is_refused(tmp_path: Path, sessi
     with pytest.raises(ConfigError, match="of another protocol"):
         rehearsal(tmp_path, RehearsalProtocol())
     with pytest.raises(ConfigError, match="of another config"):
-        Rehearsal(RehearsedHand(load_config("can_hidden")), SHORT, tmp_path)
+        HandRehearsal(RehearsedHand(load_config("can_hidden")), SHORT, tmp_path)
     (tmp_path / "result.json").write_text("{}")
     with pytest.raises(RecordingError, match="no result of a rehearsal"):
         rehearsal(tmp_path)

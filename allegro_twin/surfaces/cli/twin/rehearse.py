@@ -15,7 +15,7 @@ from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
-    from allegro_twin.twin.rehearsal import Rehearsal, RehearsalProtocol
+    from allegro_twin.twin.rehearsal import HandRehearsal, RehearsalProtocol
 
 CHANNEL = re.compile(r"v?s?l?can\d+")
 """A SocketCAN interface."""
@@ -53,7 +53,7 @@ def rehearse(
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.cli.twin import identification
-    from allegro_twin.twin.rehearsal import Rehearsal, RehearsedHand
+    from allegro_twin.twin.rehearsal import HandRehearsal, RehearsedHand
 
     identification.check_scipy()
     settings = on_hand(config_of(config, version, side.value), other)
@@ -65,7 +65,7 @@ def rehearse(
             "say --yes and --poses"
         )
     with console.progress() as bar:
-        rehearsal = Rehearsal(hand, protocol, out, identification.today(), conversation(bar, asks=asks))
+        rehearsal = HandRehearsal(hand, protocol, out, identification.today(), conversation(bar, asks=asks))
         try:
             result = rehearsal.run()
         finally:
@@ -101,7 +101,7 @@ def conversation(bar: Any, *, asks: bool) -> Any:
     return Conversation(place, begin, lambda t: bar.update(task, completed=t), console.warn)
 
 
-def show(rehearsal: Rehearsal, result: dict[str, Any], out: Path) -> None:
+def show(rehearsal: HandRehearsal, result: dict[str, Any], out: Path) -> None:
     """Print the score, what was not done or reached, and where the page is."""
     from rich.table import Table
 
