@@ -28,7 +28,7 @@ def rehearse(number: int, protocol: Mapping[str, Any]) -> dict[str, Any]:
         controllers=tuple(protocol["controllers"]), grasps=tuple(draws), twins=tuple(protocol["twins"]),
         seed=100 * number,
     )  # fmt: skip
-    about = {"number": number, "side": hand.side, "version": hand.version, "traits": list(hand.traits)}
+    about: dict[str, Any] = {"number": number, "side": hand.side, "version": hand.version, "traits": list(hand.traits)}
     marks: list[tuple[str, float]] = []
     with TemporaryDirectory() as name:
         talk = Conversation(begin=lambda step: marks.append((step, time.process_time())))

@@ -46,7 +46,8 @@ def test_the_end_says_what_was_not_reached_and_where_the_page_is(
     def run(own: HandRehearsal) -> dict[str, Any]:
         rows = [{"controller": "pd", "error": [0.004] * 16}]
         twins = {twin: {"postures": rows, "trajectories": [], "grasps": []} for twin in own.protocol.twins}
-        return json.loads(json.dumps(own.result())) | twins | {"hand_s": 390.0, "problems": list(problems)}
+        result: dict[str, Any] = json.loads(json.dumps(own.result()))
+        return result | twins | {"hand_s": 390.0, "problems": list(problems)}
 
     monkeypatch.setattr(HandRehearsal, "run", run)
     problems = ["nominal palm-up ok pd: not reached: rad off: ring_2 -0.31"]

@@ -40,10 +40,16 @@ class Sessions:
         self.error = {"nominal": 0.006, "identified": 0.002}
         for name in ("lead_to_ends", "excite_in_pose", "hold_posture", "follow_trajectory"):
             monkeypatch.setattr(steps_of, name, getattr(self, name))
-        monkeypatch.setattr(
-            HandRehearsal, "_identify", lambda own: self.note("identify") or {"lines": ["It has a cable."]}
-        )
-        monkeypatch.setattr(RehearsedHand, "check_link", lambda own: self.note("checkup") or "limp")
+        monkeypatch.setattr(HandRehearsal, "_identify", lambda own: self.identify())
+        monkeypatch.setattr(RehearsedHand, "check_link", lambda own: self.check_link())
+
+    def identify(self) -> dict[str, Any]:
+        self.note("identify")
+        return {"lines": ["It has a cable."]}
+
+    def check_link(self) -> str:
+        self.note("checkup")
+        return "limp"
 
     def note(self, name: str) -> None:
         self.at.get(name, lambda: None)()
@@ -228,7 +234,7 @@ def test_more_is_better_only_of_grasps() -> None:
 
 
 def test_a_score_has_what_was_measured_and_nothing_else() -> None:
-    rows = {"postures": [{"controller": "pd", "error": [0.003, 0.004]}], "trajectories": [],
+    rows: dict[str, Any] = {"postures": [{"controller": "pd", "error": [0.003, 0.004]}], "trajectories": [],
             "grasps": [{"held": True}, {"held": False}, {"closing_s": 1.0}]}  # fmt: skip
     assert score_of(rows) == {"pd": pytest.approx(1e3 * np.sqrt(12.5e-6)), "held": 50.0}
     rows = {"trajectories": [{"level": "slow", "rms": [0.002] * 16, "lag": 0.01}]}
