@@ -1,7 +1,7 @@
 """The digital twin of one hand: identification, the mirror beside it, and what-if branches.
 
 `identify` finds a hand"s drive from recordings. `mirror` runs a model beside the hand, and detects contacts and faults.
-`branch` continues a recording differently.
+`branch` continues a recording differently. `rehearsal` performs on the hand what was made on its twin, and measures it.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import typer
 from allegro_twin import ConfigError
 from allegro_twin.files import atomic_file, fingerprint, read_yaml, source_fingerprint
 from studies.rehearsal.rehearse import rehearse
-from studies.rehearsal.report import table
+from studies.rehearsal.report import scores, table
 
 FOLDER = Path(__file__).parent
 PROTOCOL, REGISTRATION = FOLDER / "rehearsal.yaml", FOLDER / "rehearsal.registration.json"
@@ -54,12 +54,24 @@ def run_all(
 
 
 @app.command("report")
-def report(folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal")) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
+    commit: Annotated[str, typer.Option(help="That the results are of.")] = "",
+    write_scores: Annotated[
+        Path | None, typer.Option("--scores", help="Write what `allegro-twin rehearse` compares with: a .json.")
+    ] = None,
+) -> None:
     """Print the table of the results in a folder."""
     rows: list[dict[str, Any]] = [json.loads(path.read_text()) for path in sorted(folder.glob("[0-9]*.json"))]
     if not rows:
         raise ConfigError(f"{folder} has no results: python -m studies.rehearsal run --out {folder} makes them")
     typer.echo(table(rows))
+    if write_scores is None:
+        return
+    how = "registered" if all(row.get("registered") for row in rows) else "not all registered"
+    about = f"{len(rows)} hidden hands ({how}; docs/results/rehearsal.md), of commit {commit or 'unknown'}."
+    with atomic_file(write_scores) as temporary:
+        temporary.write_text(json.dumps(scores(rows, about), indent=1) + "\n")
 
 
 def contents() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The table of a rehearsal: each twin's postures and grasps, with 95 % intervals, and hand by hand."""
+"""The table of a rehearsal: each twin's postures, trajectories and grasps, with 95 % intervals, and hand by hand."""
 
 from __future__ import annotations
 
@@ -7,40 +7,65 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest  # type: ignore[import-untyped]  # Its types are a package of its own.
 
-from studies.rehearsal.rehearse import rms_mrad
+from allegro_twin.twin.rehearsal import score_of
 
 WANTED_RMS = 3.0
 """mrad"""
+TWINS = ("nominal", "identified")
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown."""
-    twins = [name for name in ("nominal", "identified") if name in rows[0]]
+    twins = [name for name in TWINS if name in rows[0]]
     head = (
-        "| twin | postures, PD: median of hands (worst), mrad rms | PID | hands within 3 mrad, PD, PID | grasps held |"
+        "| twin | postures, PD: median of hands (worst), mrad rms | PID | hands within 3 mrad, PD, PID | "
+        "trajectory, slow; fast: mrad rms, lag | grasps held |"
     )
-    lines = [head, "|---|---|---|---|---|"]
+    lines = [head, "|---|---|---|---|---|---|"]
     for twin in twins:
-        per = {kind: np.array([_rms(row[twin], kind) for row in rows]) for kind in ("pd", "pid")}
+        scores = [score_of(row[twin]) for row in rows]
+        per = [_column(scores, kind) for kind in ("pd", "pid")]
         held = [grasp["held"] for row in rows for grasp in row[twin]["grasps"]]
-        low, high = binomtest(sum(held), len(held)).proportion_ci(method="wilson")
-        shown = [f"{np.median(each):.1f} ({each.max():.1f})" for each in per.values()]
-        within = ", ".join(f"{(each < WANTED_RMS).sum()} of {len(each)}" for each in per.values())
-        lines.append(f"| {twin} | {shown[0]} | {shown[1]} | {within} | {sum(held)} of {len(held)}: "
-                     f"{100 * sum(held) / len(held):.0f} % ({100 * low:.0f}–{100 * high:.0f} %) |")  # fmt: skip
+        within = ", ".join(f"{(each < WANTED_RMS).sum()} of {len(each)}" for each in per)
+        shown = [f"{np.median(each):.1f} ({each.max():.1f})" if len(each) else "–" for each in per]
+        lines.append(f"| {twin} | {shown[0]} | {shown[1]} | {within} | {_trajectories(scores)} | {_rate(held)} |")
     lines += ["", "| hand | | nominal: PD, PID, mrad; grasps | identified | learnt in |", "|---|---|---|---|---|"]
     for row in rows:
-        cells = []
-        for twin in twins:
-            each, grasps = row[twin], row[twin]["grasps"]
-            cells.append(
-                f"{_rms(each, 'pd'):.1f}, {_rms(each, 'pid'):.1f}; {sum(g['held'] for g in grasps)} of {len(grasps)}"
-            )
+        cells = " | ".join(_cell(row[twin]) for twin in twins)
         what = f"{row['side']} {row['version']}: {', '.join(row['traits']) or 'as our drives'}"
-        lines.append(f"| {row['number']} | {what} | {' | '.join(cells)} | {row['learnt']['bus_s']:.0f} s, "
-                     f"{row['learnt']['cpu_s']:.0f} CPU s |")  # fmt: skip
+        lines.append(f"| {row['number']} | {what} | {cells} | {row['learnt']['bus_s']:.0f} s, "
+                     f"{row['learnt'].get('cpu_s', 0.0):.0f} CPU s |")  # fmt: skip
     return "\n".join(lines)
 
 
-def _rms(found: dict[str, Any], kind: str) -> float:
-    return rms_mrad([row for row in found["postures"] if row["controller"] == kind])
+def scores(rows: list[dict[str, Any]], about: str) -> dict[str, Any]:
+    """What `allegro-twin rehearse` shows a real hand beside: the scores of some hands, by twin."""
+    hands = [{name: row[name] for name in ("number", "side", "version", "traits")}
+             | {twin: score_of(row[twin]) for twin in TWINS if twin in row} for row in rows]  # fmt: skip
+    return {"about": about, "hands": hands}
+
+
+def _column(scores: list[dict[str, float]], measure: str) -> Any:
+    return np.array([score[measure] for score in scores if measure in score])
+
+
+def _trajectories(scores: list[dict[str, float]]) -> str:
+    cells = []
+    for level in ("slow", "fast"):
+        error, lag = _column(scores, level), _column(scores, f"lag_{level}")
+        cells.append(f"{np.median(error):.1f} ({error.max():.1f}), {np.median(lag):.1f} ms" if len(error) else "–")
+    return "; ".join(cells)
+
+
+def _rate(held: list[bool]) -> str:
+    if not held:
+        return "–"
+    low, high = binomtest(sum(held), len(held)).proportion_ci(method="wilson")
+    share = 100 * sum(held) / len(held)
+    return f"{sum(held)} of {len(held)}: {share:.0f} % ({100 * low:.0f}–{100 * high:.0f} %)"
+
+
+def _cell(found: dict[str, Any]) -> str:
+    score, grasps = score_of(found), found["grasps"]
+    errors = ", ".join(f"{score[kind]:.1f}" if kind in score else "–" for kind in ("pd", "pid"))
+    return f"{errors}; {sum(grasp['held'] for grasp in grasps)} of {len(grasps)}"

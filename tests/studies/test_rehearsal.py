@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,16 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin.app import Rig, assemble
 from allegro_twin.files import read_yaml
-from allegro_twin.grasping import Perturbation
 from allegro_twin.twin.identify import find_pose
+from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
 from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
 from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
-from studies.rehearsal.report import table
-from studies.rehearsal.sessions import alone, grasp_trial, offsets_by_ends, posture_errors, session
+from studies.rehearsal.rehearse import drawn_objects
+from studies.rehearsal.report import scores, table
+from studies.rehearsal.sessions import RehearsedHiddenHand
 
 SEED = 5  # Not that of the protocol.
 
@@ -45,44 +48,60 @@ def test_hands_are_drawn_by_number_and_no_two_are_alike() -> None:
     assert all(each.physics.constant.min() > 0.5 for each in drawn)
 
 
+def errors(own: HiddenHand, serial: str) -> Any:
+    """How far the true joints are from a posture, rad."""
+    twin = RehearsedTwin("host", serial, np.zeros(16))
+    found = hold_posture(RehearsedHiddenHand(own), "palm-up", twin, "ok", "pd")
+    return steady_error(found, found.known)
+
+
 @pytest.mark.slow
 def test_an_encoder_that_is_off_puts_every_posture_off_until_the_ends_of_the_joints_tell(tmp_path: Path) -> None:
     own = hand(plain(0.02), side="left")
-    off = posture_errors(own, "", "ok", "palm-up", "pd")
-    np.testing.assert_allclose(off, -0.02, atol=0.003)
-    counts, seconds = offsets_by_ends(own, "up")
-    assert seconds < 100.0
+    np.testing.assert_allclose(errors(own, ""), -0.02, atol=0.003)
+    ends = lead_to_ends(RehearsedHiddenHand(own), "up", "")
+    assert ends.seconds < 100.0
     file = tmp_path / "mine.yaml"
-    file.write_text(yaml.safe_dump({"wire": {"version": "v4", "side": "left", "encoder_offset": counts}}))
-    assert np.abs(posture_errors(own, str(file), "ok", "palm-up", "pd")).max() < 0.002
+    wire = {"version": "v4", "side": "left", "encoder_offset": list(ends.encoder_offsets().offset)}
+    file.write_text(yaml.safe_dump({"wire": wire}))
+    assert np.abs(errors(own, str(file))).max() < 0.002
+
+
+def opened(own: HiddenHand, serial: str = "", torque: float = 0.0) -> tuple[Rig, RehearsedHiddenHand]:
+    """A session in which the joints get a constant torque."""
+    subject = RehearsedHiddenHand(own)
+    config, physics = subject.placed(find_pose("palm-up", "right"))
+    blocks = {"hand": {"serial": serial}, "controller": {"kind": "torque", "torque": torque}}
+    return assemble(config.changed(**blocks), physics), subject
 
 
 def test_a_host_that_knows_the_torque_constants_asks_for_that_much_less_of_full_pwm(tmp_path: Path) -> None:
     file = tmp_path / "strong.yaml"
     file.write_text("wire: {version: v4, torque_constant: 2.0}\n")
-    pose, duties = find_pose("palm-up", "right"), []
+    duties = []
     for serial in ("", str(file)):
-        own = hand(plain())
-        task = {"kind": "torque", "torque": 0.1}
-        with session(own, serial, alone(own, pose), task, {}, pose.gravity) as host:
-            state = host.rig.backend.reset()
+        rig, subject = opened(hand(plain()), serial, 0.1)
+        with closing(rig.backend):
+            state = rig.backend.reset()
             for _ in range(5):
-                host.rig.backend.write(host.rig.controller(state, host.rig.controller.start(state))[0])
-                state = host.rig.backend.read()
-            duties.append(host.hidden._duty.copy())
+                rig.backend.write(rig.controller(state, rig.controller.start(state))[0])
+                state = rig.backend.read()
+            assert subject.hidden is not None
+            duties.append(subject.hidden._duty.copy())
     np.testing.assert_allclose(duties[0], 0.1, rtol=0.02)
     np.testing.assert_allclose(duties[1], duties[0] / 2.0, rtol=0.02)
 
 
 def test_a_mount_that_leans_turns_the_palm_and_nothing_that_it_says() -> None:
     own = replace(hand(plain()), lean=np.array([0.0, 0.03, 0.0]))
-    pose = find_pose("palm-up", "right")
     bodies = []
     for each in (hand(plain()), own):
-        with session(each, "", alone(each, pose), {"kind": "torque"}, {}, pose.gravity) as host:
-            state = host.rig.backend.reset()
-            bodies.append(host.hidden.data.body("palm_link").xquat.copy())
-            np.testing.assert_allclose(state.gravity, pose.gravity)
+        rig, subject = opened(each)
+        with closing(rig.backend):
+            state = rig.backend.reset()
+            assert subject.hidden is not None
+            bodies.append(subject.hidden.data.body("palm_link").xquat.copy())
+            np.testing.assert_allclose(state.gravity, find_pose("palm-up", "right").gravity)
     between = np.zeros(3)
     mujoco.mju_subQuat(between, bodies[1], bodies[0])
     np.testing.assert_allclose(between, [0.0, 0.03, 0.0], atol=1e-9)
@@ -112,10 +131,21 @@ def test_teeth_leave_a_link_free_within_their_play_and_carry_it_beyond() -> None
 
 @pytest.mark.slow
 def test_a_grasp_of_a_strong_hand_holds_and_one_of_a_hand_without_motors_does_not() -> None:
-    assert grasp_trial(hand(plain()), "", "foam_brick", Perturbation()).held
+    assert RehearsedHiddenHand(hand(plain())).trial("foam_brick", "").held
     weak = plain()
     weak.constant *= 0.05
-    assert not grasp_trial(hand(weak), "", "foam_brick", Perturbation()).held
+    assert not RehearsedHiddenHand(hand(weak)).trial("foam_brick", "").held
+
+
+def test_a_hand_s_objects_are_its_own_and_the_same_again() -> None:
+    protocol = read_yaml(PROTOCOL)
+    first, again, other = (
+        drawn_objects(hand_, protocol) for hand_ in (draw_hand(1, 5), draw_hand(1, 5), draw_hand(2, 5))
+    )
+    assert first == again
+    assert list(first) == protocol["grasps"][3:6]
+    assert list(other) == protocol["grasps"][6:9]
+    assert len({each.x for each in (*first.values(), *other.values())}) == 6
 
 
 def test_the_table_counts_hands_and_grasps() -> None:
@@ -126,9 +156,22 @@ def test_the_table_counts_hands_and_grasps() -> None:
     about = {"side": "right", "version": "v4", "traits": [], "learnt": {"bus_s": 98.0, "cpu_s": 200.0}}
     rows = [about | {"number": k, "nominal": twin(0.006, False), "identified": twin(0.001, True)} for k in range(3)]
     told = table(json.loads(json.dumps(rows)))
-    assert "| nominal | 6.0 (6.0) | 6.0 (6.0) | 0 of 3, 0 of 3 | 3 of 6: 50 % (19–81 %) |" in told
-    assert "| identified | 1.0 (1.0) | 1.0 (1.0) | 3 of 3, 3 of 3 | 6 of 6: 100 % (61–100 %) |" in told
+    assert "| nominal | 6.0 (6.0) | 6.0 (6.0) | 0 of 3, 0 of 3 | –; – | 3 of 6: 50 % (19–81 %) |" in told
+    assert "| identified | 1.0 (1.0) | 1.0 (1.0) | 3 of 3, 3 of 3 | –; – | 6 of 6: 100 % (61–100 %) |" in told
     assert "| 0 | right v4: as our drives | 6.0, 6.0; 1 of 2 | 1.0, 1.0; 2 of 2 | 98 s, 200 CPU s |" in told
+
+
+def test_trajectories_stand_in_the_table_and_scores_are_what_the_command_compares_with(tmp_path: Path) -> None:
+    moves = [{"level": "slow", "rms": [0.004] * 16, "lag": 0.012}, {"level": "fast", "rms": [0.03] * 16, "lag": 0.011}]
+    twin = {"postures": [{"controller": "pd", "error": [0.002] * 16}], "trajectories": moves, "grasps": []}
+    about = {"side": "right", "version": "v4", "traits": [], "learnt": {"bus_s": 98.0}, "number": 0}
+    rows = [about | {"nominal": twin, "identified": twin}]
+    assert "| nominal | 2.0 (2.0) | – | 1 of 1, 0 of 0 | 4.0 (4.0), 12.0 ms; 30.0 (30.0), 11.0 ms | – |" in table(rows)
+    path = tmp_path / "hands.json"
+    path.write_text(json.dumps(scores(rows, "One hand.")))
+    found = hidden_scores(path)
+    assert found is not None
+    assert found.hands[0]["identified"]["lag_fast"] == pytest.approx(11.0)
 
 
 def test_the_registration_is_of_the_protocol_that_is_there() -> None:

@@ -82,7 +82,7 @@ def codec_of(settings: CanSettings, hand: HandSettings, over: Mapping[str, Any] 
 
 def firmware_of(settings: CanSettings, context: BackendContext, *, step: float, restart: bool) -> Firmware:
     """A virtual hand whose physics step by `step` seconds. Raises ConfigError."""
-    truth = _truth(settings)
+    truth = hidden_truth(settings)
     codec, quirks = codec_of(settings, context.hand, truth), settings.firmware or FirmwareSettings()
     spec = _loosened(context.spec(settings.version, truth), settings.faults)
     if quirks.clip == "full":
@@ -105,7 +105,7 @@ def port_opener(settings: CanSettings, context: BackendContext, spec: HandSpec, 
     return lambda: LockstepLink(hands, spec.name).port()
 
 
-def _truth(settings: CanSettings) -> Mapping[str, Any]:
+def hidden_truth(settings: CanSettings) -> Mapping[str, Any]:
     """The blocks that override a hand's file in a virtual hand's own program. Raises ConfigError."""
     truth = settings.scene.truth if settings.scene is not None else None
     if truth is None:

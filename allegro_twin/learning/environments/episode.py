@@ -104,7 +104,7 @@ class EpisodeBackend:
         k = self._tick % self._decimation
         if k == 0:
             self.engine.task.plan_surroundings(np.array([self._tick]))
-        self.engine.step_period(self._told[None], np.array([self._tick]), k)
+        self.simulate(k)
         self._tick += 1
         self.reward = 0.0
         if self._tick % self._decimation == 0 and not self.over:
@@ -113,6 +113,15 @@ class EpisodeBackend:
 
     def close(self) -> None:
         self.write(limp_of(self.spec))
+
+    @property
+    def command(self) -> Vector:
+        """What the hand was told last: torques, N·m, or positions, rad."""
+        return self._told
+
+    def simulate(self, k: int) -> None:
+        """Let a control period pass, the k-th since the last decision. Other physics of the hand override this."""
+        self.engine.step_period(self._told[None], np.array([self._tick]), k)
 
     def _ranges(self) -> NDArray[np.float64]:
         """Force limits of the motors, a view of the model, (motors, 2), N·m."""

@@ -22,6 +22,7 @@ from allegro_twin.surfaces.cli.learning import collect, mpc, train
 from allegro_twin.surfaces.cli.machine import doctor
 from allegro_twin.surfaces.cli.start import lists, move, panel, run, view
 from allegro_twin.surfaces.cli.twin import commands as twin
+from allegro_twin.surfaces.cli.twin import rehearse
 from allegro_twin.version import __version__
 
 PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
@@ -31,7 +32,7 @@ PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Hardware": (hand.hand, hand.calibrate, bus.check, bus.sniff, bus.firmware, check_backend.check_backend, move.teach,
                  teleop.teleop, ros.ros2, ros.ros1),
     "Learning": (lists.envs, train.train, mpc.mpc, collect.collect),
-    "Twin": (twin.excite, twin.identify, twin.gap, twin.mirror, twin.branch),
+    "Twin": (twin.excite, twin.identify, twin.gap, twin.mirror, twin.branch, rehearse.rehearse),
     "Cell": (lab.lab, look.lab_look, calibrate.lab_calibrate),
     "Data": (export.export, export.layout, schemas.schemas),
     "Machine": (doctor.doctor,),

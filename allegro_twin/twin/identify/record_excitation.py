@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.app.rig import Rig, assemble
+from allegro_twin.app.rig import Physics, Rig, assemble
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
@@ -80,9 +80,12 @@ def pose_config(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
     return config.model_copy(update={"task": TaskSettings()}).changed(backend=change)
 
 
-def record_run(config: RunConfig, job: ExcitationRun, advance: Callable[[float], None]) -> Excitation:
-    """Rehearse, then play and record. The hand is limp afterwards in any case. Raises HandError."""
-    rig = assemble(config)
+def record_run(
+    config: RunConfig, job: ExcitationRun, advance: Callable[[float], None], physics: Physics | None = None
+) -> Excitation:
+    """Rehearse, then play and record. The hand is limp afterwards in any case. `physics`: what stands behind a virtual
+    hand. Raises HandError."""
+    rig = assemble(config, physics)
     with closing(rig.backend):
         motion = rehearse(rig.spec, job.pose, job.seed, job.seconds).excitation
         samples = _check_pose(until(job.seconds, run(rig.backend, motion)), job.pose)

@@ -24,7 +24,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand, store_limits
+from allegro_twin.twin.identify.joint_ends import refuse_another_hand, store_limits
 from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, encoder_offsets
 from allegro_twin.types import frozen
 from tests.surfaces.cli.conftest import Run

@@ -24,10 +24,10 @@ from allegro_twin.hands.library.taxonomy import GRASP_TYPES, ObservedType
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.grasps import gallery
-from allegro_twin.surfaces.cli.hardware import calibration
-from allegro_twin.surfaces.cli.hardware.calibration import find_limits
 from allegro_twin.surfaces.cli.start.keys import press
 from allegro_twin.surfaces.hand.grasps import GraspOutcome
+from allegro_twin.twin.identify import joint_ends as calibration
+from allegro_twin.twin.identify.joint_ends import find_limits
 from allegro_twin.twin.identify.motions.limits import TORQUE, FoundLimits
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state

@@ -16,10 +16,10 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.open_loop import OpenLoopPlayer
-from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand
 from allegro_twin.surfaces.cli.twin.commands import weight_of
 from allegro_twin.surfaces.cli.twin.identification import lines, table
 from allegro_twin.twin.identify import pipeline
+from allegro_twin.twin.identify.joint_ends import refuse_another_hand
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor, read_motion
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.report import report_page

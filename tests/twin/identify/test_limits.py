@@ -17,7 +17,14 @@ from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, centring_offsets, limit_sweep, limits_in_samples
+from allegro_twin.twin.identify.motions.limits import (
+    BEYOND,
+    TORQUE,
+    alike_joints,
+    centring_offsets,
+    limit_sweep,
+    limits_in_samples,
+)
 from allegro_twin.types import Command, HandState, Vector, frozen
 from tests.conftest import MakeSim
 
@@ -82,3 +89,10 @@ def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:
 def test_without_samples_there_are_no_limits() -> None:
     with pytest.raises(ConfigError, match="no limits were found"):
         limits_in_samples([])
+
+
+def test_fingers_of_a_hand_whose_limits_were_measured_still_move_in_parallel() -> None:
+    model, noise = load_spec(), np.random.default_rng(0).uniform(-0.003, 0.003, 16)
+    own = replace(model, serial="mine", lower=frozen(model.lower + noise), upper=frozen(model.upper + noise))
+    assert alike_joints(own) == alike_joints(model)
+    assert len(alike_joints(own)) == 8

@@ -49,7 +49,9 @@ def calibrate_limits(
     from allegro_twin.app.config import load_config
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
-    from allegro_twin.surfaces.cli.hardware import calibration
+    from allegro_twin.surfaces.cli.twin.identification import today
+    from allegro_twin.twin.identify import joint_ends as calibration
+    from allegro_twin.twin.identify.motions.limits import encoder_offsets
 
     if offsets and into is None:
         raise ConfigError("--offsets are written into the hand's own file: name it with --into")
@@ -66,11 +68,11 @@ def calibrate_limits(
     if into is None:
         console.hint("Next: --into FILE writes these limits into the hand's own file")
     else:
-        note = calibration.note(config if other is None else f"{config} --hand {other}", by_hand)
+        note = calibration.note(config if other is None else f"{config} --hand {other}", by_hand, today())
         if codec is None:
             calibration.store_limits(into, found, note)
         else:
-            calibration.store_offsets(into, found, model, codec, note)
+            calibration.store_offsets(into, encoder_offsets(found, model, codec), model, codec, note)
         what = "Limits" if codec is None else "Limits and encoder offsets"
         console.console.print(f"{what} are in {into}; use it with `hand: {{serial: {into}}}`", soft_wrap=True)
 

@@ -71,7 +71,12 @@ def store_values(path: Path, found: Identification) -> str:
     """Write the identifiable values into the hand's file. Returns a warning, or nothing. Raises HandError."""
     from allegro_twin.twin.identify.results.hand_file import write_hand_file
 
-    return write_hand_file(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
+    return write_hand_file(path, found.fit, found.values, found.motions, today())
+
+
+def today() -> str:
+    """The day in UTC, as it stands in a hand's file."""
+    return str(datetime.now(UTC).date())
 
 
 def write_page(path: Path, text: str) -> None:

@@ -12,6 +12,7 @@ from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, Vector, frozen
 
@@ -67,11 +68,13 @@ def centring_offsets(found: FoundLimits, spec: HandSpec) -> Vector:
 
 
 def alike_joints(spec: HandSpec) -> list[list[int]]:
-    """Joints that can move together: the same place in fingers with the same limits."""
+    """Joints that can move together: the same place in fingers with the same limits, as the model has them: those that
+    were measured on a hand are all different."""
+    model = load_spec(spec.model, spec.side) if spec.serial else spec
     groups: dict[tuple[int, float, float], list[int]] = {}
     for finger in spec.fingers:
         for place, joint in enumerate(finger.joints):
-            groups.setdefault((place, float(spec.lower[joint]), float(spec.upper[joint])), []).append(joint)
+            groups.setdefault((place, float(model.lower[joint]), float(model.upper[joint])), []).append(joint)
     return list(groups.values())
 
 

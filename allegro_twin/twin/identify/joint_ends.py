@@ -1,18 +1,18 @@
-"""Calibration of a hand: find its joint limits and encoder offsets, and write them into its file."""
+"""Calibration by the ends of the joints: limits and encoder offsets of a hand, found and written into its file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import Physics, Rig, assemble
 from allegro_twin.control.controllers import PD, GravityCompensation, GravityFeedforward
 from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import CanSettings
+from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.yaml_edit import has_content, lock_file, read_text, replace_document, set_note, write_text
@@ -22,7 +22,16 @@ from allegro_twin.hands.library.library import load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, limit_sweep, limits_in_samples
+from allegro_twin.twin.identify.motions.limits import (
+    BEYOND,
+    TORQUE,
+    EncoderOffsets,
+    FoundLimits,
+    encoder_offsets,
+    limit_sweep,
+    limits_in_samples,
+)
+from allegro_twin.types import Sample
 
 if TYPE_CHECKING:
     from allegro_twin.drivers.can.codec.codec import Codec
@@ -30,35 +39,70 @@ if TYPE_CHECKING:
 _NOTE = "Measured by `allegro-twin calibrate limits`"
 
 
+class JointEnds(NamedTuple):
+    """What a sweep of the joints has found."""
+
+    model: HandSpec
+    """The hand as the model has it, without a file of its own."""
+    limits: FoundLimits
+    """As the hand reads them."""
+    seconds: float
+    """How long it took on the hand's clock, s."""
+    codec: Codec | None
+    """Of a hand on a bus, with which its positions were read."""
+
+    def encoder_offsets(self) -> EncoderOffsets:
+        """Encoder offsets that put every range where the model has it. Raises ConfigError for a joint that was not
+        brought to both its ends, and for a hand that is not on a bus."""
+        if self.codec is None:
+            raise ConfigError("encoder offsets are of a hand on a bus; this one has no encoders")
+        return encoder_offsets(self.limits, self.model, self.codec)
+
+
 def find_limits(
     config: RunConfig, by_hand: float | None, advance: Callable[[float, float], None]
 ) -> tuple[HandSpec, FoundLimits]:
     """Sweep every joint with little torque, or observe for `by_hand` s while a person does. The guard admits positions
     beyond the model's limits. Returns the model's hand and the limits found. Raises HandError."""
+    found = find_joint_ends(config, advance, by_hand=by_hand)
+    return found.model, found.limits
+
+
+def find_joint_ends(
+    config: RunConfig,
+    advance: Callable[[float, float], None] = lambda t, total: None,
+    *,
+    by_hand: float | None = None,
+    physics: Physics | None = None,
+    watched: Callable[[Iterator[Sample], Rig], Iterator[Sample]] = lambda samples, rig: samples,
+) -> JointEnds:
+    """As `find_limits`. `physics`: what stands behind a virtual hand; `watched`: a stage that every sample passes, as
+    one that records. Raises HandError."""
     if by_hand is not None and not by_hand > 0:
         raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
-    rig = assemble(_searching(config))
-    gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
-    rest = load_posture("calibrate", rig.spec)
-    moves = limit_sweep(rig.spec, rest)
-    controller: Controller[object]
-    if by_hand is None:
-        # The sweep's duration from rest, plus time to get there.
-        seconds = moves.begin(rest).seconds + 5.0
-        controller = PD(moves, load_gains("default", rig.spec), gravity)  # type: ignore[assignment]  # Its memory.
-    else:
-        seconds = by_hand
-        controller = GravityCompensation(gravity)  # type: ignore[assignment]  # Its memory.
+    rig = assemble(_searching(config), physics)
     with closing(rig.backend) as backend:
-        samples = until(seconds, to_the_end(run(backend, controller)))
+        gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
+        rest = load_posture("calibrate", rig.spec)
+        moves = limit_sweep(rig.spec, rest)
+        controller: Controller[object]
+        if by_hand is None:
+            # The sweep's duration from rest, plus time to get there.
+            seconds = moves.begin(rest).seconds + 5.0
+            controller = PD(moves, load_gains("default", rig.spec), gravity)  # type: ignore[assignment]  # Its memory.
+        else:
+            seconds = by_hand
+            controller = GravityCompensation(gravity)  # type: ignore[assignment]  # Its memory.
+        samples = watched(until(seconds, to_the_end(run(backend, controller))), rig)
 
-        def observed_samples() -> object:
+        def observed_samples() -> Iterator[Sample]:
             for sample in samples:
                 advance(sample.state.t, seconds)
                 yield sample
 
-        found = limits_in_samples(observed_samples())  # type: ignore[arg-type]  # A generator.
-    return load_spec(config.hand.model, config.hand.side), found
+        found = limits_in_samples(observed_samples())
+    codec = rig.driver.codec if isinstance(rig.driver, CanBackend) else None
+    return JointEnds(load_spec(config.hand.model, config.hand.side), found, seconds, codec)
 
 
 def codec_with_encoders(settings: RunConfig, config: str) -> Codec:
@@ -97,12 +141,10 @@ def store_limits(path: Path, found: FoundLimits, note: str) -> None:
         write_text(path, _with_limits(*_read(path), found, path, note))
 
 
-def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec, note: str) -> None:
-    """Write encoder offsets that centre the ranges found, the limits as the hand then reads them, the version and the
-    side. Raises ConfigError for a joint that did not reach both its ends."""
-    from allegro_twin.twin.identify.motions.limits import encoder_offsets
+def store_offsets(path: Path, right: EncoderOffsets, model: HandSpec, codec: Codec, note: str) -> None:
+    """Write encoder offsets, the limits as the hand then reads them, the version and the side. Raises RecordingError.
 
-    right = encoder_offsets(found, model, codec)
+    `note`: the comment above them."""
     own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}
     with lock_file(path):
         text, content = _read(path)
@@ -111,10 +153,10 @@ def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec,
         write_text(path, set_note(text, ("wire", "encoder_offset"), _NOTE, f"{note}; counts"))
 
 
-def note(config: str, by_hand: float | None) -> str:
-    """Comment text: date, config and method."""
+def note(config: str, by_hand: float | None, day: str) -> str:
+    """Comment text: day, config and method."""
     how = f"pressed with at most {TORQUE:g} N·m" if by_hand is None else "moved by hand"
-    return f", {datetime.now(UTC).date()}, {config}, {how}"
+    return f", {day}, {config}, {how}"
 
 
 def _read(path: Path) -> tuple[str, dict[str, Any]]:

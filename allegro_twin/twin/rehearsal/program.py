@@ -1,0 +1,298 @@
+"""The program of a rehearsal: its steps in order, each written down as it ends, in a folder that goes on where it was
+interrupted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, RecordingError
+from allegro_twin.files.assets import find_file, refuse_shipped
+from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.yaml_edit import read_text
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.joint_ends import note, store_offsets
+from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
+from allegro_twin.twin.identify.pipeline import identify_hand
+from allegro_twin.twin.identify.report import report_page
+from allegro_twin.twin.identify.results.findings import describe_prediction, describe_rest, describe_terms
+from allegro_twin.twin.identify.results.hand_file import write_hand_file
+from allegro_twin.twin.rehearsal.page import write_page
+from allegro_twin.twin.rehearsal.protocol import RehearsalProtocol
+from allegro_twin.twin.rehearsal.sessions import (
+    Advance,
+    Following,
+    RehearsedHand,
+    RehearsedTwin,
+    close_in_air,
+    closing_time,
+    excite_in_pose,
+    far_joints,
+    follow_trajectory,
+    hold_posture,
+    lead_to_ends,
+    steady_error,
+    tracking_error,
+    tracking_lag,
+)
+from allegro_twin.version import __version__
+
+RESULT, HAND, PAGE, IDENTIFICATION = "result.json", "hand.yaml", "report.html", "identification.html"
+FORMAT = 1
+
+
+@dataclass(slots=True)
+class Conversation:
+    """How a rehearsal speaks with the person at the hand; the defaults say nothing and ask nothing."""
+
+    place: Callable[[ExcitationPose], None] = lambda pose: None
+    """Called before the hand moves in another pose than before; returns when it lies so."""
+    begin: Callable[[str], None] = lambda step: None
+    """Called with the name of a step that begins."""
+    advance: Advance = lambda t: None
+    say: Callable[[str], None] = lambda line: None
+
+
+class RehearsalStep(NamedTuple):
+    """One step: what it is called, the pose that it needs, the steps that must have gone well, and what it does."""
+
+    name: str
+    pose: str
+    needs: tuple[str, ...]
+    perform: Callable[[], dict[str, Any]]
+
+
+class HandRehearsal:
+    """A rehearsal in a folder. What is done there already, by the same config and protocol, is not done again."""
+
+    def __init__(
+        self, hand: RehearsedHand, protocol: RehearsalProtocol, folder: Path, day: str = "",
+        talk: Conversation | None = None,
+    ) -> None:  # fmt: skip
+        self.hand, self.protocol, self.folder, self.talk = hand, protocol, folder, talk or Conversation()
+        self._day, self._own, self._moved = day, hand.config.hand, 0.0
+        self.spec: HandSpec = load_spec(self._own.model, self._own.side, self._own.serial, hand.settings.version)
+        refuse_shipped(folder / HAND)
+        self._about = {
+            "format": FORMAT, "program": f"allegro-twin {__version__}",
+            "hand": {"model": self._own.model, "side": self._own.side, "serial": self._own.serial},
+            "config": hand.config.model_dump(mode="json"), "protocol": json.loads(json.dumps(asdict(protocol))),
+        }  # fmt: skip
+        self.steps: dict[str, dict[str, Any]] = self._before()
+
+    def run(self) -> dict[str, Any]:
+        """Perform all steps that are left. Returns the result, as it is in RESULT. The hand is limp between them and
+        afterwards. A step that cannot be done is named there, and so are those that need it. Raises LinkError or
+        HandFault, after writing, where the link or the guard ends the session; KeyboardInterrupt likewise."""
+        try:
+            self._run()
+        finally:
+            write_page(self.folder / PAGE, self.result())
+        return self.result()
+
+    def _run(self) -> None:
+        lies = ""
+        for step in self._steps():
+            before = self.steps.get(step.name, {})
+            if before.get("state") == "done" and step.name != "checkup":
+                continue
+            missing = [name for name in step.needs if self.steps.get(name, {}).get("state") != "done"]
+            if missing:
+                self._write(step.name, {"state": "skipped", "text": f"it needs: {', '.join(missing)}"})
+                continue
+            if step.pose and step.pose != lies:
+                self.talk.place(find_pose(step.pose, self._own.side))
+                lies = step.pose
+            self.talk.begin(step.name)
+            self._moved = 0.0
+            self._write(step.name, {"state": "interrupted", "text": "it was not finished"})
+            self._perform(step)
+
+    def _perform(self, step: RehearsalStep) -> None:
+        try:
+            found = step.perform()
+        except (LinkError, HandFault) as error:
+            self._write(step.name, {"state": "failed", "text": str(error), "hand_s": self._moved})
+            raise
+        except HandError as error:
+            self._write(step.name, {"state": "failed", "text": str(error), "hand_s": self._moved})
+            self.talk.say(f"{step.name}: {error}")
+        except KeyboardInterrupt:
+            text = f"it was interrupted after {self._moved:.1f} s of motion"
+            self._write(step.name, {"state": "interrupted", "text": text, "hand_s": self._moved})
+            raise
+        else:
+            self._write(step.name, {"state": "done", "text": found.pop("text", ""), "hand_s": self._moved, **found})
+            if missed := found.get("missed"):
+                self.talk.say(f"{step.name}: not reached: rad off: {missed}")
+
+    def result(self) -> dict[str, Any]:
+        """What RESULT has: the steps, and by twin what was measured."""
+        wanted = [step.name for step in self._steps()]
+        states = {name: self.steps.get(name, {}).get("state", "not begun") for name in wanted}
+        twins = {
+            twin: {kind: [row for name in wanted for row in [self.steps.get(name, {})]
+                          if row.get("twin") == twin and row.get("of") == kind and row.get("state") == "done"]
+                   for kind in ("postures", "trajectories", "grasps")}
+            for twin in self.protocol.twins
+        }  # fmt: skip
+        moved = sum(row.get("hand_s", 0.0) for row in self.steps.values())
+        result = self._about | {"hand_s": round(moved, 3), "states": states, "steps": self.steps} | twins
+        return result | {"problems": problems_of(result)}
+
+    def _steps(self) -> Iterator[RehearsalStep]:
+        """All steps, in their order; what a pose needs is together where it can be."""
+        protocol, poses = self.protocol, list(self.protocol.poses)
+        excited = tuple(f"excite {pose}" for pose in poses)
+        yield RehearsalStep("checkup", "", (), self._check)
+        yield RehearsalStep("ends", poses[0], ("checkup",), lambda: self._lead(poses[0]))
+        for pose in poses:
+            yield RehearsalStep(f"excite {pose}", pose, ("ends",), lambda pose=pose: self._excite(pose))  # type: ignore[misc]
+        yield RehearsalStep("identify", "", excited, self._identify)
+        for pose in protocol.tracking_poses():
+            for twin in protocol.twins:
+                yield from self._tracking(pose, twin)
+
+    def _tracking(self, pose: str, twin: str) -> Iterator[RehearsalStep]:
+        protocol, needs = self.protocol, ("checkup",) if twin == "nominal" else ("identify",)
+        for kind in protocol.controllers:
+            for posture in protocol.postures:
+                yield RehearsalStep(f"{twin} {pose} {posture} {kind}", pose, needs,
+                                    lambda p=posture, k=kind: self._posture(pose, twin, p, k))  # type: ignore[misc]  # fmt: skip
+        if pose != protocol.tracking_poses()[0]:
+            return
+        first = protocol.controllers[0]
+        for level, speed in protocol.speeds.items():
+            yield RehearsalStep(f"{twin} {pose} trajectory {level} {first}", pose, needs,
+                                lambda n=level, v=speed: self._trajectory(pose, twin, n, v, first))  # type: ignore[misc]  # fmt: skip
+        for scenario in protocol.grasps:
+            yield RehearsalStep(f"{twin} grasp {scenario}", "" if self.hand.simulated else pose, needs,
+                                lambda s=scenario: self._grasp(pose, twin, s, first))  # type: ignore[misc]  # fmt: skip
+
+    def _check(self) -> dict[str, Any]:
+        return {"text": self.hand.check_link()}
+
+    def _lead(self, pose: str) -> dict[str, Any]:
+        found = lead_to_ends(self.hand, pose, self._own.serial, self._file("ends"), self._advance)
+        right, file = found.encoder_offsets(), self.folder / HAND
+        assert found.codec is not None
+        if self._own.serial:
+            with atomic_file(file) as temporary:
+                temporary.write_text(read_text(find_file(self._own.serial, "hand", "conf/hands")))
+        store_offsets(file, right, found.model, found.codec, note("rehearse", None, self._day))
+        shift = right.limits.lower - found.limits.lower
+        return {"offset": list(right.offset), "shift": shift.tolist(),
+                "text": f"encoders are up to {1e3 * np.abs(shift).max():.0f} mrad off"}  # fmt: skip
+
+    def _excite(self, pose: str) -> dict[str, Any]:
+        seconds, place = self.protocol.poses[pose], self.folder / "excitation"
+        paths = excite_in_pose(self.hand, pose, seconds, self.protocol.seed, place, str(self.folder / HAND),
+                               self._advance)  # fmt: skip
+        return {"recordings": [path.relative_to(self.folder).as_posix() for path in paths]}
+
+    def _identify(self) -> dict[str, Any]:
+        file = self.folder / HAND
+        paths = [self.folder / name for pose in self.protocol.poses
+                 for name in self.steps[f"excite {pose}"]["recordings"]]  # fmt: skip
+        found = identify_hand(paths, (), masses_known=False, hand=str(file), progress=self.talk.say)
+        text = write_hand_file(file, found.fit, found.values, found.motions, self._day)
+        with atomic_file(self.folder / IDENTIFICATION) as temporary:
+            temporary.write_text(report_page(found), encoding="utf-8")
+        labels, constant = self.spec.joint_labels, found.values["torque_constant"]
+        lines = [*describe_terms(found.fit, found.values, found.motions), describe_prediction(found.written),
+                 describe_rest(found.fit, labels)]  # fmt: skip
+        return {
+            "text": text, "lines": [line for line in lines if line], "constant": constant.value.tolist(),
+            "constant_half": constant.half.tolist(), "written": [str(each) for each in found.written.source],
+            "residual": found.fit.spread.residual.tolist(),
+        }  # fmt: skip
+
+    def _posture(self, pose: str, twin: str, posture: str, kind: str) -> dict[str, Any]:
+        name = f"{twin}_{pose}_{posture}_{kind}"
+        found = hold_posture(self.hand, pose, self._twin(twin), posture, kind, self._file(name), self._advance)
+        error = steady_error(found, found.known)
+        return self._row("postures", twin, pose, kind, found) | {
+            "posture": posture, "error": error.tolist(), "by_encoders": steady_error(found, found.position).tolist(),
+            "missed": far_joints(error, found.spec),
+        }  # fmt: skip
+
+    def _trajectory(self, pose: str, twin: str, level: str, speed: float, kind: str) -> dict[str, Any]:
+        name = f"{twin}_{pose}_trajectory_{level}_{kind}"
+        found = follow_trajectory(self.hand, pose, self._twin(twin), speed, kind, self._file(name), self._advance)
+        return self._row("trajectories", twin, pose, kind, found) | {
+            "level": level, "speed": speed, "rms": tracking_error(found, found.known).tolist(),
+            "by_encoders": tracking_error(found, found.position).tolist(), "lag": tracking_lag(found, found.known),
+            "steady": steady_error(found, found.known).tolist(),
+        }  # fmt: skip
+
+    def _grasp(self, pose: str, twin: str, scenario: str, kind: str) -> dict[str, Any]:
+        about = {"of": "grasps", "twin": twin, "scenario": scenario}
+        if self.hand.simulated:
+            report = self.hand.trial(scenario, self._twin(twin).serial)
+            return about | {"with": "object", "held": report.held, "reason": report.reason}
+        name, own = f"{twin}_grasp_{scenario}", self._twin(twin)
+        found = close_in_air(self.hand, pose, own, scenario, kind, self._file(name), self._advance)
+        error = steady_error(found, found.known)
+        return about | {
+            "with": "air", "error": error.tolist(), "closing_s": closing_time(found, found.known),
+            "planned_s": float(found.begins[-1] - found.begins[-2]), "missed": far_joints(error, found.spec),
+        }  # fmt: skip
+
+    def _row(self, kind_of: str, twin: str, pose: str, kind: str, found: Following) -> dict[str, Any]:
+        judge = "encoders" if found.truth is None else "simulation"
+        return {"of": kind_of, "twin": twin, "pose": pose, "controller": kind, "judged_by": judge}
+
+    def _twin(self, name: str) -> RehearsedTwin:
+        shift = np.array(self.steps.get("ends", {}).get("shift") or np.zeros(self.spec.n_joints))
+        if name == "nominal":
+            return RehearsedTwin(name, self._own.serial, shift)
+        return RehearsedTwin(name, str(self.folder / HAND), np.zeros(self.spec.n_joints))
+
+    def _file(self, name: str) -> Path:
+        place = self.folder / "recordings"
+        place.mkdir(parents=True, exist_ok=True)
+        return place / f"{name}.arrow"
+
+    def _advance(self, t: float) -> None:
+        self._moved = t
+        self.talk.advance(t)
+
+    def _before(self) -> dict[str, dict[str, Any]]:
+        """The steps that the folder has. Raises ConfigError for one of another hand, config or protocol."""
+        path = self.folder / RESULT
+        if not path.exists():
+            return {}
+        try:
+            content: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            steps, about = dict(content["steps"]), {key: content[key] for key in self._about}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise RecordingError(f"{path}: is no result of a rehearsal ({error}): give another folder") from error
+        for key in ("format", "config", "protocol"):
+            if about[key] != self._about[key]:
+                raise ConfigError(f"{path} is of another {key}: give another folder, or what it was begun with")
+        return steps
+
+    def _write(self, name: str, found: dict[str, Any]) -> None:
+        self.steps[name] = found
+        with atomic_file(self.folder / RESULT) as temporary:
+            temporary.write_text(json.dumps(self.result(), indent=1, allow_nan=False), encoding="utf-8")
+
+
+def problems_of(result: Mapping[str, Any]) -> list[str]:
+    """A line for every step that was not done, every posture that was not reached, every grasp that did not hold."""
+    lines = []
+    for name, state in result["states"].items():
+        row = result["steps"].get(name, {})
+        if state != "done":
+            lines.append(f"{name}: {state}: {row.get('text', 'the session ended before')}")
+        elif missed := row.get("missed"):
+            lines.append(f"{name}: not reached: rad off: {missed}")
+        elif row.get("held") is False:
+            lines.append(f"{name}: not held: {row['reason']}")
+    return lines

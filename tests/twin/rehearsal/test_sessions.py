@@ -1,0 +1,174 @@
+"""Sessions of a rehearsal: what is measured of a motion, and that a virtual hand stays what it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.reader import load
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.spec import Side
+from allegro_twin.twin.identify.motions.excitation import find_pose
+from allegro_twin.twin.rehearsal import RehearsedHand, RehearsedTwin, hold_posture, rehearsal_trajectory, steady_error
+from allegro_twin.twin.rehearsal.sessions import (
+    Following,
+    close_in_air,
+    closing_time,
+    far_joints,
+    follow_trajectory,
+    lead_to_ends,
+    tracking_error,
+    tracking_lag,
+)
+from allegro_twin.types import Array
+
+SPEC = load_spec()
+NOBODY = RehearsedTwin("nominal", "", np.zeros(16))
+NEAR = 0.0015
+"""m, of each link."""
+
+
+def following(late: float = 0.0, off: float = 0.0) -> Following:
+    """A sine of 1 rad/s of all joints from 1 s on, followed `late` s later and `off` rad beside."""
+    t = np.arange(0.0, 5.0, 0.003)
+
+    def path(at: Array) -> Array:
+        return np.repeat(np.where(at > 1.0, np.sin(at - 1.0), 0.0)[:, None], 16, axis=1)
+
+    rate = np.repeat(np.where(t > 1.0, np.cos(t - 1.0), 0.0)[:, None], 16, axis=1)
+    return Following(SPEC, t, path(t), rate, path(t - late) + off, None, np.array([0.0, 1.0, 5.0]))
+
+
+@pytest.mark.parametrize("which", ["right", "left"])
+def test_the_trajectory_moves_every_joint_and_touches_nothing_on_its_way(which: Side) -> None:
+    spec = load_spec(side=which)
+    model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+    model.geom_margin[:] = NEAR
+    data, places = mujoco.MjData(model), [model.joint(name).qposadr[0] for name in spec.joints]
+    path = rehearsal_trajectory(spec, 2.0).begin((spec.lower + spec.upper) / 2.0)
+    visited = []
+    for t in np.arange(0.0, path.seconds, 0.02):
+        data.qpos[places] = path(t).position
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        assert not data.ncon, t
+        visited.append(path(t).position)
+    assert (np.ptp(visited, axis=0) > 0.3).all()
+    assert (np.array(visited) > spec.lower).all()
+    assert (np.array(visited) < spec.upper).all()
+
+
+def test_the_peak_of_the_trajectory_is_the_level_s_speed() -> None:
+    path = rehearsal_trajectory(SPEC, 3.0).begin((SPEC.lower + SPEC.upper) / 2.0)
+    fastest = max(np.abs(path(t).velocity).max() for t in np.arange(0.0, path.seconds, 0.003))
+    assert fastest == pytest.approx(3.0, rel=0.01)
+
+
+def test_a_hand_that_follows_late_has_that_lag_and_one_beside_the_path_has_none() -> None:
+    assert tracking_lag(following(late=0.02), following(late=0.02).known) == pytest.approx(0.02, abs=1e-3)
+    beside = following(off=0.01)
+    assert abs(tracking_lag(beside, beside.known)) < 0.005
+    np.testing.assert_allclose(tracking_error(beside, beside.known), 0.01, atol=1e-9)
+
+
+def test_the_approach_is_not_judged() -> None:
+    found = following()
+    astray = found.position.copy()
+    astray[found.t < 1.0] += 1.0
+    np.testing.assert_array_equal(tracking_error(found, astray), 0.0)
+
+
+def test_the_steady_error_is_of_the_last_half_second() -> None:
+    found = following()
+    astray = found.position.copy()
+    astray[found.t < 4.4] += 1.0
+    astray[found.t > 4.6] += 0.02
+    assert 0.01 < steady_error(found, astray)[0] < 0.02
+
+
+def test_a_grasp_is_closed_when_all_joints_are_there_for_good() -> None:
+    found = following()._replace(target=np.zeros((1667, 16)), begins=np.array([0.0, 1.0, 2.0]))
+    position = np.zeros((1667, 16))
+    position[found.t < 1.6, 3] = 0.5
+    assert closing_time(found, position) == pytest.approx(0.6, abs=0.004)
+    position[-1, 3] = 0.5
+    assert closing_time(found, position) is None
+
+
+def test_joints_that_are_not_where_they_were_to_be_are_named_furthest_first() -> None:
+    error = np.zeros(16)
+    error[[1, 14]] = 0.05, -0.4
+    assert far_joints(error, SPEC) == f"{SPEC.joint_labels[14]} -0.40, {SPEC.joint_labels[1]} +0.05"
+    error[2] = np.nan
+    assert "nan" in far_joints(error, SPEC)
+    assert far_joints(np.full(16, 0.029), SPEC) == ""
+
+
+def test_only_a_hand_on_a_bus_is_rehearsed() -> None:
+    with pytest.raises(ConfigError, match="this is a sim hand: try conf/can_virtual.yaml"):
+        RehearsedHand(load_config("sim_right"))
+
+
+def hidden(**more: object) -> RunConfig:
+    """A virtual hand whose encoders are 20 mrad off and whose motors are weaker than its host believes."""
+    truth = {"wire": {"torque_constant": 0.9}, "drive": {"encoder_offset": [0.02] * 16}}
+    return load_config("can_virtual").changed(backend={"scene": {"kind": "sim", "truth": truth}, **more})
+
+
+@pytest.mark.slow
+def test_a_virtual_hand_stays_what_it_is_whatever_its_host_believes(tmp_path: Path) -> None:
+    hand, file, recorded = RehearsedHand(hidden()), tmp_path / "mine.yaml", tmp_path / "held.arrow"
+    first = hold_posture(hand, "palm-up", NOBODY, "ok", "pid", recorded)
+    np.testing.assert_allclose(steady_error(first, first.known), -0.02, atol=0.003)
+    np.testing.assert_allclose(steady_error(first, first.position), 0.0, atol=0.003)
+    assert load(recorded).meta["config"]["task"]["posture"] == "ok"
+    right = lead_to_ends(hand, "palm-up", "").encoder_offsets()
+    wire = {"version": "v4", "side": "right", "encoder_offset": list(right.offset)}
+    file.write_text(yaml.safe_dump({"wire": wire, "actuation": {"damping": 3.0}}))
+    then = hold_posture(hand, "palm-up", NOBODY._replace(serial=str(file)), "ok", "pid")
+    np.testing.assert_allclose(steady_error(then, then.known), 0.0, atol=0.003)
+
+
+@pytest.mark.slow
+def test_encoders_judge_as_the_truth_does_once_the_ends_have_told_their_offsets() -> None:
+    hand = RehearsedHand(hidden())
+    found = lead_to_ends(hand, "up", "")
+    shift = found.encoder_offsets().limits.lower - found.limits.lower
+    motion = follow_trajectory(hand, "palm-up", NOBODY._replace(shift=shift), 3.0, "pd")
+    np.testing.assert_allclose(tracking_error(motion, motion.position), tracking_error(motion, motion.known), rtol=0.1)
+    assert 0.0 < tracking_lag(motion, motion.known) < 0.05
+
+
+@pytest.mark.slow
+def test_a_joint_that_is_stuck_is_named_before_anything_is_learned() -> None:
+    hand = RehearsedHand(hidden(faults={"script": [{"at": 0.0, "what": "stuck", "which": 5, "amount": 1.0}]}))
+    with pytest.raises(ConfigError, match=rf"{SPEC.joint_labels[5]} did not move .* without power, or stuck"):
+        lead_to_ends(hand, "side", "")
+
+
+@pytest.mark.slow
+def test_a_grasp_in_the_air_is_closed_and_not_squeezed() -> None:
+    found = close_in_air(RehearsedHand(hidden()), "palm-up", NOBODY, "lemon", "pid")
+    took = closing_time(found, found.position)
+    assert took is not None
+    assert 0.2 < took < found.begins[-1] - found.begins[-2] + 1.0
+
+
+@pytest.mark.slow
+def test_a_hand_that_lies_otherwise_than_said_is_not_moved() -> None:
+    hand = RehearsedHand(hidden())
+    lies = find_pose("side", "right")
+
+    class Fallen(RehearsedHand):
+        def placed(self, pose):  # type: ignore[no-untyped-def]  # As its parent's.
+            return super().placed(lies)
+
+    with pytest.raises(ConfigError, match="IMU is 90° off the pose 'palm-up'"):
+        hold_posture(Fallen(hand.config), "palm-up", NOBODY, "ok", "pd")
