@@ -76,9 +76,9 @@ class SearchBudget:
     """s of all processors together, without what it costs to cut a mesh into pieces, once, and to judge afterwards."""
 
 
-LEAST, IN_HAND = 4, 0.8
-"""Candidates of a round at least, where time or their number does not suffice for a whole one; and of the time that is
-left, what such a round is planned for."""
+LEAST, IN_HAND = 4, 0.5
+"""Candidates of a round at least, where time does not suffice for a whole one; and of the time that is left, what such
+a round is planned for: what held before goes on under draws, whatever the round's size."""
 EVOLVING = 0.4
 """Of the time, that the first round proposes and evolves at most."""
 
@@ -163,9 +163,9 @@ class GraspSearch:
         dearest, longest, full = 0.0, 0.0, max(1, effort.closed if population is None else effort.closed // 2)
         while sum(each.good for each in prover.best(n)) < n:
             settling, began = prover.settling_time(n), clock.spent
-            fits = clock.part(longest, settling) if self.closed else 1.0
-            most = int(min(full, full * fits, budget.candidates - self.closed))
-            if self.closed and most < min(full, LEAST):
+            fits = full * clock.part(longest, settling) if self.closed else full
+            most = int(min(full, fits, budget.candidates - self.closed))
+            if self.closed and (most < 1 or fits < min(full, LEAST)):
                 break
             part = most / full
             clock.kept_back = part * dearest + settling

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.plan import pushing
 from allegro_twin.grasping.plan.candidate import Candidate, candidate_scenario
 from allegro_twin.grasping.plan.pushing import pushed_stage, with_push
@@ -20,8 +21,9 @@ from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, pushed_until
 from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.library.library import load_grasp, load_posture
+from allegro_twin.hands.library.library import Library, load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.sim.contact.grasp_scene import GraspScene
@@ -154,3 +156,48 @@ def test_a_hand_beyond_the_edge_may_be_lower_than_the_table(bench: GraspScene) -
     open_, down = load_posture("flat", SPEC), matrix_facing((-1, 0, 0), (0, 0, -1))
     assert bench.lowest(np.array([0.5, 0.0, 0.1]), down, open_) == np.inf
     assert bench.lowest(np.array([0.0, 0.0, 0.1]), down, open_) < 0.0
+
+
+GRASP = """
+entries:
+  board:
+    kind: grasp
+    description: Of plan board.stl --mass 0.2 --edge 0.15 --time 60, seed 0
+    taxonomy: {number: 7, name: Prismatic 3 Finger, type: precision, opposition: pad, virtual_fingers: thumb}
+    evidence: board
+    side: right
+    speed: 1.0
+    preshape:
+      index: [-0.1309, 0.3792, 0.3748, 0.6397]
+      middle: [0.0119, 0.324, 0.475, 0.5969]
+      ring: [0.2987, 0.308, 0.406, 0.6531]
+      thumb: [1.3384, 0.3589, 0.7936, 0.9226]
+    close:
+      index: [-0.1308, 0.8164, 0.8151, 0.6386]
+      middle: [0.0345, 0.7575, 0.9121, 0.5941]
+      ring: [0.2614, 0.7463, 0.8553, 0.6496]
+      thumb: [1.3359, 0.3598, 1.0227, 0.6904]
+    squeeze:
+      index: [-0.1278, 0.8164, 0.8165, 0.6399]
+      middle: [0.0423, 0.7585, 0.9106, 0.5926]
+      ring: [0.2471, 0.7429, 0.8561, 0.6512]
+      thumb: [1.3314, 0.3554, 1.0204, 0.6894]
+    grip: {kind: latch}
+"""
+PINCH = {
+    "position": (0.2621, 0.0038, 0.0351), "facing": (-0.9736, 0.1632, -0.1594),
+    "fingers": (0.1479, -0.0808, -0.9857), "retreat": (0.0974, -0.0163, 0.0159),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_board_is_held_at_the_edge_wherever_it_lay_and_not_without_the_push(side: Side, tmp_path: Path) -> None:
+    spec, file = load_spec(side=side), tmp_path / "board.yaml"
+    file.write_text(GRASP)
+    grasp = Library(tmp_path).grasp("board", spec)
+    pushed = with_push(scenario(wrist=PINCH), SPEC)
+    draws = [None, Perturbation(x=0.005, y=-0.005, yaw=0.15), Perturbation(x=-0.005, y=0.005, size=1.05, friction=0.5)]
+    cases = [TrialCase(pushed, grasp, draw) for draw in draws]
+    cases.append(TrialCase(pushed.model_copy(update={"push": None}), grasp))
+    assert [verdict.held for verdict in TrialRunner(spec).verdicts(cases)] == [True, True, True, False]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
-from itertools import chain, repeat
+from itertools import chain, count, repeat
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from allegro_twin.grasping.plan.candidate import Candidate, limit_squeeze
 from allegro_twin.grasping.plan.draft import first_guess
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
 from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
-from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
+from allegro_twin.grasping.plan.search import LEAST, GraspSearch, RoundSize, SearchBudget, _Clock
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import (
     CHOSEN,
@@ -148,6 +149,24 @@ def test_a_search_that_ran_out_of_time_within_a_round_is_repeated_by_its_count(
 
 
 @pytest.mark.slow
+def test_a_smaller_last_round_is_repeated_by_its_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    size = RoundSize(guessed=8, closed=12, drawn=1)
+    one, timed, counted = (
+        GraspSearch(scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=size)
+        for _ in range(3)
+    )
+    looks = count()  # The clock goes on by a second whenever somebody looks at it.
+    monkeypatch.setattr(time, "process_time", lambda: float(next(looks)))
+    one.run(1, SearchBudget(6))
+    found = timed.run(1, SearchBudget(cpu=2.8 * next(looks)))
+    monkeypatch.undo()
+    assert 6 + LEAST <= timed.closed < 12
+    again = counted.run(1, SearchBudget(timed.closed))
+    assert (counted.closed, counted.ends) == (timed.closed, timed.ends)
+    assert files(found, tmp_path / "timed") == files(again, tmp_path / "counted")
+
+
+@pytest.mark.slow
 def test_a_search_without_time_for_one_round_says_that_it_was_cut() -> None:
     search = GraspSearch(scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0)
     search.run(1, SearchBudget(cpu=1e-9))
@@ -171,6 +190,14 @@ def test_a_budget_of_candidates_is_kept_to_the_last_one() -> None:
     )
     search.run(5, SearchBudget(3))
     assert search.closed == 3
+
+
+def test_the_last_round_is_as_large_as_the_time_that_is_left() -> None:
+    clock = _Clock(100.0, time.process_time() - 40.0)
+    assert clock.part(200.0, 10.0) == pytest.approx(0.5 * 50.0 / 200.0, abs=0.01)
+    assert clock.part(10.0, 10.0) == 1.0
+    assert clock.part(10.0, 70.0) < 0.0
+    assert _Clock(math.inf, 0.0).part(10.0, 0.0) == 1.0
 
 
 @pytest.mark.slow
