@@ -215,20 +215,35 @@ def test_contacts_that_find_no_room_are_an_error_and_not_left_out(room: dict[str
 
 
 @pytest.mark.long
-def test_a_contact_that_the_collider_gives_up_ends_that_episode_alone() -> None:
+@pytest.mark.parametrize("why", ["_missed", "_outgrown"])
+def test_a_contact_that_is_given_up_or_too_many_constraints_end_that_episode_alone(why: str) -> None:
     warp()
-    device = HandVectorEnv("Reorient", 3, device="warp:cpu", autoreset_mode="disabled")
+    n, second = 10, np.arange(10) == 1
+    device = HandVectorEnv("Reorient", n, device="warp:cpu", autoreset_mode="disabled")
     device.reset(seed=0)
-    worlds = device.engine.worlds
-    worlds._overflow[1] |= worlds._missed  # type: ignore[attr-defined]
-    _, _, terminated, _, info = device.step(np.zeros((3, 16), np.float32))
-    assert list(info["diverged"]) == [False, True, False]
-    assert list(terminated) == [False, True, False]
-    device.reset(options={"reset_mask": np.array([False, True, False])})
-    _, _, terminated, _, info = device.step(np.zeros((3, 16), np.float32))
+    worlds: Any = device.engine.worlds
+    worlds._overflow[1] |= getattr(worlds, why)
+    _, _, terminated, _, info = device.step(np.zeros((n, 16), np.float32))
+    assert list(info["diverged"]) == list(second)
+    assert list(terminated) == list(second)
+    device.reset(options={"reset_mask": second})
+    _, _, terminated, _, info = device.step(np.zeros((n, 16), np.float32))
     assert not terminated.any()
     assert not info.get("diverged", np.zeros(3)).any()
-    assert bool(worlds.position.isfinite().all())  # type: ignore[attr-defined]
+    assert bool(worlds.position.isfinite().all())
+
+
+@pytest.mark.long
+def test_room_that_more_than_a_tenth_outgrow_is_too_small() -> None:
+    warp()
+    device = HandVectorEnv("Reorient", 10, device="warp:cpu", autoreset_mode="disabled")
+    device.reset(seed=0)
+    worlds: Any = device.engine.worlds
+    worlds._overflow[:2] |= worlds._outgrown
+    with pytest.raises(
+        ConfigError, match="simulation 0 of 10 has more contacts or constraints than room on the device"
+    ):
+        worlds.check()
 
 
 @pytest.mark.long

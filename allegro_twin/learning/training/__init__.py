@@ -28,6 +28,14 @@ def train(
     """Train in `folder`, or continue what is there. `advance` is called after every update with the actions taken,
     and the mean return and success rate since. Raises ConfigError without the extra, or for a folder of another
     training."""
+    check_packages(recipe)
+    module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
+    trained: TrainingResult = import_module(f"allegro_twin.learning.training.{module}").learn(recipe, folder, advance)
+    return trained
+
+
+def check_packages(recipe: Recipe) -> None:
+    """Raise ConfigError where a package is missing that this training needs."""
     extra, needed = {"rsl-rl": _RSL, "dagger": _DAGGER}.get(recipe.learner, _STABLE)
     for name in needed:
         try:
@@ -35,6 +43,3 @@ def train(
         except ImportError as error:
             raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
     check_logs(recipe, extra)
-    module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
-    trained: TrainingResult = import_module(f"allegro_twin.learning.training.{module}").learn(recipe, folder, advance)
-    return trained

@@ -20,7 +20,7 @@ COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evalu
 """The first columns of a curve. Actions in all; s of training; episodes that ended since the last row; their mean
 return, length and success rate; and the success rate without noise on the actions, once per round. Empty: no value.
 Further columns have the names that TensorBoard shows."""
-NO_TERMS = ("is_success", "diverged", "final_obs")
+NO_TERMS = ("is_success", "final_obs")
 """What the info of a step has besides the terms of its task."""
 NAMES = {
     "return": "rollout/ep_rew_mean",

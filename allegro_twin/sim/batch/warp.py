@@ -31,6 +31,10 @@ _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rboun
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
 # Two shapes met in a way that the general collider has no room for; that room is fixed, nobody could raise it.
 _MISSED = "EPA_HORIZON"
+# Each simulation has room of its own for constraints. That for contacts is shared: nobody can say whose were left out.
+_OWN_ROOM = ("NEFC", "NJMAX_NNZ")
+_FEW = 0.1
+"""Share of the simulations that may outgrow their own room at once, and end. With more the room is too small."""
 _PLACES = {"body_pos", "body_quat", "geom_pos", "geom_quat"}
 """Where things are that nothing moves: MuJoCo Warp places the geoms of those once, in `make_data`."""
 _PICTURED = {"bvh_aabb"}
@@ -62,6 +66,7 @@ class WarpBatch(SimBatch):
         self._displaced = False
         self._loose: Any = None
         self._missed = int(self._mjw.OverflowType[_MISSED])
+        self._outgrown = int(np.bitwise_or.reduce([int(self._mjw.OverflowType[name]) for name in _OWN_ROOM]))
         self._dropped = ~int(np.bitwise_or.reduce([int(bit) for bit in iterations])) & ~self._missed
         super().__init__(spec, model, n)
 
@@ -109,13 +114,16 @@ class WarpBatch(SimBatch):
 
     def check(self) -> None:
         """Raise ConfigError where contacts or constraints found no room, instead of going on without them. A simulation
-        in which the collider gave a contact up is one that has diverged."""
+        in which the collider gave a contact up is one that has diverged, and so are a few that outgrow their room."""
         overflow = to_numpy(self._overflow)
-        if (overflow & self._missed).any():
-            rows = self.xp.asarray(np.flatnonzero(overflow & self._missed))
+        ended = overflow & self._missed
+        if np.count_nonzero(overflow & self._outgrown) <= _FEW * self.n:
+            ended |= overflow & self._outgrown
+        if ended.any():
+            rows = self.xp.asarray(np.flatnonzero(ended))
             self._qpos[rows] = np.nan
-            self._overflow[rows] &= ~self._missed
-        dropped = overflow & self._dropped
+            self._overflow[rows] &= ~(self._missed | self._outgrown)
+        dropped = overflow & self._dropped & ~ended
         if dropped.any():
             row = int(np.flatnonzero(dropped)[0])
             what = self._mjw.OverflowType(int(dropped[row])).name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -24,7 +25,7 @@ TINY: dict[str, Any] = {
 """Two rounds of two updates; an episode has 11 actions."""
 OF_EVERY_LEARNER = {
     "train/value_loss", "train/entropy", "train/learning_rate", "train/std", "train/kl", "train/surrogate_loss",
-    "time/fps", "terms/distance",
+    "time/fps", "terms/distance", "terms/diverged",
 }  # fmt: skip
 
 
@@ -92,6 +93,10 @@ def test_all_logs_have_the_same_values_and_a_run_goes_on_with_its_training(
         assert written.keys() == found.keys(), name
         for step, value in written.items():
             assert value == pytest.approx(found[step], rel=1e-4, abs=1e-6), name
+    updates = [row for row in rows if not row["evaluated"]]
+    for before, after in itertools.pairwise(updates):
+        steps, seconds = (float(after[name]) - float(before[name]) for name in ("steps", "seconds"))
+        assert float(after["time/fps"]) == pytest.approx(steps / seconds, rel=1e-2)
     assert 0.0 < min(each.value for each in shown.Scalars("train/kl")) < 1.0
     assert 0.0 < shown.Scalars("terms/distance")[0].value < 0.2
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,6 +41,10 @@ def train(
     log: Annotated[
         str | None, typer.Option(help="Any of tensorboard,csv,wandb; default: the recipe's, or the first two.")
     ] = None,
+    sweep: Annotated[
+        Path | None, typer.Option(help="YAML with lists of values: a training for each combination.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Trainings of a sweep at once.")] = 1,
     episodes: Episodes = 200,
     video: Annotated[bool, typer.Option(help="Film some episodes at the end.")] = True,
 ) -> None:
@@ -52,6 +56,13 @@ def train(
 
     logs = None if log is None else [name.strip() for name in log.split(",") if name.strip()]
     recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed, log=logs)
+    if sweep is not None:
+        folder = out or Path("runs") / f"{Path(task).stem.lower()}-{sweep.stem}"
+        with nullcontext() if out is not None else lock_folder(folder):
+            _sweep(sweep, recipe, folder, episodes, jobs)
+        return
+    if jobs > 1:
+        raise ConfigError(f"--jobs {jobs} is for the trainings of a sweep: say --sweep FILE, too, or leave it out")
     folder = out or Path("runs") / Path(task).stem.lower()
     with ExitStack() as stack:
         if out is None:
@@ -69,6 +80,32 @@ def train(
         done = trained.progress
         console.console.print(f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True)
         _evaluate_and_film(trained.policy, recipe, folder, episodes, video)
+
+
+def _sweep(path: Path, recipe: Recipe, folder: Path, episodes: int, jobs: int) -> None:
+    """Train every combination of the values in a file, without films."""
+    from rich.table import Table
+
+    from allegro_twin.learning.training.sweeping import TABLE, read_variants, train_variants
+    from allegro_twin.surfaces.cli import console
+
+    variants = read_variants(path, recipe)
+    with console.progress() as bar:
+        job = bar.add_task(f"{recipe.task}: trainings", total=len(variants))
+        rows = train_variants(
+            variants, folder, episodes, jobs, lambda done, of: bar.update(job, completed=done, total=of)
+        )
+    table = Table(title=str(folder / TABLE), title_justify="left", title_style="bold")
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(_cell(row.get(column)) for column in columns))
+    console.console.print(table)
+
+
+def _cell(value: object) -> str:
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def evaluate_policy(
