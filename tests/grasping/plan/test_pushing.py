@@ -8,7 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
@@ -16,19 +19,19 @@ from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.plan import pushing
 from allegro_twin.grasping.plan.candidate import Candidate, candidate_scenario
 from allegro_twin.grasping.plan.pushing import pushed_stage, with_push
-from allegro_twin.grasping.plan.search import GraspSearch
+from allegro_twin.grasping.plan.search import GraspSearch, search_symmetry
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.timeline import make_stage, pushed_until
+from allegro_twin.grasping.timeline import first_posture, make_stage, pushed_until
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library, load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.kinematics.orientation import matrix_facing
+from allegro_twin.kinematics.orientation import matrix_facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.model.scene import compile_scene
-from allegro_twin.sim.model.wrist import WRIST_JOINTS
+from allegro_twin.sim.model.wrist import WRIST_JOINTS, wrist_angles
 from allegro_twin.spec import Side
 
 SPEC = load_spec()
@@ -141,6 +144,44 @@ def search() -> GraspSearch:
 @pytest.fixture(scope="module")
 def bench(search: GraspSearch) -> GraspScene:
     return search._bench(load_protocol("table_pick"))
+
+
+def test_what_the_fingers_do_not_reach_was_not_pushed() -> None:
+    pushed = with_push(scenario(), SPEC).model_dump()
+    x, *others = pushed["push"]["wrist"]["position"]
+    pushed["push"]["wrist"]["position"] = (x - 0.05, *others)
+    short = Scenario.model_validate(pushed)
+    stage = make_stage(short, load_protocol("table_pick"), "right", Path())
+    with pytest.raises(ConfigError, match=r"object board: the push leaves it \d\d mm .* tilted by 0°"):
+        pushed_stage(short, stage, SPEC, grasp_templates(SPEC)[0])
+
+
+def test_a_left_hand_pushes_in_the_mirror_image_of_the_posture() -> None:
+    pushed, grasp = with_push(scenario(), SPEC), load_grasp("prismatic_3_finger", SPEC)
+    right, left = (
+        first_posture(pushed, load_protocol("table_pick"), grasp, load_spec(side=side)) for side in ("right", "left")
+    )
+    assert_allclose(left, SPEC.mirror_posture(right))
+    assert (left != right).any()
+
+
+def test_at_an_edge_no_two_ways_round_a_box_are_the_same(search: GraspSearch) -> None:
+    assert search_symmetry(search) is None
+    free = GraspSearch(scenario(edge=None), SPEC, grasp_templates(SPEC))
+    assert search_symmetry(free) is not None
+
+
+@given(st.floats(-3.0, 3.0), st.sampled_from([-np.pi / 2, np.pi / 2, 0.3, -1.2]), st.floats(-3.0, 3.0))
+def test_the_wrists_hinges_turn_the_palm_as_asked_for_where_two_of_them_are_one_axis_too(
+    a: float, b: float, c: float
+) -> None:
+    def turned(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y, z = (matrix_from_quaternion(quaternion_from_vector(v)) for v in np.diag(angles))
+        product: NDArray[np.float64] = x @ y @ z
+        return product
+
+    wanted = turned(np.array([a, b, c]))
+    assert_allclose(turned(wrist_angles(wanted)), wanted, atol=1e-6)
 
 
 def test_a_grasp_at_the_edge_is_told_from_where_the_object_is_at_first(search: GraspSearch, bench: GraspScene) -> None:
