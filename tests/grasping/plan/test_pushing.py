@@ -171,6 +171,13 @@ def test_at_an_edge_no_two_ways_round_a_box_are_the_same(search: GraspSearch) ->
     assert search_symmetry(free) is not None
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_palm_that_turns_by_a_quarter_is_turned_by_the_hinges(sign: float) -> None:
+    wanted = np.array([[0.0, 0.0, sign], [sign, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    x, y, z = (matrix_from_quaternion(quaternion_from_vector(v)) for v in np.diag(wrist_angles(wanted)))
+    assert_allclose(x @ y @ z, wanted, atol=1e-9)
+
+
 @given(st.floats(-3.0, 3.0), st.sampled_from([-np.pi / 2, np.pi / 2, 0.3, -1.2]), st.floats(-3.0, 3.0))
 def test_the_wrists_hinges_turn_the_palm_as_asked_for_where_two_of_them_are_one_axis_too(
     a: float, b: float, c: float
