@@ -10,6 +10,7 @@ from allegro_twin.learning.environments.snapshot import EpisodeState, spread_sna
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.mpc.costs import PlanCosts
 from allegro_twin.learning.mpc.settings import MpcSettings
+from allegro_twin.learning.policy.interface import radian_scale
 from allegro_twin.types import Array
 
 
@@ -46,7 +47,18 @@ class Rollouts:
         """A new episode, from its first state."""
         self._spread(state)
         thing = self.engine.task.thing
+        self._home = np.array(self.engine.memory.end[0])
         self.costs.begin(self.engine.worlds.position[0], None if thing is None else thing.pose[0])
+
+    def way_back(self, state: EpisodeState, decisions: int) -> Array:
+        """The action that brings each joint's set-point back to the beginning's in so many decisions, (joints,)."""
+        interface = self.engine.task.interface
+        if interface.mode != "delta":
+            raise ConfigError(f"back is for control delta, not {interface.mode}: leave it out")
+        end = state.parts["engine/memory/end"][0]
+        most = decisions * interface.step * radian_scale(interface.spec)
+        action: Array = np.clip((self._home - end) / most, -1.0, 1.0)
+        return action
 
     def __call__(self, state: EpisodeState, actions: Array, still: int) -> Array:
         """What each sample is worth from a saved state: `actions` (decisions, samples, joints), and then `still`

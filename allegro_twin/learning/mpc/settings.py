@@ -68,6 +68,9 @@ class MpcSettings(Settings):
     gait are found so."""
     afresh: Part = 0.0
     """Share of the drawn samples around no action at all, instead of around the plan."""
+    back: bool = False
+    """Whether plans that bring one finger back to where its set-points were at the beginning are among the samples, one
+    a finger, and are what half of the samples `afresh` are drawn around: a gait has such steps."""
     keep: Annotated[int, Field(ge=0)] = 0
     """Best samples of the last decision that are tried again, moved on."""
     discount: Share = 1.0
