@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
@@ -72,7 +72,7 @@ class Rollouts:
             engine.step(taken, None if going.all() else np.flatnonzero(going))
             outcome, _ = engine.outcome(taken, engine.observe())
             worth = self.settings.discount ** (seconds * decision)
-            gained = worth * (weight * outcome.reward - seconds * self.costs())
+            gained = worth * (weight * outcome.reward - seconds * (self.costs() + self._terms(outcome.terms)))
             if self.settings.count:
                 count = outcome.terms[engine.task.count_term]
                 gained, before = gained + worth * self.settings.count * (count - before), count
@@ -80,6 +80,15 @@ class Rollouts:
             going &= ~outcome.failed
             if not going.any():
                 break
+        return total
+
+    def _terms(self, terms: dict[str, Array]) -> Array | float:
+        """Costs of the terms of a step, (samples,), 1/s. Raises ConfigError for a term that there is not."""
+        total: Array | float = 0.0
+        for name, weight in self.settings.terms.items():
+            if name not in terms:
+                raise ConfigError(unknown("term", name, terms))
+            total = total + weight * terms[name]
         return total
 
     def _spread(self, state: EpisodeState) -> None:

@@ -343,6 +343,26 @@ def test_what_a_task_counts_is_paid_as_it_grows(monkeypatch: pytest.MonkeyPatch)
         Rollouts("Reach", EnvSettings(), settings, threads=1)
 
 
+def test_terms_that_a_task_reports_cost_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    keywords: dict[str, Any] = {"objects": ("cube",), "timestep": 0.003}
+    env = HandEnv("Reorient", **keywords)
+    env.reset(seed=3)
+    settings = QUICK.model_copy(update={"samples": 2, "reward": 0.0, "terms": {"angle": 5.0}})
+    rollouts = Rollouts("Reorient", EnvSettings(**keywords), settings, threads=1)
+    angles = iter([[1.0, 2.0], [0.5, 2.0]])
+
+    def outcome(*_: Any) -> Any:
+        return StepOutcome(np.ones(2), np.zeros(2, bool), np.zeros(2, bool), {"angle": np.array(next(angles))}), None
+
+    monkeypatch.setattr(rollouts.engine, "outcome", outcome)
+    found = rollouts(env.save_state(), np.zeros((2, 2, 16)), 0)
+    np.testing.assert_allclose(found, [-5.0 * 0.039 * 1.5, -5.0 * 0.039 * 4.0])
+    rollouts.settings = settings.model_copy(update={"terms": {"angel": 1.0}})
+    angles = iter([[1.0, 2.0]])
+    with pytest.raises(ConfigError, match="did you mean 'angle'"):
+        rollouts(env.save_state(), np.zeros((2, 2, 16)), 0)
+
+
 class _Recorded:
     def __init__(self, inner: Any, seen: list[Any]) -> None:
         self._inner, self._seen = inner, seen
