@@ -81,7 +81,7 @@ class MpcSettings(Settings):
     count: Weight = 0.0
     """Weight of what the task counts, such as rad turned: dense where the reward pays for new angles only."""
     terms: dict[str, float] = Field(default_factory=dict)
-    """Costs of the terms that the task's steps report in `info`, by name, a second: such as the `angle` to a goal, where
+    """Costs of the terms that the task's steps report in `info`, by name, a second: such as the `angle` to a goal where
     the reward hardly tells of goals that are far."""
     costs: CostSettings = CostSettings()
     stride: Annotated[int, Field(ge=0)] = 1
