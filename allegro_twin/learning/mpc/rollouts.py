@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.mpc.costs import PlanCosts
 from allegro_twin.learning.mpc.settings import MpcSettings
+from allegro_twin.learning.policy.interface import radian_scale
 from allegro_twin.types import Array
 
 
@@ -46,7 +47,18 @@ class Rollouts:
         """A new episode, from its first state."""
         self._spread(state)
         thing = self.engine.task.thing
+        self._home = np.array(self.engine.memory.end[0])
         self.costs.begin(self.engine.worlds.position[0], None if thing is None else thing.pose[0])
+
+    def way_back(self, state: EpisodeState, decisions: int) -> Array:
+        """The action that brings each joint's set-point back to the beginning's in so many decisions, (joints,)."""
+        interface = self.engine.task.interface
+        if interface.mode != "delta":
+            raise ConfigError(f"back is for control delta, not {interface.mode}: leave it out")
+        end = state.parts["engine/memory/end"][0]
+        most = decisions * interface.step * radian_scale(interface.spec)
+        action: Array = np.clip((self._home - end) / most, -1.0, 1.0)
+        return action
 
     def __call__(self, state: EpisodeState, actions: Array, still: int) -> Array:
         """What each sample is worth from a saved state: `actions` (decisions, samples, joints), and then `still`
@@ -60,7 +72,7 @@ class Rollouts:
             engine.step(taken, None if going.all() else np.flatnonzero(going))
             outcome, _ = engine.outcome(taken, engine.observe())
             worth = self.settings.discount ** (seconds * decision)
-            gained = worth * (weight * outcome.reward - seconds * self.costs())
+            gained = worth * (weight * outcome.reward - seconds * (self.costs() + self._terms(outcome.terms)))
             if self.settings.count:
                 count = outcome.terms[engine.task.count_term]
                 gained, before = gained + worth * self.settings.count * (count - before), count
@@ -68,6 +80,15 @@ class Rollouts:
             going &= ~outcome.failed
             if not going.any():
                 break
+        return total
+
+    def _terms(self, terms: dict[str, Array]) -> Array | float:
+        """Costs of the terms of a step, (samples,), 1/s. Raises ConfigError for a term that there is not."""
+        total: Array | float = 0.0
+        for name, weight in self.settings.terms.items():
+            if name not in terms:
+                raise ConfigError(unknown("term", name, terms))
+            total = total + weight * terms[name]
         return total
 
     def _spread(self, state: EpisodeState) -> None:

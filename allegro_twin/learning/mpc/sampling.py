@@ -91,7 +91,7 @@ class SamplingMpc:
         self._spread = np.clip(2.0 * self._spread, chosen.narrowest, chosen.spread)
         best, value, tried = self._mean, -np.inf, []
         for _ in range(chosen.iterations):
-            knots = self._draw()
+            knots = self._draw(self._steps_back(state) if chosen.back else np.zeros((0, *self._mean.shape)))
             actions = self._actions(knots, decided)
             returns = self._rollouts(state, actions.astype(float), self._still)
             top = int(returns.argmax())
@@ -117,10 +117,24 @@ class SamplingMpc:
             actions[0] = decided
         return actions
 
-    def _draw(self) -> Array:
-        """Knots to try, (samples, knots, joints)."""
+    def _steps_back(self, state: EpisodeState) -> Array:
+        """Knots that bring one finger back within half of the horizon, (fingers, knots, joints)."""
+        action = self._rollouts.way_back(state, max(self.decisions // 2, 1))
+        found: Array = np.zeros((len(self._fingers), *self._mean.shape))
+        for row, joints in enumerate(self._fingers):
+            found[row][: (self.settings.knots + 1) // 2, joints] = action[joints]
+        return found
+
+    def _draw(self, back: Array) -> Array:
+        """Knots to try, (samples, knots, joints); `back`: those that bring a finger back."""
         chosen, rng = self.settings, self._rng
-        fixed = [self._mean, np.zeros_like(self._mean), np.broadcast_to(self._last, self._mean.shape), *self._kept]
+        fixed = [
+            self._mean,
+            np.zeros_like(self._mean),
+            np.broadcast_to(self._last, self._mean.shape),
+            *self._kept,
+            *back,
+        ]
         fixed = fixed[: max(chosen.samples // 2, 1)]
         left = chosen.samples - len(fixed)
         noise = self._spread * rng.standard_normal((left, *self._mean.shape))
@@ -130,6 +144,9 @@ class SamplingMpc:
             others[self._fingers[finger]] = False
             noise[row][:, others] = 0.0
         around = np.where((rng.random(left) < chosen.afresh)[:, None, None], 0.0, self._mean)
+        if len(back):
+            steps = np.flatnonzero((around == 0.0).all(axis=(1, 2)) & (rng.random(left) < 0.5))
+            around[steps] = back[rng.integers(len(back), size=len(steps))]
         drawn: Array = np.clip(np.concatenate([np.stack(fixed), around + noise]), -1.0, 1.0)
         return drawn
 

@@ -68,6 +68,9 @@ class MpcSettings(Settings):
     gait are found so."""
     afresh: Part = 0.0
     """Share of the drawn samples around no action at all, instead of around the plan."""
+    back: bool = False
+    """Whether plans that bring one finger back to where its set-points were at the beginning are among the samples, one
+    a finger, and are what half of the samples `afresh` are drawn around: a gait has such steps."""
     keep: Annotated[int, Field(ge=0)] = 0
     """Best samples of the last decision that are tried again, moved on."""
     discount: Share = 1.0
@@ -77,6 +80,9 @@ class MpcSettings(Settings):
     """Weight of the task's reward."""
     count: Weight = 0.0
     """Weight of what the task counts, such as rad turned: dense where the reward pays for new angles only."""
+    terms: dict[str, float] = Field(default_factory=dict)
+    """Costs of the terms that the task's steps report in `info`, by name, a second: such as the `angle` to a goal where
+    the reward hardly tells of goals that are far."""
     costs: CostSettings = CostSettings()
     stride: Annotated[int, Field(ge=0)] = 1
     """Control periods in one step of the planner's physics, as nearly as a decision has whole steps: 2 costs half as

@@ -21,6 +21,7 @@ from allegro_twin.learning.mpc.settings import CostSettings, MpcSettings, planne
 from allegro_twin.learning.tasks.base import StepOutcome
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 
+NO_STEPS = np.zeros((0, 2, 16))
 QUICK = MpcSettings(samples=12, horizon=0.3, hold=0.0, knots=2, iterations=1)
 
 
@@ -163,7 +164,7 @@ def test_every_decision_tries_the_plan_no_action_the_last_action_held_and_the_be
     env = HandEnv("Reach", timestep=0.003)
     env.reset(seed=3)
     first = mpc.plan(env.save_state())
-    tried = mpc._draw()
+    tried = mpc._draw(NO_STEPS)
     assert tried.shape == (12, 2, 16)
     np.testing.assert_array_equal(tried[0], mpc._mean)
     np.testing.assert_array_equal(tried[1], 0.0)
@@ -177,11 +178,42 @@ def test_some_samples_move_one_finger_alone_and_some_begin_afresh() -> None:
     settings = QUICK.model_copy(update={"samples": 40, "fingers": 1.0, "afresh": 0.0})
     mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), settings, threads=1)
     mpc._mean[...] = 0.3
-    moved = (mpc._draw()[3:] != 0.3).any(axis=1).reshape(-1, 4, 4).any(axis=-1)  # Four joints a finger.
+    moved = (mpc._draw(NO_STEPS)[3:] != 0.3).any(axis=1).reshape(-1, 4, 4).any(axis=-1)  # Four joints a finger.
     assert (moved.sum(axis=-1) == 1).all()
     assert moved.any(axis=0).all()
     mpc.settings = settings.model_copy(update={"afresh": 1.0})
-    assert (mpc._draw()[3:] == 0.0).sum() >= 37 * 2 * 12
+    assert (mpc._draw(NO_STEPS)[3:] == 0.0).sum() >= 37 * 2 * 12
+
+
+def test_some_samples_bring_one_finger_back_to_its_beginning() -> None:
+    environment = EnvSettings(objects=("cube",), timestep=0.003)
+    settings = MpcSettings(samples=16, horizon=0.39, hold=0.0, knots=10, back=True, afresh=1.0, spread=1e-9)
+    mpc = SamplingMpc("Rotate", environment, settings.model_copy(update={"narrowest": 1e-9}), threads=1)
+    env = HandEnv("Rotate", objects=("cube",), timestep=0.003)
+    env.reset(seed=3)
+    begun = np.array(env.engine.memory.end[0])
+    mpc._rollouts.begin(env.save_state())
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        env.step(rng.uniform(-1.0, 1.0, 16).astype(np.float32))
+    back = mpc._steps_back(env.save_state())
+    tried = mpc._draw(back)
+    np.testing.assert_array_equal(tried[3:7], back)
+    steps = [set(np.flatnonzero((np.abs(row) > 1e-6).any(axis=0)) // 4) for row in tried[7:]]
+    assert {len(fingers) for fingers in steps} == {0, 1}  # Around no action, or around a finger's way back.
+    for finger in range(4):
+        for action in mpc._spline(back[finger][None])[:5, 0]:
+            env.step(action.astype(np.float32))
+    np.testing.assert_allclose(env.engine.memory.end[0], begun, atol=1e-6)
+
+
+def test_ways_back_are_for_actions_that_change_set_points() -> None:
+    settings = QUICK.model_copy(update={"back": True})
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003, control="torque"), settings, threads=1)
+    env = HandEnv("Reach", timestep=0.003, control="torque")
+    env.reset(seed=3)
+    with pytest.raises(ConfigError, match="back is for control delta, not torque: leave it out"):
+        mpc.plan(env.save_state())
 
 
 def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_leaves_its_place(
@@ -309,6 +341,26 @@ def test_what_a_task_counts_is_paid_as_it_grows(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(found, [2.0 * (worth @ [0.1, 0.2, -0.1]), 2.0 * worth[2]])
     with pytest.raises(ConfigError, match="Reach counts nothing: leave it out"):
         Rollouts("Reach", EnvSettings(), settings, threads=1)
+
+
+def test_terms_that_a_task_reports_cost_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    keywords: dict[str, Any] = {"objects": ("cube",), "timestep": 0.003}
+    env = HandEnv("Reorient", **keywords)
+    env.reset(seed=3)
+    settings = QUICK.model_copy(update={"samples": 2, "reward": 0.0, "terms": {"angle": 5.0}})
+    rollouts = Rollouts("Reorient", EnvSettings(**keywords), settings, threads=1)
+    angles = iter([[1.0, 2.0], [0.5, 2.0]])
+
+    def outcome(*_: Any) -> Any:
+        return StepOutcome(np.ones(2), np.zeros(2, bool), np.zeros(2, bool), {"angle": np.array(next(angles))}), None
+
+    monkeypatch.setattr(rollouts.engine, "outcome", outcome)
+    found = rollouts(env.save_state(), np.zeros((2, 2, 16)), 0)
+    np.testing.assert_allclose(found, [-5.0 * 0.039 * 1.5, -5.0 * 0.039 * 4.0])
+    rollouts.settings = settings.model_copy(update={"terms": {"angel": 1.0}})
+    angles = iter([[1.0, 2.0]])
+    with pytest.raises(ConfigError, match="did you mean 'angle'"):
+        rollouts(env.save_state(), np.zeros((2, 2, 16)), 0)
 
 
 class _Recorded:
