@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from scipy.stats import betabinom  # type: ignore[import-untyped]  # Its types are a package of its own.
 
@@ -51,6 +52,9 @@ class HiddenEpisode(EpisodeBackend):
         self._hand, self._laws = hand, MotorLaws(hand.physics, STEP)
         self._rng = np.random.default_rng((hand.number, seed))
         self._substeps = round(settings.period / settings.timestep)
+        self.model = self.engine.worlds.model
+        self.data = mujoco.MjData(self.model)
+        """Of no contact: what a v5 hand says of pressure, no policy reads."""
 
     def reset(self) -> HandState:
         state, worlds, own = super().reset(), self.engine.worlds, self._hand.physics
