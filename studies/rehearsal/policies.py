@@ -40,7 +40,10 @@ class PolicyTrial(NamedTuple):
     simulated: int
 
 
-POLICIES = (PolicyTrial("grasp_right", "grasp", 12, 96), PolicyTrial("rotate_hand_right", "rotate_hand", 6, 48))
+POLICIES = (
+    PolicyTrial("grasp_right", "grasp_easy", 12, 96),
+    PolicyTrial("rotate_hand_right", "rotate_on_palm_hand", 6, 48),
+)
 """All are of right hands; a policy for Lift does not ship."""
 
 

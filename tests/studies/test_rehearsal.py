@@ -17,12 +17,13 @@ from allegro_twin import TorqueCommand
 from allegro_twin.app import Rig, assemble
 from allegro_twin.files import read_yaml
 from allegro_twin.gym import EnvSettings
+from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
 from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
 from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
 from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
-from studies.rehearsal.policies import HiddenEpisode, predicted
+from studies.rehearsal.policies import POLICIES, HiddenEpisode, policy_file, predicted
 from studies.rehearsal.rehearse import drawn_objects
 from studies.rehearsal.report import policy_table, scores, table
 from studies.rehearsal.sessions import RehearsedHiddenHand
@@ -189,6 +190,12 @@ def test_policies_stand_beside_what_was_foretold_of_them() -> None:
     failed = row | {"posterior": {"error": "no twin"}}
     assert "| no twin | – |" in policy_table([{"number": 4, "policies": [failed]}])
     assert policy_table([{"number": 5}]) == ""
+
+
+def test_the_policies_that_are_tried_ship_with_their_recipes() -> None:
+    tasks = [load_recipe(each.recipe).task for each in POLICIES]
+    assert tasks == ["Grasp", "Rotate"]
+    assert all(policy_file(each).is_file() for each in POLICIES)
 
 
 def test_a_prediction_is_wider_for_few_episodes_and_holds_its_share() -> None:
