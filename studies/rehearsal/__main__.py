@@ -12,7 +12,7 @@ import typer
 from allegro_twin import ConfigError
 from allegro_twin.files import atomic_file, fingerprint, read_yaml, source_fingerprint
 from studies.rehearsal.rehearse import rehearse
-from studies.rehearsal.report import scores, table
+from studies.rehearsal.report import policy_table, scores, table
 
 FOLDER = Path(__file__).parent
 PROTOCOL, REGISTRATION = FOLDER / "rehearsal.yaml", FOLDER / "rehearsal.registration.json"
@@ -66,6 +66,7 @@ def report(
     if not rows:
         raise ConfigError(f"{folder} has no results: python -m studies.rehearsal run --out {folder} makes them")
     typer.echo(table(rows))
+    typer.echo(f"\n{policy_table(rows)}".rstrip())
     if write_scores is None:
         return
     how = "registered" if all(row.get("registered") for row in rows) else "not all registered"
@@ -76,7 +77,7 @@ def report(
 
 def contents() -> dict[str, str]:
     """Fingerprints of what the results are made of, besides the package that is judged."""
-    modules = ("hidden_hand", "motor_laws", "sessions", "rehearse")
+    modules = ("hidden_hand", "motor_laws", "policies", "sessions", "rehearse")
     return {"protocol": fingerprint(PROTOCOL)} | {
         name: fingerprint(FOLDER / f"{name}.py") for name in modules
     } | {"package": source_fingerprint("studies.rehearsal.rehearse")}  # fmt: skip

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from scipy.stats import betabinom  # type: ignore[import-untyped]  # Its types are a package of its own.
 
@@ -39,7 +40,10 @@ class PolicyTrial(NamedTuple):
     simulated: int
 
 
-POLICIES = (PolicyTrial("grasp_right", "grasp", 12, 96), PolicyTrial("rotate_hand_right", "rotate_hand", 6, 48))
+POLICIES = (
+    PolicyTrial("grasp_right", "grasp_easy", 12, 96),
+    PolicyTrial("rotate_hand_right", "rotate_on_palm_hand", 6, 48),
+)
 """All are of right hands; a policy for Lift does not ship."""
 
 
@@ -51,6 +55,9 @@ class HiddenEpisode(EpisodeBackend):
         self._hand, self._laws = hand, MotorLaws(hand.physics, STEP)
         self._rng = np.random.default_rng((hand.number, seed))
         self._substeps = round(settings.period / settings.timestep)
+        self.model = self.engine.worlds.model
+        self.data = mujoco.MjData(self.model)
+        """Of no contact: what a v5 hand says of pressure, no policy reads."""
 
     def reset(self) -> HandState:
         state, worlds, own = super().reset(), self.engine.worlds, self._hand.physics

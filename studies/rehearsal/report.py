@@ -38,6 +38,28 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def policy_table(rows: list[dict[str, Any]]) -> str:
+    """Markdown: of each policy and hand the episodes that succeeded with each host, and what simulations had said."""
+    tried = [(row, each) for row in rows for each in row.get("policies", ())]
+    if not tried:
+        return ""
+    head = "| policy | hand | host nominal | identified | simulated nominal: share, 95 % of such | posterior draws "
+    lines = [f"{head}| covers |", "|---|---|---|---|---|---|---|"]  # fmt: skip
+    for row, each in tried:
+        won = [f"{each[twin]['successes']} of {each['episodes']}" for twin in TWINS]
+        said = [_prediction(each[name]) for name in ("simulated", "posterior")]
+        covers = {True: "yes", False: "**no**"}.get(each["posterior"].get("covers"), "–")
+        lines.append(f"| {each['policy']} | {row['number']} | {' | '.join([*won, *said, covers])} |")
+    known = [each["posterior"]["covers"] for _, each in tried if "covers" in each["posterior"]]
+    return "\n".join([*lines, "", f"The posterior's 95 % covers {sum(known)} of {len(known)}."])
+
+
+def _prediction(found: dict[str, Any]) -> str:
+    if "error" in found:
+        return str(found["error"]).replace("|", "/")
+    return f"{100 * found['successes'] / found['of']:.0f} %, {found['low']}–{found['high']}"
+
+
 def scores(rows: list[dict[str, Any]], about: str) -> dict[str, Any]:
     """What `allegro-twin rehearse` shows a real hand beside: the scores of some hands, by twin."""
     hands = [{name: row[name] for name in ("number", "side", "version", "traits")}

@@ -18,6 +18,7 @@ from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudg
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import PlannedGrasp, best_grasps
 from allegro_twin.grasping.scenario import Scenario
+from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import LatchGrip
 from allegro_twin.hands.library.grasps import Grasp
@@ -42,6 +43,7 @@ def search_in_parallel(
     shared = {
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
         "hand": search.spec.model_reference, "side": search.spec.side, "kind": search.kind, "n": n,
+        "twin": search.spec.serial, "uncertainty": search.uncertainty.model_dump(mode="json"),
         "budget": {key: value for key, value in asdict(budget).items() if math.isfinite(value)},
         "effort": None if search.effort is None else asdict(search.effort),
         "region": None if search.region is None else asdict(search.region),
@@ -63,7 +65,7 @@ def search_in_parallel(
 def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON, how many candidates
     were `closed`, the `cpu` seconds that it took, and whether its first round was `cut` short."""
-    spec, asked = load_spec(shared["hand"], shared["side"]), shared["region"]
+    spec, asked = replace(load_spec(shared["hand"], shared["side"], shared["twin"]), drive=None), shared["region"]
     rows = []
     for item in items:
         search = GraspSearch(
@@ -71,6 +73,7 @@ def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) 
             Path(shared["folder"]), seed=item["seed"],
             effort=None if shared["effort"] is None else RoundSize(**shared["effort"]),
             region=None if asked is None else GraspRegion(**asked), kind=shared["kind"], threads=1,
+            uncertainty=Uncertainty.model_validate(shared["uncertainty"]),
         )  # fmt: skip
         found = search.run(shared["n"], SearchBudget(**shared["budget"]))
         rows.append(

@@ -35,6 +35,7 @@ def test_plan_writes_grasps_that_run_with_a_picture_of_each(command: Run, tmp_pa
         (["lemon", "--type", "Medium Warp"], "Medium Wrap"),
         (["lemon", "--time", "-1"], "--time must be positive"),
         (["nowhere.stl"], "no file"),
+        (["lemon", "--twin", "allegro"], "has no intervals to draw from"),
     ],
 )
 def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, command: Run) -> None:

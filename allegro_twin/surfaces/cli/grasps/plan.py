@@ -49,6 +49,14 @@ def plan(
     ],
     n: Annotated[int, typer.Option("--n", min=1, max=100, help="Number of grasps that differ from each other.")] = 5,
     hand: Hand = options.HAND,
+    twin: Annotated[
+        str | None,
+        typer.Option(
+            help="File of one hand, as `identify` writes it: plan for its motors and friction, with draws from its "
+            "intervals.",
+            autocompletion=completion.hands,
+        ),
+    ] = None,
     kind: Annotated[
         str | None, typer.Option("--type", help="Only grasps whose contacts are of this type of the GRASP taxonomy.")
     ] = None,
@@ -124,18 +132,21 @@ def plan(
 ) -> None:
     """Find grasps for an object, validated in simulated trials."""
     from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
+    from allegro_twin.grasping.plan.own_hand import PlannedHand, twin_to_plan_for
     from allegro_twin.grasping.plan.pushing import with_push
     from allegro_twin.grasping.plan.region import parse_region
     from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
     from allegro_twin.grasping.plan.templates import grasp_templates
-    from allegro_twin.grasping.plan.validate import judge_planned
+    from allegro_twin.grasping.plan.validate import SEARCHED, judge_planned
     from allegro_twin.grasping.scenario import load_protocol
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.trials import engine_of
 
-    chosen, spec = engine_of(engine.value, address, None), load_spec(hand)
+    chosen = engine_of(engine.value, address, None)
+    own = PlannedHand(load_spec(hand), SEARCHED) if twin is None else twin_to_plan_for(hand, twin)
+    spec = own.spec
     scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
         update={"protocol": protocol, "hand": hand}
     )
@@ -151,6 +162,7 @@ def plan(
         seed=seed,
         region=None if by is None else parse_region(by),
         kind=kind,
+        uncertainty=own.uncertainty,
     )
     name = scenario.objects[0].name
     unlimited = candidates is not None and seconds is None

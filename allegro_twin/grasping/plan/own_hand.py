@@ -1,0 +1,47 @@
+"""The hand of a plan as `identify` has found it: its motors and friction, and draws as wide as what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.grasping.plan.validate import SEARCHED
+from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.specs import hand_side, load_spec
+from allegro_twin.spec import HandSpec
+
+WIDEST = 0.3
+"""Share that motors give less or more, at most: that of `evaluate`."""
+
+
+class PlannedHand(NamedTuple):
+    """A hand to plan for, and what draws of a search vary."""
+
+    spec: HandSpec
+    uncertainty: Uncertainty
+
+
+def twin_to_plan_for(hand: str, twin: str) -> PlannedHand:
+    """A model of hand with the motors, friction and limits of a file that `identify` has written. Motors of a draw give
+    more or less by up to the 95 % interval of the torque constant, of the median joint, WIDEST at most. Its drive's
+    delay, play and encoders are left out: no trial of a plan has them. Raises ConfigError for a file without
+    intervals, and for one of a left hand."""
+    path = find_file(twin, "hand", "conf/hands")
+    basis = read_yaml(path).get("identified")
+    interval = basis.get("interval") if isinstance(basis, Mapping) else None
+    if not isinstance(interval, Mapping) or "torque_constant" not in interval:
+        raise ConfigError(f"--twin {path} has no intervals to draw from: write it with allegro-twin identify "
+                          f"RECORDINGS --hand {path}")  # fmt: skip
+    if hand_side(str(path)) == "left":
+        raise ConfigError(f"--twin {path} is of a left hand: plans are made with the right one, and mirrored")
+    spec = load_spec(hand, "right", str(path))
+    constant = np.array(load_wiring(hand, str(path)).calibration.torque_constant, dtype=float)
+    share = float(np.median(np.array(interval["torque_constant"], dtype=float) / constant))
+    uncertainty = SEARCHED.model_copy(update={"torque": min(share, WIDEST)})
+    return PlannedHand(replace(spec, drive=None), uncertainty)
