@@ -29,7 +29,7 @@ from allegro_twin.grasping.plan.proposals.propose import OVERLAP, Proposer, coul
 from allegro_twin.grasping.plan.save import save_grasps
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
 from allegro_twin.grasping.plan.templates import grasp_templates
-from allegro_twin.grasping.plan.validate import AS_IT_IS, GraspValidator, PlannedGrasp
+from allegro_twin.grasping.plan.validate import AS_IT_IS, SEARCHED, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
@@ -128,7 +128,8 @@ def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
     shared = {
         "scenario": heavy.model_copy(update={"objects": (thing,)}).model_dump(mode="json"), "folder": ".",
         "hand": "model_o", "side": "right", "kind": None, "n": 1, "budget": {"candidates": 2},
-        "effort": {"guessed": 4, "closed": 2, "drawn": 1}, "region": None,
+        "effort": {"guessed": 4, "closed": 2, "drawn": 1}, "region": None, "twin": "",
+        "uncertainty": SEARCHED.model_dump(mode="json"),
     }  # fmt: skip
     (row,) = run_searches(shared, [{"seed": 0}])
     assert row["found"] == "[]"

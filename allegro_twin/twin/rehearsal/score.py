@@ -13,7 +13,7 @@ from allegro_twin.errors import RecordingError
 from allegro_twin.files.assets import data_root
 
 HIDDEN_HANDS = Path("conf/rehearsal/hidden_hands.json")
-"""Scores of the hidden hands of docs/results/rehearsal.md, by `python -m studies.rehearsal report --scores`."""
+"""Scores of the hidden hands of docs/results/rehearsal.md, which its study's report writes."""
 Score = Mapping[str, float]
 MEASURES = {
     "pd": "postures under PD, mrad rms", "pid": "postures under PID, mrad rms",

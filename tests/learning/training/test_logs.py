@@ -67,6 +67,7 @@ def table(folder: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize("learner", LEARNERS)
+@pytest.mark.slow
 def test_all_logs_have_the_same_values_and_a_run_goes_on_with_its_training(
     learner: str, tmp_path: Path, runs: list[Run]
 ) -> None:

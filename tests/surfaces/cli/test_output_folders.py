@@ -166,6 +166,7 @@ WRITERS = {
     "train": ["train", "Reach"],
     "collect": ["collect", "Reach"],
     "excite": ["excite", "can_virtual", "--pose", "up"],
+    "rehearse": ["rehearse", "can_virtual"],
     "schemas": ["schemas"],
     "gallery": ["gallery"],
     "examples": ["examples"],
