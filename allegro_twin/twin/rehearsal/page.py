@@ -128,7 +128,7 @@ def grasp_text(row: Mapping[str, Any]) -> str:
 
 def _steps(result: Mapping[str, Any]) -> str:
     rows = ([name, state, result["steps"].get(name, {}).get("text", "")] for name, state in result["states"].items())
-    return "<h2>Steps</h2>" + html_table(("step", "", ""), rows)
+    return "<h2>Steps</h2>" + html_table(("step", "state", "what was found"), rows)
 
 
 def _rms(errors: list[float]) -> str:

@@ -20,10 +20,19 @@ def html_page(title: str, about: str, parts: Iterable[str]) -> str:
     )
 
 
+_LONG = 60
+"""Characters of a sentence, which breaks into lines; what is shorter stays on one."""
+
+
+def _cell(text: str) -> str:
+    long = " class='long'" if len(text) > _LONG else ""
+    return f"<td{long}>{escape(text)}</td>"
+
+
 def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]], caption: str = "") -> str:
     """A table that scrolls by itself where it is wide; heads, cells and caption are text."""
     head = "".join(f'<th scope="col">{escape(each)}</th>' for each in heads)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
     said = escape(caption)
     name = f" tabindex='0' role='region' aria-label='{said}'" if caption else ""
     above = f"<caption class='soft'>{said}</caption>" if caption else ""
@@ -56,6 +65,7 @@ figure img { display: block; width: 250px; max-width: 100%; border-radius: 4px; 
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 caption { text-align: left; padding: 8px; }
 th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: left; white-space: nowrap; }
+td.long { white-space: normal; min-width: 24em; }
 td.n { text-align: right; } thead th { position: sticky; top: 0; background: var(--card); padding: 6px 10px; }
 thead th:has(button) { padding: 0; }
 thead button { all: unset; cursor: pointer; padding: 6px 10px; font-weight: 600; display: block; }
