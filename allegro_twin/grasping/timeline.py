@@ -127,7 +127,7 @@ def edge_push_moves(scenario: Scenario, push: EdgePush, side: Side) -> list[Wris
     found = []
     for name, (here, there) in zip(names, pairwise(places), strict=True):
         angles = wrist_angles(turn) if name == "push_over" else np.zeros(3)
-        far = max(float(np.linalg.norm(there - here)), float(np.abs(angles).max()) / TURNED)
+        far = max(float(np.linalg.norm(there - here)), float(np.abs(angles).max()) * TURNED)
         move = np.concatenate([there - here, angles]) * (_MIRROR if side == "left" else 1.0)
         found.append(WristMove(name, max(far / (push.speed if name == PUSHED else SWIFT), SHORTEST), move,
                                name == "push_over"))  # fmt: skip

@@ -67,8 +67,8 @@ good one ends the search."""
 class SearchBudget:
     """How much a search may cost. Where little is left, a last round is smaller by the number of its candidates; one
     that time does not allow to end counts for nothing. So a search that ended after so many candidates finds the same
-    as one that is told their number. The first round alone is cut short where it would take longer than all the time:
-    `GraspSearch.cut` says so, and nobody repeats that by a number."""
+    as one that is told their number. The first round alone is cut short where it would take longer than all the time,
+    in evolution or between two rungs of draws: `GraspSearch.cut` says so, and nobody repeats that by a number."""
 
     candidates: float = math.inf
     """That physics closes."""
@@ -204,10 +204,11 @@ class GraspSearch:
                         each for each, end in zip(closed, outcomes, strict=True) if end.passed or each.score > -1.0
                     ]
                     population.drop(strong)
-                prover.add(
+                first = self.closed == most
+                self.cut |= not prover.add(
                     self._apart(passed, prover)[: n if self.cut else math.ceil(part * effort.drawn)],
                     n,
-                    clock.over if self.cut else lambda: False,
+                    clock.over if first else lambda: False,
                 )
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
             dearest = max(dearest, (clock.spent - evolved) / part)

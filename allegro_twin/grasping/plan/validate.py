@@ -139,20 +139,21 @@ class GraspValidator:
     cpu: dict[str, float] = field(default_factory=lambda: {"draws": 0.0, "whole": 0.0})
     """s that they took."""
 
-    def add(self, candidates: Sequence[Candidate], n: int, over: Callable[[], bool] = lambda: False) -> None:
+    def add(self, candidates: Sequence[Candidate], n: int, over: Callable[[], bool] = lambda: False) -> bool:
         """Learn about some more, and about the best of all: successive halving, rung by rung, among all that stand on
         one; of those that have lost none as many as are wanted go on. `n`: how many are wanted in the end; `over`:
-        whether time is up, asked before each rung but the first."""
+        whether time is up, asked before each rung but the first. Whether all rungs were climbed."""
         new = [PlannedGrasp(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in self._squeezes(c)]
         self._draw(new, RUNGS[0])
         self.options += new
         for below, rung in pairwise(RUNGS):
             if over():
-                break
+                return False
             standing = [o for o in self.options if o.tried == below and o.confirmed is not False]
             count = max(1, len(new) >> RUNGS.index(rung), min(n, sum(o.held == o.tried for o in standing)))
             self._draw([o for o in self.ranked(standing, count) if not o.good], rung - below)
         self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
+        return True
 
     def settling_time(self, n: int) -> float:
         """CPU seconds that `settle` would take, as trials have taken so far."""

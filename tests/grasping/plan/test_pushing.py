@@ -112,6 +112,7 @@ def test_after_the_push_the_palm_comes_to_where_the_grasp_has_it(side: Side) -> 
     for axis, name in enumerate(WRIST_JOINTS):
         data.qpos[model.joint(name).qposadr[0]] = set_points[step, axis] - (load if axis == 2 else 0.0)
     mujoco.mj_kinematics(model, data)
+    assert trial.windows[names.index("approach")].begin < 8.0, "the palm turns as fast as it travels"
     mirror = np.diag([1.0, -1.0 if side == "left" else 1.0, 1.0])
     palm = data.body("palm_link")
     wrist = pushed.wrist
