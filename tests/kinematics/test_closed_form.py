@@ -32,6 +32,7 @@ def test_forward_kinematics_is_that_of_pinocchio(seed: int, side: Side) -> None:
 
 
 @pytest.mark.parametrize("key", shortly(EVERY), ids=str)
+@pytest.mark.slow
 def test_a_hundred_thousand_postures_are_found_again(key: Key) -> None:
     finger = FINGERS[key]
     q = postures(finger, N)

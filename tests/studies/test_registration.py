@@ -82,6 +82,7 @@ def test_what_differs_is_named_and_what_no_trial_reads_does_not_count(
     assert differences(made, study, contents_of(study, copied)) == named
 
 
+@pytest.mark.slow
 def test_a_planned_grasp_that_differs_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     study = small.arm_study()
     made = registration.Registration(study.digest, "before", contents_of(study))

@@ -224,6 +224,7 @@ def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
         read_onnx_network(tmp_path / "other.onnx")
 
 
+@pytest.mark.slow
 def test_a_training_goes_on_only_with_what_it_began_with(monkeypatch: pytest.MonkeyPatch) -> None:
     path, mine = Path("runs/x/checkpoints/00001.pt"), recipe()
     was = progress.input_fingerprints(mine)

@@ -127,6 +127,7 @@ def test_where_another_than_its_config_drove_the_recorded_commands_go_on(
         branch_recording(path, AT, {})
 
 
+@pytest.mark.slow
 def test_what_is_known_estimated_and_assumed_is_said(made: Path, own: str, tmp_path: Path) -> None:
     held = branch_recording(made, AT, {}, options=BranchOptions(own, "hold"))
     assert held.notes[0].startswith("Known at 1.1 s: the joints' positions and commands. Estimated by a mirror")
