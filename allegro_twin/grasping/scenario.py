@@ -30,6 +30,8 @@ class Phase(Settings):
     seconds: Positive | None = None
     """Only a phase that closes the hand may leave it out: it then lasts as long as the grasp's speed says."""
     hand: Literal["preshape", "close", "squeeze"] | None = None
+    posture: tuple[float, ...] | None = None
+    """In place of `hand`: where the joints of the right hand go, rad."""
     wrist: Literal["approach"] | None = None
     """`approach`: from the retreat to the grasp pose."""
     move: Vector3 = (0.0, 0.0, 0.0)
@@ -46,6 +48,8 @@ class Phase(Settings):
     def _lasts(self) -> Phase:
         if self.seconds is None and self.hand is None:
             raise ValueError("a phase without a hand motion needs `seconds`")
+        if self.posture is not None and self.hand is not None:
+            raise ValueError("a phase has `hand` or `posture`, not both")
         return self
 
 
@@ -115,6 +119,12 @@ class TrialProtocol(Settings):
         if self.reference not in names:
             raise ValueError(f"reference {self.reference!r} names no phase; there are: {', '.join(names)}")
         return self
+
+    @property
+    def after_reference(self) -> tuple[Phase, ...]:
+        """The phases in which motion in the hand counts."""
+        names = [phase.name for phase in self.phases]
+        return self.phases[names.index(self.reference) + 1 :]
 
 
 class ScenarioObject(Settings):

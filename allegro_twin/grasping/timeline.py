@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import EdgePush, Phase, Scenario, ScenarioObject, TrialProtocol
+from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
 from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
@@ -62,59 +60,46 @@ def make_timeline(
     protocol: TrialProtocol, grasp: Grasp, scenario: Scenario, start: Vector, spec: HandSpec, period: float
 ) -> TrialTimeline:
     """Time every phase in whole control periods, beginning with the hand at `start` (n,), rad."""
-    windows, waypoints, segments, pushes, side = [], [], [], [], spec.side
+    windows, waypoints, segments, pushes = [], [], [], []
     posture, t = start, 0.0
-
-    def add(name: str, waypoint: Waypoint, segment: Callable[[float], WristSegment], phase: Phase | None) -> None:
-        nonlocal posture, t
-        seconds = max(round(travel_time(posture, waypoint) / period), 1) * period
-        posture = waypoint.posture
-        waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
-        segments.append(segment(seconds))
-        windows.append(PhaseWindow(name, t, t + seconds, phase is not None and phase.check))
-        pushes.append(np.tile(_on_side((0, 0, 0) if phase is None else phase.push, side), (round(seconds / period), 1)))
-        t += seconds
-
-    pushing = scenario.push if _approaches(protocol) else None
     for phase in protocol.phases:
-        if phase.wrist == "approach" and pushing is not None:
-            for name, seconds, move, preshaped in edge_push_moves(scenario, pushing, side):
-                waypoint = Waypoint(grasp.preshape if preshaped else posture, seconds=seconds)
-                add(name, waypoint, partial(WristSegment, move=move, shake=np.zeros(6)), None)
-            pushing = None
         waypoint = Waypoint(posture, seconds=phase.seconds)
         if phase.hand is not None:
             waypoint = grasp.waypoint(phase.hand, phase.seconds)
-        add(phase.name, waypoint, partial(_segment, phase, scenario=scenario, side=side), phase)
+        elif phase.posture is not None:
+            waypoint = Waypoint(_posture(phase.posture, spec), seconds=phase.seconds)
+        seconds = max(round(travel_time(posture, waypoint) / period), 1) * period
+        posture = waypoint.posture
+        waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
+        segments.append(_segment(phase, seconds, scenario, spec.side))
+        windows.append(PhaseWindow(phase.name, t, t + seconds, phase.check))
+        pushes.append(np.tile(_on_side(phase.push, spec.side), (round(seconds / period), 1)))
+        t += seconds
     return TrialTimeline(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
 
 
-def first_posture(scenario: Scenario, protocol: TrialProtocol, grasp: Grasp, spec: HandSpec) -> Vector:
-    """In which the hand acts first, (n,), rad: it pushes, or is open for the grasp. Raises ConfigError for a posture of
-    another number of joints."""
-    if scenario.push is None or not _approaches(protocol):
-        return grasp.preshape
-    posture = np.array(scenario.push.posture)
+def first_posture(protocol: TrialProtocol, grasp: Grasp, spec: HandSpec) -> Vector:
+    """In which the hand acts first, (n,), rad: that of the first phase with one of its own, or open for the grasp."""
+    acts = next((phase for phase in protocol.phases if phase.hand is not None or phase.posture is not None), None)
+    return grasp.preshape if acts is None or acts.posture is None else _posture(acts.posture, spec)
+
+
+def _posture(joints: Sequence[float], spec: HandSpec) -> Vector:
+    """Of the right hand's joints, on the spec's side, (n,), rad. Raises ConfigError for another number of them."""
+    posture = np.array(joints)
     if posture.shape != (spec.n_joints,):
-        raise ConfigError(f"push: posture has {len(posture)} joints, {spec.name} has {spec.n_joints}")
+        raise ConfigError(f"posture: {len(posture)} joints; {spec.name} has {spec.n_joints}")
     return posture if spec.side == "right" else spec.mirror_posture(posture)
 
 
-class WristMove(NamedTuple):
-    """One of those before the grasp."""
-
-    name: str
-    seconds: float
-    move: Array
-    """Of the wrist's six coordinates, m and rad."""
-    preshaped: bool
-    """The fingers come to the grasp's pre-shape meanwhile."""
-
-
-def edge_push_moves(scenario: Scenario, push: EdgePush, side: Side) -> list[WristMove]:
-    """Down behind the object, along, back and up; over to the grasp, and beside where its approach begins."""
+def with_push_phases(protocol: TrialProtocol, scenario: Scenario) -> TrialProtocol:
+    """The protocol with the scenario's push before its approach: down behind the object, along, back and up, over to
+    the grasp, and beside where its approach begins. Itself, where there is no push or no approach."""
+    push, names = scenario.push, [phase.wrist for phase in protocol.phases]
+    if push is None or not _approaches(protocol):
+        return protocol
     begin, first = np.array(push.wrist.position), matrix_facing(push.wrist.facing, push.wrist.fingers)
-    turn = first.T @ matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)
+    turn = wrist_angles(first.T @ matrix_facing(scenario.wrist.facing, scenario.wrist.fingers))
     retreat = np.array(scenario.wrist.retreat)
     goal = np.array(scenario.wrist.position) + retreat
     beside = goal + BESIDE * retreat / max(float(np.linalg.norm(retreat)), 1e-9)
@@ -122,16 +107,22 @@ def edge_push_moves(scenario: Scenario, push: EdgePush, side: Side) -> list[Wris
     back = pushed - (BACK, 0.0, 0.0)
     up = back + push.wrist.retreat
     over = np.array([*beside[:2], max(beside[2], up[2])])
-    places = [begin + push.wrist.retreat, begin, pushed, back, up, over, beside, goal]
-    names = ("push_down", PUSHED, "push_back", "push_up", "push_over", "push_beside", "push_ready")
-    found = []
-    for name, (here, there) in zip(names, pairwise(places), strict=True):
-        angles = wrist_angles(turn) if name == "push_over" else np.zeros(3)
-        far = max(float(np.linalg.norm(there - here)), float(np.abs(angles).max()) * TURNED)
-        move = np.concatenate([there - here, angles]) * (_MIRROR if side == "left" else 1.0)
-        found.append(WristMove(name, max(far / (push.speed if name == PUSHED else SWIFT), SHORTEST), move,
-                               name == "push_over"))  # fmt: skip
-    return found
+
+    def moved(name: str, here: Array, there: Array, speed: float = SWIFT, **more: Any) -> Phase:
+        far = max(float(np.linalg.norm(there - here)), TURNED * float(np.abs(np.radians(more.get("turn", 0.0))).max()))
+        return Phase(name=name, seconds=max(far / speed, SHORTEST), move=tuple((there - here).tolist()), **more)
+
+    phases = (
+        moved("push_down", begin + push.wrist.retreat, begin, posture=push.posture),
+        moved(PUSHED, begin, pushed, push.speed),
+        moved("push_back", pushed, back),
+        moved("push_up", back, up),
+        moved("push_over", up, over, hand="preshape", turn=tuple(np.degrees(turn).tolist())),
+        moved("push_beside", over, beside),
+        moved("push_ready", beside, goal),
+    )
+    at = names.index("approach")
+    return protocol.model_copy(update={"phases": (*protocol.phases[:at], *phases, *protocol.phases[at:])})
 
 
 def pushed_until(windows: Sequence[PhaseWindow]) -> float:

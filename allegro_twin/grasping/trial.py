@@ -13,7 +13,7 @@ from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, SurfaceLoad, classify_grasp
 from allegro_twin.grasping.scenario import Scenario, TrialProtocol, load_protocol, load_scenario, parse_object
-from allegro_twin.grasping.timeline import first_posture, make_stage, make_timeline
+from allegro_twin.grasping.timeline import first_posture, make_stage, make_timeline, with_push_phases
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.hands.library.grasps import Grasp
@@ -51,12 +51,12 @@ class Trial:
         draw: Perturbation | None = None,
     ) -> None:
         self.scenario, self.grasp, self.draw = scenario, grasp, draw
-        self.protocol = load_protocol(scenario.protocol) if protocol is None else protocol
+        self.protocol = with_push_phases(protocol or load_protocol(scenario.protocol), scenario)
         scene = make_stage(scenario, self.protocol, spec.side, folder)
         if draw is not None:
             scene = draw.on(scene, self.protocol.physics.friction)
         self.things: tuple[PlacedObject, ...] = tuple(scene.things)
-        posture = first_posture(scenario, self.protocol, grasp, spec) if start is None else start
+        posture = first_posture(self.protocol, grasp, spec) if start is None else start
         timeline = make_timeline(self.protocol, grasp, scenario, posture, spec, period)
         self.windows: tuple[PhaseWindow, ...] = timeline.windows
         self.reference: Moves = timeline.reference
@@ -76,7 +76,8 @@ class Trial:
         self._surfaces, self._borne = SurfaceProbe(model, spec, name), list[SurfaceForces]()
         self._stood: BodyPlaces | None = None
         self._holding = next((window for window in self.windows if window.check), None)
-        limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
+        limits = self.protocol.success
+        lift = sum(max(phase.move[2], 0.0) for phase in self.protocol.after_reference)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
         self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
         self._too_heavy = weight_warning(self._weight, grasp, spec, scenario.friction * self.protocol.physics.friction)
@@ -98,10 +99,9 @@ class Trial:
 
     def begin_of(self, stage: str) -> float:
         """When the hand begins to `close` or to `squeeze`, s. Raises ConfigError when the protocol never does."""
-        begins = {window.name: window.begin for window in self.windows}
-        for phase in self.protocol.phases:
+        for phase, window in zip(self.protocol.phases, self.windows, strict=True):
             if phase.hand == stage:
-                return begins[phase.name]
+                return window.begin
         raise ConfigError(f"protocol {self.scenario.protocol}: no phase lets the hand {stage}")
 
     def latest(self) -> Mapping[str, Array]:

@@ -12,6 +12,7 @@ from allegro_twin.control.controllers import PD, GravityFeedforward, PositionCon
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import round_posture
+from allegro_twin.grasping.plan.proposals.opposition import THUMB
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, pushed_until
 from allegro_twin.grasping.trial import Trial
@@ -31,16 +32,15 @@ FACING, FINGERS = (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
 """The palm looks to the edge, its fingers stand behind the object like a broom."""
 BEHIND, RAISED = 0.025, 0.12
 """m: between fingers and object when they come down, for the object may be off; and from how far above they come."""
-NEAR, ABOVE = 0.004, 0.0005
-"""m, of fingertips above the table: where the search for it begins, and half of what is left; a round fingertip climbs
-on what is thin if it is higher."""
+NEAR, LOWERED, ABOVE = 0.004, 0.05, 0.0005
+"""m, of fingertips above the table: by their bounding boxes where the search for it begins, how far it goes, half of
+what is left, for a round fingertip climbs on what is thin if it is higher."""
 KEPT, STANDING_OUT = 0.025, 0.03
 """m: the centre of mass stays so far from the edge; and so much of the object has to stand out at least."""
 STEP, FURTHEST = 0.004, 0.35
 """m, with which the fingers look for the object, and from how far."""
 ASTRAY, TILTED = 0.02, np.radians(5.0)
 """m and rad: an object that ends so far from where it was to come, or tilted so far, was not pushed."""
-THUMB = "thumb"
 HALVED, EVEN = 20, 0.001
 """Halvings of a finger's way between two postures; m, by which tips of one height differ at most."""
 
@@ -56,24 +56,16 @@ def with_push(scenario: Scenario, spec: HandSpec, folder: Path = Path()) -> Scen
     rotation = matrix_facing(FACING, FINGERS)
     posture, tips = _level_fingers(spec)
     middle = np.array(bench.placed.position)
-    high = np.array([middle[0] - FURTHEST, 0.0, 1.0])
-    bench.place(high, rotation, posture)
-    centre = bench.centre
-    palm = high.copy()
-    palm[1] = centre[1] - (rotation @ tips.mean(axis=0))[1]
-    palm[2] = 1.0 - bench.lowest(high, rotation, posture) + NEAR
-    while not bench.meets_anything():
-        palm[2] -= ABOVE
-        bench.place(palm, rotation, posture)
-    palm[2] += 2.0 * ABOVE
+    palm = np.array([middle[0] - FURTHEST, 0.0, 1.0])
     bench.place(palm, rotation, posture)
-    while not _touches(bench):
-        palm[0] += STEP
-        if palm[0] > middle[0] + FURTHEST:
-            raise ConfigError(f"object {name}: the fingers of {spec.name} cannot stand behind it to push it")
-        bench.place(palm, rotation, posture)
+    centre = bench.centre
+    palm[1] = centre[1] - (rotation @ tips.mean(axis=0))[1]
+    palm[2] = 1.0 - bench.lowest(palm, rotation, posture) + NEAR
+    palm = _first_touch(bench, palm, rotation, posture, (0.0, 0.0, -ABOVE), LOWERED, name)
+    palm[2] += 2.0 * ABOVE
+    palm = _first_touch(bench, palm, rotation, posture, (STEP, 0.0, 0.0), 2.0 * FURTHEST, name)
     far = middle[0] + scenario.edge - KEPT - centre[0]
-    out = _foremost(bench) + far - middle[0] - scenario.edge
+    out = bench.foremost + far - middle[0] - scenario.edge
     if not (far > 0.0 and out >= STANDING_OUT):
         raise ConfigError(
             f"object {name}: pushed until its centre of mass is {1000 * KEPT:.0f} mm from the edge, "
@@ -83,6 +75,22 @@ def with_push(scenario: Scenario, spec: HandSpec, folder: Path = Path()) -> Scen
     wrist = {"position": np.round(begin, 4).tolist(), "facing": FACING, "fingers": FINGERS, "retreat": (0, 0, RAISED)}
     push = {"distance": round(far + BEHIND, 4), "wrist": wrist, "posture": posture.tolist()}
     return Scenario.model_validate(scenario.model_dump() | {"push": push})
+
+
+def _first_touch(
+    bench: GraspScene, palm: Array, rotation: Array, posture: Vector, step: tuple[float, float, float], far: float,
+    name: str,
+) -> Array:  # fmt: skip
+    """Where the palm, (3,), m, led on by steps, first has the hand meet something. Raises ConfigError where it does at
+    once, or not within `far`, m."""
+    for taken in range(round(far / float(np.linalg.norm(step)))):
+        place: Array = palm + taken * np.array(step)
+        bench.place(place, rotation, posture)
+        if bench.meets_anything():
+            if taken:
+                return place
+            break
+    raise ConfigError(f"object {name}: the fingers of {bench.spec.name} cannot stand on the table behind it to push it")
 
 
 def _level_fingers(spec: HandSpec) -> tuple[Vector, Array]:
@@ -131,17 +139,3 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
         )
     placed = PlacedObject(before.thing, tuple(pose[:3].tolist()), tuple(pose[3:].tolist()))
     return replace(stage, things=[placed, *stage.things[1:]])
-
-
-def _touches(bench: GraspScene) -> bool:
-    return bool(len(bench.touch().points))
-
-
-def _foremost(bench: GraspScene) -> float:
-    """The largest x of the object, m."""
-    data, model = bench.data, bench.model
-    geoms = np.flatnonzero(model.geom_bodyid == bench.body)
-    turn = data.geom_xmat[geoms].reshape(-1, 3, 3)[:, 0]
-    box = model.geom_aabb[geoms]
-    centre = data.geom_xpos[geoms, 0] + np.sum(turn * box[:, :3], axis=1)
-    return float((centre + np.sum(np.abs(turn) * box[:, 3:], axis=1)).max())

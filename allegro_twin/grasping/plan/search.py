@@ -197,20 +197,10 @@ class GraspSearch:
                 outcomes = close_candidates(
                     bench, closed, self._performer(protocol), friction, random, proposer.preload
                 )
-                self.ends.update(outcome.where for outcome in outcomes)
-                passed = [outcome.candidate for outcome in outcomes if outcome.passed]
-                if population is not None:  # Of what failed only the weak may come to something.
-                    strong = [
-                        each for each, end in zip(closed, outcomes, strict=True) if end.passed or each.score > -1.0
-                    ]
-                    population.drop(strong)
-                first = self.closed == most
-                self.cut |= not prover.add(
-                    self._apart(passed, prover)[: n if self.cut else math.ceil(part * effort.drawn)],
-                    n,
-                    clock.over if first else lambda: False,
-                )
-                elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
+                if population is not None:
+                    population.drop(_settled(closed, outcomes))
+                drawn = n if self.cut else math.ceil(part * effort.drawn)
+                elite = self._draw(outcomes, prover, n, drawn, clock.over if self.closed == most else lambda: False)
             dearest = max(dearest, (clock.spent - evolved) / part)
             longest = max(longest, (clock.spent - began) / part)
             tell(
@@ -223,6 +213,15 @@ class GraspSearch:
         for each in best:
             each.seed, each.candidates = self.seed, self.closed
         return best
+
+    def _draw(
+        self, outcomes: list[ClosingOutcome], prover: GraspValidator, n: int, drawn: int, over: Callable[[], bool]
+    ) -> list[Candidate]:
+        """Try the best of what physics has closed under draws. Returns whose variations may be better."""
+        self.ends.update(outcome.where for outcome in outcomes)
+        passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+        self.cut |= not prover.add(self._apart(passed, prover)[:drawn], n, over)
+        return [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
 
     def _prover(self, bench: GraspScene) -> GraspValidator:
         return GraspValidator(
@@ -282,6 +281,11 @@ def search_symmetry(search: GraspSearch) -> Array | None:
     if protocol.floating or search.scenario.edge is not None:
         return None
     return object_symmetry(make_stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
+
+
+def _settled(closed: list[Candidate], outcomes: list[ClosingOutcome]) -> list[Candidate]:
+    """Those that evolution need not look at again: of what failed only the weak may come to something."""
+    return [each for each, end in zip(closed, outcomes, strict=True) if end.passed or each.score > -1.0]
 
 
 def _furthest(outcomes: list[ClosingOutcome]) -> list[Candidate]:

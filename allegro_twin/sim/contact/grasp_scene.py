@@ -91,11 +91,20 @@ class GraspScene:
         """Height of the hand's lowest point over the table, by the bounding boxes of its shapes, m; inf where all of it
         is beyond the edge."""
         self._move(position, rotation, posture)
-        data, box = self.data, self.model.geom_aabb[self._hand]
-        turn = data.geom_xmat[self._hand].reshape(-1, 3, 3)
-        centre = data.geom_xpos[self._hand] + np.einsum("gij,gj->gi", turn, box[:, :3])
-        low = centre - np.einsum("gij,gj->gi", np.abs(turn), box[:, 3:])
+        low, _ = self._bounds(self._hand)
         return float(low[low[:, 0] < self._edge, 2].min(initial=np.inf))
+
+    @property
+    def foremost(self) -> float:
+        """The object's largest x, by the bounding boxes of its shapes, m."""
+        return float(self._bounds(np.flatnonzero(self._of_object))[1][:, 0].max())
+
+    def _bounds(self, geoms: Indices) -> tuple[Array, Array]:
+        """Lowest and highest corners of the boxes around some geoms along the world's axes, (k, 3) each, m."""
+        box, turn = self.model.geom_aabb[geoms], self.data.geom_xmat[geoms].reshape(-1, 3, 3)
+        centre = self.data.geom_xpos[geoms] + np.einsum("gij,gj->gi", turn, box[:, :3])
+        half = np.einsum("gij,gj->gi", np.abs(turn), box[:, 3:])
+        return centre - half, centre + half
 
     def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
         self._posed(posture, self.data.qpos)

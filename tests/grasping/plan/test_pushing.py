@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -12,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from allegro_twin.app.session import _moments
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
@@ -21,8 +24,8 @@ from allegro_twin.grasping.plan.candidate import Candidate, candidate_scenario
 from allegro_twin.grasping.plan.pushing import pushed_stage, with_push
 from allegro_twin.grasping.plan.search import GraspSearch, search_symmetry
 from allegro_twin.grasping.plan.templates import grasp_templates
-from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.timeline import first_posture, make_stage, pushed_until
+from allegro_twin.grasping.scenario import Phase, Scenario, load_protocol
+from allegro_twin.grasping.timeline import first_posture, make_stage, pushed_until, with_push_phases
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.hands.description.specs import load_spec
@@ -160,10 +163,50 @@ def test_what_the_fingers_do_not_reach_was_not_pushed() -> None:
 def test_a_left_hand_pushes_in_the_mirror_image_of_the_posture() -> None:
     pushed, grasp = with_push(scenario(), SPEC), load_grasp("prismatic_3_finger", SPEC)
     right, left = (
-        first_posture(pushed, load_protocol("table_pick"), grasp, load_spec(side=side)) for side in ("right", "left")
+        first_posture(with_push_phases(load_protocol("table_pick"), pushed), grasp, load_spec(side=side))
+        for side in ("right", "left")
     )
     assert_allclose(left, SPEC.mirror_posture(right))
     assert (left != right).any()
+
+
+def test_a_hand_that_begins_elsewhere_pushes_in_the_same_posture() -> None:
+    pushed, home = with_push(scenario(), SPEC), load_posture("home", SPEC) + 0.1
+    trial = Trial(pushed, SPEC, load_grasp("prismatic_3_finger", SPEC), start=home)
+    push = next(window for window in trial.windows if window.name == "push")
+    assert pushed.push is not None
+    assert_allclose(trial.reference.begin(home)(push.begin).position, pushed.push.posture)
+
+
+def test_a_phase_has_a_posture_of_its_own_or_one_of_the_grasp() -> None:
+    with pytest.raises(ValidationError, match="`hand` or `posture`, not both"):
+        Phase(name="x", seconds=1.0, hand="close", posture=(0.0,))
+    push = with_push(scenario(), SPEC).model_dump()
+    push["push"]["posture"] = (0.0, 0.1)
+    with pytest.raises(ConfigError, match="posture: 2 joints; allegro_right has 16"):
+        Trial(Scenario.model_validate(push), SPEC, load_grasp("prismatic_3_finger", SPEC))
+
+
+def test_the_push_is_no_part_of_the_lift_that_is_asked_for() -> None:
+    grasp = load_grasp("prismatic_3_finger", SPEC)
+    assert Trial(with_push(scenario(), SPEC), SPEC, grasp).rule == Trial(scenario(), SPEC, grasp).rule
+
+
+def test_a_strip_of_pictures_begins_with_the_push() -> None:
+    trial = Trial(with_push(scenario(), SPEC), SPEC, load_grasp("prismatic_3_finger", SPEC))
+    ends = {window.name: window.end for window in trial.windows}
+    rig: Any = SimpleNamespace(trial=trial)
+    assert _moments(rig) == [ends[name] for name in ("push", "squeeze", "hold", "turn", "shake")]
+
+
+def test_in_the_air_there_is_no_push() -> None:
+    pushed, protocol = with_push(scenario(), SPEC), load_protocol("fc")
+    assert with_push_phases(protocol, pushed) is protocol
+
+
+def test_what_begins_inside_the_object_is_refused() -> None:
+    with pytest.raises(ConfigError, match="cannot stand on the table behind it"):
+        with_push(scenario({"name": "plank", "shape": "box", "size": (0.8, 0.1, 0.02), "mass": 1.0}, edge=0.5), SPEC)
 
 
 def test_at_an_edge_no_two_ways_round_a_box_are_the_same(search: GraspSearch) -> None:

@@ -27,6 +27,7 @@ from allegro_twin.grasping.plan.validate import (
     JUDGED,
     SEARCHED,
     SURE,
+    GraspValidator,
     PlannedGrasp,
     best_grasps,
     judge_planned,
@@ -172,6 +173,21 @@ def test_a_search_without_time_for_one_round_says_that_it_was_cut() -> None:
     search.run(1, SearchBudget(cpu=1e-9))
     assert search.cut
     assert 1 <= search.closed <= 5
+
+
+@pytest.mark.slow
+def test_a_first_round_whose_time_ends_between_two_rungs_of_draws_says_that_it_was_cut(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    search = GraspSearch(
+        scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=TINY
+    )
+    began: list[int] = []
+    draw = GraspValidator._draw
+    monkeypatch.setattr(time, "process_time", lambda: 1e9 if began else 0.0)
+    monkeypatch.setattr(GraspValidator, "_draw", lambda own, *args: (draw(own, *args), began.append(1)))
+    search.run(2, SearchBudget(cpu=100.0))
+    assert search.cut
 
 
 @pytest.mark.slow
