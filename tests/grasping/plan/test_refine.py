@@ -13,7 +13,7 @@ from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly, metric_contacts
 from allegro_twin.grasping.plan.proposals.propose import Proposer, could_hold, squeeze_preload, weight_loads
-from allegro_twin.grasping.plan.proposals.refine import NICHE, Population
+from allegro_twin.grasping.plan.proposals.refine import GENERATIONS, NICHE, Population
 from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import load_protocol
@@ -58,6 +58,12 @@ def share(candidate: Candidate) -> float:
 def test_what_evolves_needs_less_of_its_motors(begun: tuple[Proposer, list[Candidate]], evolved: Population) -> None:
     before = np.median([share(each) for each in begun[1]])
     assert np.median([share(each) for each in evolved.elite]) < 0.5 * before
+
+
+def test_a_part_of_a_round_has_that_part_of_its_generations(begun: tuple[Proposer, list[Candidate]]) -> None:
+    population, looks = Population(begun[0], None, kept=2), list[int]()
+    came_to_its_end = population.evolve(begun[1][:1], lambda: bool(looks.append(1)), 2.5 / GENERATIONS)
+    assert (came_to_its_end, len(looks)) == (True, 3)
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ def test_plan_writes_grasps_that_run_with_a_picture_of_each(command: Run, tmp_pa
         (["lemon", "--type", "Medium Warp"], "Medium Wrap"),
         (["lemon", "--time", "-1"], "--time must be positive"),
         (["nowhere.stl"], "no file"),
-        (["lemon", "--edge", "0.15"], "0 mm of it would stand out"),
+        (["lemon", "--edge", "0.15"], "9 mm of it would stand out"),
         (["lemon", "--edge", "0.15", "--protocol", "fc"], "--edge is of a table; under fc there is none"),
         (["lemon", "--twin", "allegro"], "has no intervals to draw from"),
     ],
