@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, count, repeat
 from pathlib import Path
@@ -182,10 +183,15 @@ def test_a_first_round_whose_time_ends_between_two_rungs_of_draws_says_that_it_w
     search = GraspSearch(
         scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=TINY
     )
-    began: list[int] = []
+    rungs: list[int] = []
     draw = GraspValidator._draw
-    monkeypatch.setattr(time, "process_time", lambda: 1e9 if began else 0.0)
-    monkeypatch.setattr(GraspValidator, "_draw", lambda own, *args: (draw(own, *args), began.append(1)))
+
+    def drawn(own: GraspValidator, options: Sequence[PlannedGrasp], count: int) -> None:
+        draw(own, options, count)
+        rungs.append(count)
+
+    monkeypatch.setattr(time, "process_time", lambda: 1e9 if rungs else 0.0)
+    monkeypatch.setattr(GraspValidator, "_draw", drawn)
     search.run(2, SearchBudget(cpu=100.0))
     assert search.cut
 
