@@ -130,8 +130,9 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
         pass
     pose = trial.latest()["object"]
     wanted = np.add(before.position, (scenario.push.distance - BEHIND, 0.0, 0.0))
-    up = [matrix_from_quaternion(np.array(each))[:, 2] for each in (before.quaternion, pose[3:])]
-    astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), float(np.arccos(np.clip(up[0] @ up[1], -1.0, 1.0)))
+    was, turned = matrix_from_quaternion(np.array([before.quaternion, pose[3:]]))
+    # What looked along x before: a screwdriver may roll about it, and does not fall off the table so.
+    astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), float(np.arcsin(abs((turned @ was.T)[2, 0])))
     if astray > ASTRAY or tilt > TILTED:
         raise ConfigError(
             f"object {before.thing.name}: the push leaves it {1000 * astray:.0f} mm from where it was to come, tilted "
