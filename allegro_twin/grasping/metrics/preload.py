@@ -1,4 +1,8 @@
-"""The squeeze that holds an object through all loads with the smallest share of any motor: a quadratic program."""
+"""How much of its motors a hand needs to carry loads: by the squeeze that springs answer from, and by limit analysis.
+
+Both are quadratic programs over forces in the friction cones. What holds in fact is between them: a contact that slips
+hands its load on to others, as limit analysis has it, but joints are springs, and give no other torque than theirs.
+"""
 
 from __future__ import annotations
 
@@ -60,30 +64,81 @@ def least_preload(
     none = Preload(np.inf, np.full(joints, np.nan), np.full((count, 3), np.nan))
     if count < 2:
         return none
-    grip = _grip_matrix(touch)
-    moved = jacobians.reshape(3 * count, joints)
+    program = _program(touch, jacobians, limit, facets)
+    grip, moved = program.grip, jacobians.reshape(3 * count, joints)
     stiff = np.linalg.inv(moved @ (moved / stiffness).T + compliance * np.eye(3 * count))
-    scale = np.array([1.0, 1.0, 1.0, *[1.0 / touch.length] * 3])
-    spread, _, rank, _ = np.linalg.lstsq(grip @ stiff @ grip.T, (loads * scale).T, rcond=1e-9)
+    spread, _, rank, _ = np.linalg.lstsq(grip @ stiff @ grip.T, _scaled(loads, touch).T, rcond=1e-9)
     if rank < 6:
         return none  # About some axis nothing resists: two contacts turn about the line between them.
     answers = np.hstack([np.zeros((3 * count, 1)), -stiff @ grip.T @ spread])
-    cones, motors = _cone_facets(touch, facets), moved.T
+    # Every load has the same rows, and the one that leaves the least room counts.
+    solved = program.solve(answers)
+    if solved is None:
+        return none
+    force = program.balanced @ solved[:-1]
+    return Preload(float(solved[-1]), moved.T @ force, force.reshape(count, 3))
+
+
+def limit_share(touch: Contacts, jacobians: Array, limit: Vector, loads: Array, *, facets: int = FACETS) -> float:
+    """The smallest share of the limits with which some forces carry every load, each load by forces of its own:
+
+    max over k of min t, subject to G f = −wₖ, f in the friction cones, |Jᵀ f|ⱼ ≤ t limitⱼ.
+
+    By the lower bound theorem of limit analysis a hand whose motors give their limits where they have to carries what
+    needs a share below 1, however its contacts slip at first; no squeeze is told by it. inf where no forces do. Shapes
+    and errors are those of `least_preload`.
+    """
+    if jacobians.shape != (len(touch), 3, len(limit)):
+        raise ConfigError(f"jacobians have the shape ({len(touch)}, 3, {len(limit)}), not {jacobians.shape}")
+    if len(touch) < 2:
+        return np.inf
+    program, wanted = _program(touch, jacobians, limit, facets), _scaled(loads, touch)
+    some, _, rank, _ = np.linalg.lstsq(program.grip, -wanted.T, rcond=1e-9)
+    if rank < 6 and not np.allclose(program.grip @ some, -wanted.T, atol=1e-9):
+        return np.inf
+    worst = 0.0
+    for force in some.T:
+        solved = program.solve(force[:, None])
+        if solved is None:
+            return np.inf
+        worst = max(worst, float(solved[-1]))
+    return worst
+
+
+class _Program(NamedTuple):
+    """Forces f = f₁ + B z with G B = 0, of which f₁ is given: rows A f ≤ t b of cones and motors."""
+
+    grip: Array
+    balanced: Array
+    """B: forces that the object does not feel, (3 k, 3 k − 6)."""
+    inside: Array
+    """A, (r, 3 k)."""
+    rows: Array
+    """(A B, −b), (r, 3 k − 5)."""
+
+    def solve(self, given: Array) -> Vector | None:
+        """z and t, with the least t; of several given forces, (3 k, m), for all at once. None: nothing does."""
+        n, right = self.rows.shape[1], -(self.inside @ given).max(axis=1)
+        solved, _, flag, _ = _import_daqp().solve(
+            _TIES * np.eye(n), np.append(np.zeros(n - 1), 1.0), self.rows, right,
+            np.full(len(right), -_UNBOUNDED), np.zeros(len(right), np.int32),
+        )  # fmt: skip
+        return solved if flag == _SOLVED else None
+
+
+def _program(touch: Contacts, jacobians: Array, limit: Vector, facets: int) -> _Program:
+    motors = jacobians.reshape(3 * len(touch), len(limit)).T
+    grip, cones = _grip_matrix(touch), _cone_facets(touch, facets)
     inside = np.vstack([cones, motors, -motors])
     bounds = np.concatenate([np.zeros(len(cones)), limit, limit])
-    # Every load has the same rows, and the one that leaves the least room counts.
-    right = -(inside @ answers).max(axis=1)
-    balanced = np.linalg.svd(grip)[2][6:].T  # Forces that the object does not feel, (3 k, 3 k - 6).
-    rows = np.hstack([inside @ balanced, -bounds[:, None]])
-    n = rows.shape[1]
-    solved, _, flag, _ = _import_daqp().solve(
-        _TIES * np.eye(n), np.append(np.zeros(n - 1), 1.0), np.ascontiguousarray(rows), right,
-        np.full(len(right), -_UNBOUNDED), np.zeros(len(right), np.int32),
-    )  # fmt: skip
-    if flag != _SOLVED:
-        return none
-    force = balanced @ solved[:-1]
-    return Preload(float(solved[-1]), motors @ force, force.reshape(count, 3))
+    balanced = np.linalg.svd(grip)[2][6:].T
+    return _Program(grip, balanced, inside, np.ascontiguousarray(np.hstack([inside @ balanced, -bounds[:, None]])))
+
+
+def _scaled(loads: Array, touch: Contacts) -> Array:
+    """Torques divided by the length, as those of the grip matrix are."""
+    scaled: Array = loads * np.array([1.0, 1.0, 1.0, *[1.0 / touch.length] * 3])
+    return scaled
 
 
 def _import_daqp() -> ModuleType:

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import linprog  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.metrics.carrying import least_effort
 from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
 from allegro_twin.grasping.metrics.preload import (
     COMPLIANCE,
@@ -15,6 +16,7 @@ from allegro_twin.grasping.metrics.preload import (
     _cone_facets,
     _grip_matrix,
     least_preload,
+    limit_share,
 )
 from allegro_twin.types import Array
 
@@ -42,6 +44,17 @@ def squeezed(friction: float, *loads: Array, limit: float = 10.0, stiffness: flo
     return least_preload(
         pads(friction), slides(), np.full(6, stiffness), np.full(6, limit), np.array(loads or [WEIGHT]), compliance=1e-9
     )
+
+
+def drawn(seed: int) -> tuple[Contacts, Array, Array, Array]:
+    """Contacts around an object, how joints move them, limits and loads."""
+    random = np.random.default_rng(seed)
+    count, joints = int(random.integers(3, 7)), int(random.integers(4, 9))
+    points = 0.04 * random.normal(size=(count, 3))
+    inwards = -points / np.linalg.norm(points, axis=1, keepdims=True)
+    loads = np.vstack([WEIGHT, 1.3 * WEIGHT[[2, 1, 0, 3, 4, 5]], WEIGHT + 0.01 * random.normal(size=6)])
+    touch = make_contacts(points, inwards, 0.7, length=0.04)
+    return touch, 0.08 * random.normal(size=(count, 3, joints)), random.uniform(0.3, 0.7, joints), loads
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.6, 0.9])
@@ -136,13 +149,8 @@ def test_shapes_that_do_not_fit_are_named() -> None:
 @pytest.mark.parametrize("seed", range(12))
 def test_the_share_is_that_of_the_linear_program_and_of_equal_squeezes_the_weakest_is_found(seed: int) -> None:
     """The program itself, all of its rows written out for every load, in SciPy's words."""
-    random = np.random.default_rng(seed)
-    count, joints = int(random.integers(3, 7)), int(random.integers(4, 9))
-    points = 0.04 * random.normal(size=(count, 3))
-    inwards = -points / np.linalg.norm(points, axis=1, keepdims=True)
-    touch = make_contacts(points, inwards, 0.7, length=0.04)
-    moved, limit = 0.08 * random.normal(size=(count, 3, joints)), random.uniform(0.3, 0.7, joints)
-    loads = np.vstack([WEIGHT, 1.3 * WEIGHT[[2, 1, 0, 3, 4, 5]], WEIGHT + 0.01 * random.normal(size=6)])
+    touch, moved, limit, loads = drawn(seed)
+    count, joints = len(touch), len(limit)
     found = least_preload(touch, moved, np.full(joints, 10.0), limit, loads)
 
     grip, flat = _grip_matrix(touch), moved.reshape(3 * count, joints)
@@ -166,3 +174,43 @@ def test_the_share_is_that_of_the_linear_program_and_of_equal_squeezes_the_weake
         inside = np.vstack(upper) @ np.append(found.force.ravel(), found.share) - np.concatenate(right)
         assert inside.max() < 1e-5
         assert np.linalg.norm(found.force) <= np.linalg.norm(least.x[:-1]) * (1.0 + 1e-3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_limit_analysis_needs_what_the_linear_program_of_each_load_needs(seed: int) -> None:
+    """The same pyramids in HiGHS."""
+    touch, moved, limit, loads = drawn(seed)
+    expected = max(least_effort(touch, moved, limit, load, edges=FACETS).share for load in loads)
+    assert limit_share(touch, moved, limit, loads) == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_squeeze_needs_less_than_limit_analysis(seed: int) -> None:
+    touch, moved, limit, loads = drawn(seed)
+    squeeze = least_preload(touch, moved, np.full(len(limit), 10.0), limit, loads)
+    assert limit_share(touch, moved, limit, loads) <= squeeze.share + 1e-6
+
+
+def test_a_palm_that_the_load_presses_on_carries_it_without_a_motor() -> None:
+    """Springs let the finger lose a part of its squeeze, so that it has to press before; forces alone do not."""
+    around = 0.02 * np.array([[np.cos(a), np.sin(a), 0.0] for a in 2.0 * np.pi * np.arange(3) / 3.0])
+    touch = make_contacts(
+        np.vstack([around - np.array([0, 0, HALF]), around + np.array([0, 0, HALF])]),
+        np.repeat([[0, 0, 1.0], [0, 0, -1.0]], 3, axis=0), 0.6, length=0.04,
+    )  # fmt: skip
+    moved, limit = np.zeros((6, 3, 1)), np.array([10.0])
+    moved[3:, 2] = 1.0
+    assert limit_share(touch, moved, limit, WEIGHT[None]) == pytest.approx(0.0, abs=1e-6)
+    assert least_preload(touch, moved, np.array([1000.0]), limit, WEIGHT[None], compliance=1e-3).share > 0.03
+    assert limit_share(touch, moved, limit, -WEIGHT[None]) == pytest.approx(0.2, abs=1e-5), "lifted off, all of it"
+
+
+def test_by_limit_analysis_too_two_points_turn_and_pads_on_one_side_push() -> None:
+    two = make_contacts([[-HALF, 0, 0], [HALF, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], 0.8, length=0.04)
+    about = np.array([[0.0, 0.0, 0.0, 0.01, 0.0, 0.0]])
+    assert np.isinf(limit_share(two, slides()[[0, 3]], np.full(6, 10.0), about))
+    assert np.isfinite(limit_share(pads(0.6), slides(), np.full(6, 10.0), np.zeros((1, 6))))
+    one = make_contacts(np.eye(3) * 0.01, np.tile([1.0, 0, 0], (3, 1)), 0.6, length=0.04)
+    assert np.isinf(limit_share(one, slides()[:3], np.full(6, 10.0), WEIGHT[None]))
+    with pytest.raises(ConfigError, match=r"jacobians have the shape \(6, 3, 6\), not \(5, 3, 6\)"):
+        limit_share(pads(0.5), slides()[:5], np.ones(6), WEIGHT[None])

@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.metrics.preload import Preload, least_preload
+from allegro_twin.grasping.metrics.preload import Preload, least_preload, limit_share
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly, metric_contacts
-from allegro_twin.grasping.plan.proposals.propose import Proposer, could_hold, squeeze_preload, weight_loads
+from allegro_twin.grasping.plan.proposals.propose import (
+    Proposer,
+    carrying_share,
+    could_hold,
+    squeeze_preload,
+    weight_loads,
+)
 from allegro_twin.grasping.plan.proposals.refine import GENERATIONS, NICHE, Population
 from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.plan.templates import grasp_templates
@@ -91,7 +97,7 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
 
     ends = close_candidates(known.bench, some, performer, 0.8, known.random, noted)
     closed = [(before, end) for before, end in zip(some, ends, strict=True) if end.where != "empty"]
-    apart = [abs(held.share - share(before)) for held, (before, _) in zip(seen, closed, strict=True)]
+    apart = [abs(held.share - _squeeze(known, before).share) for held, (before, _) in zip(seen, closed, strict=True)]
     assert np.median(apart) < 0.1
     assert sum(each.passed for each in ends) >= 8
     limit = SPEC.actuation.torque_limit
@@ -100,6 +106,11 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
             wanted = held.torque * max(1.0, 0.4 / (np.abs(held.torque) / limit).max())
             assert end.candidate.torque is not None
             np.testing.assert_allclose(end.candidate.torque, wanted)
+
+
+def _squeeze(known: Proposer, candidate: Candidate) -> Preload:
+    met, touch = meet_exactly(known.bench, candidate)
+    return squeeze_preload(known.bench, met, touch, 0.8, TURNS, GAINS)
 
 
 @pytest.mark.slow
@@ -140,6 +151,10 @@ def test_a_squeeze_is_reckoned_for_three_quarters_of_the_friction_and_a_fifth_mo
     contacts, limit = metric_contacts(touch, known.centre, 0.6), SPEC.actuation.torque_limit
     expected = least_preload(contacts, known.bench.jacobians(touch), GAINS.kp, limit, loads)
     assert found.share == pytest.approx(expected.share, rel=1e-6)
+    least = limit_share(contacts, known.bench.jacobians(touch), limit, loads)
+    assert carrying_share(known.bench, met, touch, 0.8, TURNS) == pytest.approx(least, rel=1e-6)
+    (grown,) = known.grow([candidate])
+    assert grown.score == pytest.approx(-0.8 * least - 0.2 * expected.share, rel=0.05)
 
 
 def test_fingers_meet_the_object_within_a_step_that_is_an_eighth_of_the_coarse_one(

@@ -11,7 +11,8 @@ import numpy as np
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_normal_force
-from allegro_twin.grasping.metrics.preload import Preload, least_preload
+from allegro_twin.grasping.metrics.contacts import Contacts
+from allegro_twin.grasping.metrics.preload import Preload, least_preload, limit_share
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.proposals.close_in_geometry import (
@@ -147,7 +148,10 @@ class Proposer:
             force = -normal_force(self.bench, candidate, touch, self.centre, self.friction, self.turns)
             return replace(candidate, score=force) if np.isfinite(force) else None
         held = squeeze_preload(self.bench, candidate, touch, self.friction, self.turns, self.gains)
-        return replace(candidate, score=-held.share, torque=held.torque) if np.isfinite(held.share) else None
+        if not np.isfinite(held.share):
+            return None
+        least = carrying_share(self.bench, candidate, touch, self.friction, self.turns)
+        return replace(candidate, score=-((1.0 - SPRINGS) * least + SPRINGS * held.share), torque=held.torque)
 
 
 def _jittered(candidate: Candidate, spec: HandSpec, random: Random, scale: float = 1.0) -> PoseGuesses:
@@ -219,6 +223,10 @@ WORN, HEAVIER = 0.75, 1.2
 """Of the friction that is told and of the mass: what a squeeze is reckoned for, for draws bring less and more."""
 SHAKEN = 1.3
 """Times the weight, when the palm has turned: it is shaken there."""
+SPRINGS = 0.2
+"""The part of a score that is the share of the squeeze that springs answer from; the rest is that of limit analysis. The
+first alone refuses grasps that wrap round, the second alone likes those that rest on friction everywhere (measured:
+docs/results/planning.md)."""
 PATCH = 0.004
 """m, radius of what a fingertip touches: where there are two contacts alone, each stands for three points around it,
 for about the line between two points nothing would resist."""
@@ -230,13 +238,29 @@ def squeeze_preload(
 ) -> Preload:  # fmt: skip
     """The squeeze that carries the weight through the turns with the smallest share of any motor, with less friction
     and more weight than are told. `data`: another state of the scene's model in which the hand touches the object."""
+    held, jacobians, loads = _worst_case(bench, candidate, touch, friction, turns, data)
+    limit = bench.spec.actuation.torque_limit
+    return least_preload(held, jacobians, np.broadcast_to(gains.kp, limit.shape), limit, loads)
+
+
+def carrying_share(
+    bench: GraspScene, candidate: Candidate, touch: TouchPoints, friction: float, turns: Sequence[float]
+) -> float:
+    """The share of any motor that the same loads need at least, whatever the springs."""
+    held, jacobians, loads = _worst_case(bench, candidate, touch, friction, turns)
+    return limit_share(held, jacobians, bench.spec.actuation.torque_limit, loads)
+
+
+def _worst_case(
+    bench: GraspScene, candidate: Candidate, touch: TouchPoints, friction: float, turns: Sequence[float],
+    data: Any = None,
+) -> tuple[Contacts, Array, Array]:  # fmt: skip
+    """Contacts with worn friction, how each moves with the joints, and loads with more weight."""
     centre = bench.centre if data is None else data.xipos[bench.body]
     touch = _as_patches(touch) if len(touch.points) < 3 else touch
-    held = metric_contacts(touch, centre, WORN * friction)
     loads = weight_loads(candidate.rotation, HEAVIER * bench.mass, turns)
     loads[1:] *= np.linspace(1.0, SHAKEN, len(loads))[1:, None]
-    limit = bench.spec.actuation.torque_limit
-    return least_preload(held, bench.jacobians(touch, data), np.broadcast_to(gains.kp, limit.shape), limit, loads)
+    return metric_contacts(touch, centre, WORN * friction), bench.jacobians(touch, data), loads
 
 
 def _as_patches(touch: TouchPoints) -> TouchPoints:

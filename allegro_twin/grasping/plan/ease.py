@@ -1,0 +1,59 @@
+"""A grasp squeezed with less: no joint is to give more than a share of its torque limit for as long as it holds.
+
+A position grasp tells joint j to go δⱼ = qⱼ(squeeze) − qⱼ(rest) beyond where the object stops it, and gives kp δⱼ, up to
+its limit. What it sustains is the root mean square of that over the trial, as a share of the limit: what warms the
+motor. Each whole trial scales the δⱼ of the joints that sustain too much, until none does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.grasping.batch.batched_trials import Verdict
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.plan.candidate import limit_squeeze, rest_positions, round_posture
+from allegro_twin.grasping.scenario import Scenario
+from allegro_twin.hands.library.entries import LatchGrip
+from allegro_twin.hands.library.grasps import Grasp
+
+TRIALS = 12
+"""At most; forces move from joint to joint while some give way."""
+BELOW = 0.97
+"""Of what is allowed that a joint is scaled to, so that the next trial does not end just above it."""
+
+
+class EasedGrasp(NamedTuple):
+    """The grasp with its squeeze as small as was asked, and its last whole trial."""
+
+    grasp: Grasp
+    verdict: Verdict
+    sustained: float
+    """Share of its limit that the hottest joint sustains; NaN where the object was lost."""
+
+    def within(self, share: float) -> bool:
+        """Whether it holds, and no joint sustains more than that."""
+        return self.verdict.held and self.sustained <= share
+
+
+def ease_squeeze(scenario: Scenario, grasp: Grasp, runner: TrialRunner, share: float, folder: Path) -> EasedGrasp:
+    """Reduce the squeeze until no joint sustains more than `share` of its limit, or the object is lost. Raises
+    HandError."""
+    spec, gains = runner.spec, runner.gains
+    for trial in range(TRIALS):
+        (verdict,) = runner.verdicts([TrialCase(scenario, grasp, folder=folder)], rest_positions)
+        if not verdict.held or verdict.report is None or not verdict.measured:
+            return EasedGrasp(grasp, verdict, float("nan"))
+        hottest = verdict.report.hottest[1]
+        if hottest <= share or trial == TRIALS - 1:
+            break
+        begun = grasp.close if isinstance(grasp.grip, LatchGrip) else None
+        rest = np.array([verdict.measured[joint] for joint in spec.joints]) if begun is None else begun
+        gives = np.array([verdict.report.sustained.get(joint, 0.0) for joint in spec.joints])
+        grasp = limit_squeeze(grasp, rest, gains, spec, 1.0)  # Beyond the limit a smaller squeeze changes nothing.
+        less = np.where(gives > share, BELOW * share / np.maximum(gives, share), 1.0)
+        grasp = replace(grasp, squeeze=round_posture(rest + less * (grasp.squeeze - rest), spec))
+    return EasedGrasp(grasp, verdict, hottest)
