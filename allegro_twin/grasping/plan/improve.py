@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -9,15 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.errors import HandError
+from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import (
+    SHARE,
     check_stiffness,
     limit_squeeze,
     rest_positions,
     round_posture,
     round_vector,
 )
+from allegro_twin.grasping.plan.ease import ease_squeeze
 from allegro_twin.grasping.plan.proposals.poses import closing_directions
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.statistics import PairedCounts, count_pairs
@@ -53,6 +56,8 @@ class VariantResult(NamedTuple):
     margin: float
     stall: float
     """Share of the time in which the joint that pushes hardest is at its torque limit."""
+    sustained: float
+    """Share of its limit that the hottest joint sustains."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,20 +114,22 @@ def _made(bench: TrialRunner, items: Sequence[Mapping[str, Any]], rules: Any, fo
         cases.append(TrialCase(version.scenario, version.grasp, Perturbation(**item["draw"]), rules, folder))
     for verdict in bench.verdicts(cases):
         report = verdict.report
-        stall = 1.0 if report is None else max(report.at_limit.values())
-        yield VariantResult(verdict.held, 0.0 if report is None else report.margin, stall)
+        if report is None:
+            yield VariantResult(held=False, margin=0.0, stall=1.0, sustained=1.0)
+        else:
+            yield VariantResult(report.held, report.margin, max(report.at_limit.values()), report.hottest[1])
 
 
 def _checked(row: Mapping[str, Any]) -> VariantResult:
     if row["error"] is not None:
         raise HandError(row["error"])
-    return VariantResult(bool(row["held"]), float(row["margin"]), float(row["stall"]))
+    return VariantResult(bool(row["held"]), *(float(row[name]) for name in VariantResult._fields[1:]))
 
 
-def score(row: Sequence[VariantResult]) -> float:
-    """How many draws it holds; among equals the one with larger margins and less time at a torque limit, as parts of
-    one."""
-    held = [each for each in row if each.held]
+def score(row: Sequence[VariantResult], sustained: float = math.inf) -> float:
+    """How many draws it holds with no joint that sustains more than is allowed; among equals the one with larger
+    margins and less time at a torque limit, as parts of one."""
+    held = [each for each in row if each.held and each.sustained <= sustained]
     margin = float(np.mean([each.margin for each in held] or 0.0))
     return len(held) + 0.49 * margin + 0.5 * (1.0 - float(np.mean([each.stall for each in held] or 1.0)))
 
@@ -143,6 +150,8 @@ class ImprovementResult:
     after: GraspVariant
     comparison: PairedCounts
     """The first is the version before."""
+    hottest: tuple[tuple[str, float], tuple[str, float]]
+    """Of either, in the whole trial without a draw: the joint that sustains most, and the share of its limit."""
 
 
 @dataclass(slots=True)
@@ -160,16 +169,20 @@ class GraspImprovement:
     draws: int = 8
     unseen: int = 40
     """On which both versions are compared in the end."""
+    sustained: float = math.inf
+    """Share of its torque limit that no joint of the better version sustains more of."""
     engine: SweepEngine = field(default_factory=lambda: Local(0))
     at_once: int = 1
     """How many processes the engine has."""
 
     def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> ImprovementResult:
-        """Search, and compare. `tell`: the round and the best share of draws held in it. Raises HandError."""
+        """Search, and compare. `tell`: the round and the best share of draws held in it. Raises HandError, also where
+        nothing holds with what joints may sustain."""
         check_stiffness(self.spec)
         first = GraspVariant(self.scenario, self.grasp)
         random, scale = np.random.default_rng(self.seed), 1.0
-        elite = [(float(self._score([first])[0]), first)]
+        begun = first if math.isinf(self.sustained) else self._cooler(first) or first
+        elite = [(float(self._score([begun])[0]), begun)]
         for number in range(self.rounds):
             parents = [version for _, version in elite]
             new = [perturb_grasp(parents[k % len(parents)], self.spec, scale, random) for k in range(self.population)]
@@ -177,19 +190,37 @@ class GraspImprovement:
             elite = sorted([*elite, *zip(self._score(tried).tolist(), tried, strict=True)], key=lambda e: -e[0])[:ELITE]
             tell(number, float(np.floor(elite[0][0])) / self.draws)
             scale *= NARROWER
-        best = elite[0][1]
+        best = elite[0][1] if math.isinf(self.sustained) else self._coolest([version for _, version in elite])
+        (_, hot), (shown, cool) = self._seen(first), self._seen(best)
         before, after = self._tried([first, best], "table_pick", self.unseen, "judge")
         comparison = count_pairs([each.held for each in before], [each.held for each in after])
-        return ImprovementResult(first, self._seen(best), comparison)
+        return ImprovementResult(first, shown, comparison, (hot, cool))
 
-    def _seen(self, version: GraspVariant) -> GraspVariant:
-        """With the type that its contacts show in the whole trial without a draw."""
+    def _seen(self, version: GraspVariant) -> tuple[GraspVariant, tuple[str, float]]:
+        """With the type that its contacts show in the whole trial without a draw, and its hottest joint."""
         case = TrialCase(version.scenario, version.grasp, folder=self.folder)
         (verdict,) = TrialRunner(self.spec).verdicts([case])
-        shown = None if verdict.report is None else verdict.report.observed
-        if shown is None:
-            return version
-        return GraspVariant(version.scenario, replace(version.grasp, observed=shown, taxonomy=claim_observed(shown)))
+        if verdict.report is None or verdict.report.observed is None:
+            return version, ("", math.nan) if verdict.report is None else verdict.report.hottest
+        shown = verdict.report.observed
+        grasp = replace(version.grasp, observed=shown, taxonomy=claim_observed(shown))
+        return GraspVariant(version.scenario, grasp), verdict.report.hottest
+
+    def _coolest(self, versions: Sequence[GraspVariant]) -> GraspVariant:
+        """The first that holds the whole trial with no more than joints may sustain."""
+        for version in versions:
+            cooler = self._cooler(version)
+            if cooler is not None:
+                return cooler
+        raise ConfigError(
+            f"grasp {self.grasp.name}: no version holds {self.scenario.objects[0].name or 'the object'} with at most "
+            f"{self.sustained:.0%} of every joint's torque limit sustained: more --rounds, or a larger --sustained"
+        )
+
+    def _cooler(self, version: GraspVariant) -> GraspVariant | None:
+        """With its squeeze as small as that; None where it does not hold then."""
+        eased = ease_squeeze(version.scenario, version.grasp, TrialRunner(self.spec), self.sustained, self.folder)
+        return GraspVariant(version.scenario, eased.grasp) if eased.within(self.sustained) else None
 
     def _eased(self, versions: list[GraspVariant]) -> list[GraspVariant]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""
@@ -200,11 +231,12 @@ class GraspImprovement:
         for version, verdict in zip(versions, bench.verdicts(cases, rest_positions), strict=True):
             if verdict.measured:
                 rest = np.array([verdict.measured[joint] for joint in self.spec.joints])
-                found.append(GraspVariant(version.scenario, limit_squeeze(version.grasp, rest, bench.gains, self.spec)))
+                eased = limit_squeeze(version.grasp, rest, bench.gains, self.spec, min(SHARE, self.sustained))
+                found.append(GraspVariant(version.scenario, eased))
         return found
 
     def _score(self, versions: list[GraspVariant]) -> Array:
-        return np.array([score(row) for row in self._tried(versions, "quick", self.draws, "search")])
+        return np.array([score(row, self.sustained) for row in self._tried(versions, "quick", self.draws, "search")])
 
     def _tried(
         self, versions: list[GraspVariant], protocol: str, count: int, stream: SampleStream

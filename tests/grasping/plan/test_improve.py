@@ -37,7 +37,7 @@ class Search:
         monkeypatch.setattr(improve, "check_stiffness", lambda spec: None)
         monkeypatch.setattr(improve, "perturb_grasp", self.vary)
         monkeypatch.setattr(GraspImprovement, "_eased", lambda search, versions: self.counted(versions))
-        monkeypatch.setattr(GraspImprovement, "_seen", lambda search, version: version)
+        monkeypatch.setattr(GraspImprovement, "_seen", lambda search, version: (version, ("", 0.5)))
         monkeypatch.setattr(GraspImprovement, "_tried", self.tried)
 
     def made(self, worth: float) -> GraspVariant:
@@ -56,7 +56,7 @@ class Search:
     def tried(self, versions: list[GraspVariant], protocol: str, count: int, stream: str) -> list[list[VariantResult]]:
         self.asked.append((len(versions), protocol, count, stream))
         self.parents.append([version.grasp.speed for version in versions])
-        return [[VariantResult(True, version.grasp.speed / 10.0, 0.0)] * count for version in versions]
+        return [[VariantResult(True, version.grasp.speed / 10.0, 0.0, 0.5)] * count for version in versions]
 
 
 def test_each_round_varies_the_four_best_a_little_less_and_the_end_is_on_draws_of_its_own(

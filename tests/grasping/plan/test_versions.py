@@ -47,10 +47,14 @@ def test_a_version_crosses_to_another_process_and_back_as_it_is(side: Side) -> N
 
 
 def test_more_held_draws_count_more_than_anything_else_and_ease_decides_among_equals() -> None:
-    hard, easy, lost = VariantResult(True, 0.2, 1.0), VariantResult(True, 0.2, 0.1), VariantResult(False, 0.9, 0.0)
+    hard, easy, lost = (
+        VariantResult(True, 0.2, 1.0, 0.9),
+        VariantResult(True, 0.2, 0.1, 0.5),
+        VariantResult(False, 0.9, 0.0, 0.1),
+    )
     assert score([hard, hard]) > score([easy, lost]) > score([hard, lost]) > score([lost, lost])
     assert score([easy]) > score([hard])
-    assert score([VariantResult(True, 0.3, 1.0)]) > score([hard])
+    assert score([VariantResult(True, 0.3, 1.0, 0.9)]) > score([hard])
 
 
 @pytest.mark.long

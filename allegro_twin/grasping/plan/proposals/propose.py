@@ -224,9 +224,8 @@ WORN, HEAVIER = 0.75, 1.2
 SHAKEN = 1.3
 """Times the weight, when the palm has turned: it is shaken there."""
 SPRINGS = 0.2
-"""The part of a score that is the share of the squeeze that springs answer from; the rest is that of limit analysis. The
-first alone refuses grasps that wrap round, the second alone likes those that rest on friction everywhere (measured:
-docs/results/planning.md)."""
+"""The part of a score that is the share of the squeeze that springs answer from; the rest is by limit analysis. The
+first alone refuses grasps that wrap round; what held more draws is measured in docs/results/planning.md."""
 PATCH = 0.004
 """m, radius of what a fingertip touches: where there are two contacts alone, each stands for three points around it,
 for about the line between two points nothing would resist."""

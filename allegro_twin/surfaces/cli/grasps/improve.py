@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,7 +29,7 @@ def improve(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write into.", callback=options.folder)] = Path("improved"),
     rounds: Annotated[
-        int, typer.Option(min=1, max=50, help="Rounds of variations around the best.", rich_help_panel=options.TRIALS)
+        int, typer.Option(min=0, max=50, help="Rounds of variations around the best.", rich_help_panel=options.TRIALS)
     ] = 3,
     population: Annotated[
         int, typer.Option(min=1, max=1000, help="Variations in a round.", rich_help_panel=options.TRIALS)
@@ -39,6 +40,10 @@ def improve(
     unseen: Annotated[
         int, typer.Option(min=1, help="Fresh draws that compare before and after.", rich_help_panel=options.TRIALS)
     ] = 40,
+    sustained: Annotated[
+        float | None,
+        typer.Option(min=0.05, max=1.0, help="Share of its torque limit that a joint may sustain."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.", rich_help_panel=options.TRIALS)] = 0,
     engine: Annotated[
         options.Engines,
@@ -57,11 +62,13 @@ def improve(
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.trials import engine_of
 
+    if not rounds and sustained is None:
+        raise ConfigError("--rounds 0 changes nothing: search for 1 round or more, or say --sustained")
     settings, begun, spec, path = _load_start(scenario, grasp, thing)
     chosen = engine_of(engine.value, address, 1 if engine is options.Engines.local else None)
     search = GraspImprovement(
         settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
-        engine=chosen.engine, at_once=chosen.at_once,
+        sustained=math.inf if sustained is None else sustained, engine=chosen.engine, at_once=chosen.at_once,
     )  # fmt: skip
     better = _search(search, path.stem)
     description = _print_comparison(better, unseen, path.stem, begun.name)
@@ -106,4 +113,6 @@ def _print_comparison(better: ImprovementResult, unseen: int, name: str, begun: 
         low, high = wilson(held, unseen)
         console.console.print(f"{which:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
     console.console.print(comparison_text(pair, "before", "after"), soft_wrap=True)
+    (hot, much), (cool, less) = better.hottest
+    console.console.print(f"sustained by the hottest joint: before {much:.0%} ({hot}), after {less:.0%} ({cool})")
     return f"{name}, improved: held in {after} of {unseen} draws, {begun} in {before}"
