@@ -6,13 +6,15 @@ from typing import Any
 
 import pytest
 
-from allegro_twin.app import session
+from allegro_twin.app import rig, session
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
+from allegro_twin.app.references import posture_of
 from allegro_twin.app.rig import assemble, spec_of
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
+from allegro_twin.sim.settings import SimSettings
 
 TINY = {"method": "predictive", "samples": 4, "iterations": 1, "horizon": 0.12, "hold": 0.0, "knots": 2, "stride": 2}
 SIM: dict[str, Any] = {"kind": "sim"}
@@ -61,9 +63,9 @@ def test_beside_a_simulated_hand_its_time_passes_as_ours(monkeypatch: pytest.Mon
 
 def test_an_episode_that_is_lost_ends_the_run() -> None:
     chosen = config(seconds=5.0)
-    rig = assemble(chosen)
-    assert rig.episode is not None
-    engine = rig.episode.engine
+    made = assemble(chosen)
+    assert made.episode is not None
+    engine = made.episode.engine
     judge = engine.outcome
 
     def lose(*given: Any) -> Any:
@@ -71,22 +73,20 @@ def test_an_episode_that_is_lost_ends_the_run() -> None:
         return outcome._replace(failed=engine.count >= 2), diverged
 
     engine.outcome = lose  # type: ignore[assignment, method-assign]
-    outcome = perform(rig, chosen, Outputs())
+    outcome = perform(made, chosen, Outputs())
     assert outcome.last.t == pytest.approx(0.12)
     assert outcome.notes[-1].startswith("Rotate: lost at 0.12 s, ")
 
 
 def test_a_posture_is_a_goal_of_fingertips() -> None:
     task = {"posture": "fist", "episode": {"task": "Reach", "environment": {"timestep": 0.003}}}
-    rig = assemble(config(task=task, planning=TINY | {"stride": 1}))
-    interface = rig.controller.episode.engine.task.interface  # type: ignore[attr-defined]
-    from allegro_twin.app.references import posture_of
-
-    goal = rig.controller.episode.goal  # type: ignore[attr-defined]
-    assert goal == pytest.approx(interface.fingertips(posture_of("fist", rig.spec)))
-    assert rig.controller.start(rig.backend.reset()).action.shape == (16,)
-    assert rig.controller.episode.engine.task.goal()[0] == pytest.approx(goal)  # type: ignore[attr-defined]
-    rig.backend.close()
+    made = assemble(config(task=task, planning=TINY | {"stride": 1}))
+    interface = made.controller.episode.engine.task.interface  # type: ignore[attr-defined]
+    goal = made.controller.episode.goal  # type: ignore[attr-defined]
+    assert goal == pytest.approx(interface.fingertips(posture_of("fist", made.spec)))
+    assert made.controller.start(made.backend.reset()).action.shape == (16,)
+    assert made.controller.episode.engine.task.goal()[0] == pytest.approx(goal)  # type: ignore[attr-defined]
+    made.backend.close()
 
 
 @pytest.mark.parametrize(
@@ -116,6 +116,26 @@ def test_a_hand_whose_time_passes_by_itself_does_not_wait_and_one_without_an_obj
     chosen = config(time="real")
     with pytest.raises(ConfigError, match="this hand comes with no pose of one"):
         make_controller(chosen, spec_of(chosen), None, live=True)
+
+
+def test_only_the_time_of_a_hand_that_is_not_simulated_here_passes_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither the episode's, nor ours, nor the one of our simulation behind a bus."""
+    asked: list[bool] = []
+
+    def noted(*given: Any, live: bool) -> Any:
+        asked.append(live)
+        raise ConfigError("asked")
+
+    monkeypatch.setattr(rig, "make_controller", noted)
+    limp = parse_settings(RunConfig, {"backend": BUS, "controller": {"kind": "limp"}, "seconds": 1.0}, "config")
+
+    def foreign(spec: Any, step: float) -> Any:
+        return rig.simulated(SimSettings(kind="sim"), limp.task, spec, step)
+
+    for chosen, physics in ((config(), None), (config(BUS), None), (limp, None), (limp, foreign)):
+        with pytest.raises(ConfigError, match="asked"):
+            assemble(chosen, physics)
+    assert asked == [False, False, False, True]
 
 
 def test_an_episode_may_have_any_other_controller() -> None:
