@@ -1,6 +1,7 @@
 """What `plan` finds for all 22 objects: `python -m benchmarks.planning [OBJECT …] [--seconds 60] [--seed 31]`.
 
-Each object lies on the table at its catalogue mass, friction 0.8; five grasps are asked for. A line of JSON an object
+Each object lies on the table at its catalogue mass, friction 0.8; with `--household` those of benchmarks/household.py,
+meshes that nothing was tuned for. Five grasps are asked for. A line of JSON an object
 is appended to out/planning_<seed>_<seconds>.jsonl: what is there is not tried again, so the command goes on after an
 interruption. Held are the trials of draws that no search has seen: position ±5 mm, yaw ±10°, size ±5 %, mass ±20 %,
 friction 0.5–1.0, together. Prints the table of docs/results/planning.md.
@@ -22,18 +23,21 @@ from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import SEARCHED
+from allegro_twin.grasping.scenario import Scenario
 from allegro_twin.grasping.uncertainty import sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
+from benchmarks.household import write_things
 
 WANTED = 5
+YCB = "conf/objects/ycb.yaml"
 UNSEEN = 999  # The seed of the draws that nobody has chosen on.
 
 
-def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]:
+def planned(name: str, scenario: Scenario, seed: int, seconds: float, unseen: int) -> dict[str, Any]:
     """One object: how many were found in what time, and what share of unseen draws they hold."""
     spec = load_spec()
-    search = GraspSearch(scenario_of(name, "z", 1.0, None, 0.8), spec, grasp_templates(spec), seed=seed)
+    search = GraspSearch(scenario, spec, grasp_templates(spec), seed=seed)
     wall, cpu = time.monotonic(), time.process_time()
     found = search.run(WANTED, SearchBudget(cpu=seconds))
     row: dict[str, Any] = {
@@ -71,22 +75,30 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("objects", nargs="*", default=list(read_yaml(data_root() / "conf/objects/ycb.yaml")))
+    parser.add_argument("objects", nargs="*")
+    parser.add_argument("--household", action="store_true")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=31)
     parser.add_argument("--unseen", type=int, default=20)
     asked = parser.parse_args()
-    path = Path(f"out/planning_{asked.seed}_{asked.seconds:g}.jsonl")
+    kind = "household" if asked.household else "planning"
+    path = Path(f"out/{kind}_{asked.seed}_{asked.seconds:g}.jsonl")
     path.parent.mkdir(exist_ok=True)
+    if asked.household:
+        made = write_things(Path("out/household"))
+        things = {name: scenario_of(str(file), "z", 1.0, mass, 0.8) for name, (file, mass) in made.items()}
+    else:
+        things = {name: scenario_of(name, "z", 1.0, None, 0.8) for name in read_yaml(data_root() / YCB)}
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
-    for name in asked.objects:
+    wanted = asked.objects or list(things)
+    for name in wanted:
         if name in {row["object"] for row in rows}:
             continue
-        rows.append(planned(name, asked.seed, asked.seconds, asked.unseen))
+        rows.append(planned(name, things[name], asked.seed, asked.seconds, asked.unseen))
         with path.open("a") as file:
             file.write(json.dumps(rows[-1]) + "\n")
         print(f"{name}: {rows[-1]['found']}", flush=True)
-    print(table([row for row in rows if row["object"] in asked.objects]))
+    print(table([row for row in rows if row["object"] in wanted]))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,133 @@
+"""Ten things of a household that no grasp was made for, as closed meshes: made by code, of shapes that a lab has.
+
+`write_things(folder)` writes an STL a thing, in m, as it lies or stands on a table. Sizes are of what we have at home,
+masses those that such things weigh; they are no catalogue's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from trimesh.transformations import rotation_matrix, translation_matrix
+
+Mesh = trimesh.Trimesh
+
+
+class Thing(NamedTuple):
+    """A mesh to be, and how heavy it is."""
+
+    mass: float
+    """kg."""
+    make: Callable[[], Mesh]
+
+
+def write_things(folder: Path) -> dict[str, tuple[Path, float]]:
+    """Path and mass, kg, of each by name; its lowest point at 0, its middle over 0."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found = {}
+    for name, thing in THINGS.items():
+        mesh = thing.make()
+        low, high = mesh.bounds
+        mesh.apply_translation([-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]])
+        assert mesh.is_watertight, name
+        path = folder / f"{name}.stl"
+        mesh.export(path)
+        found[name] = (path, thing.mass)
+    return found
+
+
+def _box(size: tuple[float, float, float], at: tuple[float, float, float], lean: float = 0.0) -> Mesh:
+    turned = rotation_matrix(np.radians(lean), [0, 1, 0])
+    return trimesh.creation.box(size, transform=translation_matrix(at) @ turned)
+
+
+def _rod(radius: float, length: float, at: tuple[float, float, float], along: str = "z") -> Mesh:
+    turn = {"x": rotation_matrix(np.pi / 2, [0, 1, 0]), "y": rotation_matrix(np.pi / 2, [1, 0, 0]), "z": np.eye(4)}
+    return trimesh.creation.cylinder(radius, length, sections=48, transform=translation_matrix(at) @ turn[along])
+
+
+def _joined(*parts: Mesh) -> Mesh:
+    return trimesh.boolean.union(list(parts), engine="manifold")
+
+
+def _drill() -> Mesh:
+    """Stands on its battery."""
+    return _joined(
+        _box((0.11, 0.075, 0.045), (0.0, 0.0, 0.0225)),
+        _box((0.042, 0.034, 0.12), (0.0, 0.0, 0.1), lean=8.0),
+        _rod(0.029, 0.15, (0.015, 0.0, 0.18), "x"),
+        _rod(0.016, 0.04, (0.105, 0.0, 0.18), "x"),
+    )
+
+
+def _screwdriver() -> Mesh:
+    return _joined(_rod(0.015, 0.10, (0.0, 0.0, 0.015), "x"), _rod(0.0035, 0.13, (0.11, 0.0, 0.015), "x"))
+
+
+def _bowl() -> Mesh:
+    angles = np.linspace(0.0, 1.25, 24)
+    outer = np.stack([0.079 * np.sin(angles), 0.079 * (1.0 - np.cos(angles))], axis=1)
+    inner = np.stack([0.074 * np.sin(angles), 0.079 - 0.074 * np.cos(angles)], axis=1)[::-1]
+    return trimesh.creation.revolve(np.vstack([outer, inner]), sections=64)
+
+
+def _spray_bottle() -> Mesh:
+    return _joined(
+        _rod(0.036, 0.15, (0.0, 0.0, 0.075)), _rod(0.014, 0.05, (0.0, 0.0, 0.165)),
+        _box((0.085, 0.026, 0.032), (0.018, 0.0, 0.2)), _box((0.012, 0.018, 0.05), (0.045, 0.0, 0.172), lean=-15.0),
+    )  # fmt: skip
+
+
+def _stapler() -> Mesh:
+    return _joined(
+        _box((0.15, 0.038, 0.014), (0.0, 0.0, 0.007)), _box((0.14, 0.03, 0.026), (-0.003, 0.0, 0.034), lean=4.0),
+        _box((0.03, 0.03, 0.03), (-0.058, 0.0, 0.022)),
+    )  # fmt: skip
+
+
+def _dumbbell() -> Mesh:
+    heads = [_rod(0.033, 0.035, (side * 0.072, 0.0, 0.033), "x") for side in (-1.0, 1.0)]
+    return _joined(_rod(0.0145, 0.12, (0.0, 0.0, 0.033), "x"), *heads)
+
+
+def _hammer() -> Mesh:
+    return _joined(_rod(0.014, 0.24, (0.0, 0.0, 0.016), "x"), _box((0.03, 0.10, 0.032), (0.125, 0.0, 0.016)))
+
+
+def _banana() -> Mesh:
+    """A bent rod that lies on its side, thinner at its ends."""
+    angles = np.linspace(-0.85, 0.85, 13)
+    parts = []
+    for angle in angles:
+        radius = 0.0175 - 0.008 * (angle / 0.85) ** 4
+        ball = trimesh.creation.icosphere(3, radius)
+        ball.apply_translation([0.1 * np.sin(angle), 0.1 * np.cos(angle), 0.0175])
+        parts.append(ball)
+    hulls = [trimesh.util.concatenate(pair).convex_hull for pair in pairwise(parts)]
+    return _joined(*hulls)
+
+
+def _wine_glass() -> Mesh:
+    outer = [(0.0, 0.0), (0.034, 0.0), (0.034, 0.003), (0.006, 0.008), (0.0045, 0.07), (0.012, 0.078), (0.031, 0.1),
+             (0.036, 0.125), (0.031, 0.165)]  # fmt: skip
+    inner = [(0.029, 0.165), (0.034, 0.125), (0.029, 0.102), (0.01, 0.082), (0.0, 0.08)]
+    return trimesh.creation.revolve(np.array([*outer, *inner]), sections=48)
+
+
+def _padlock() -> Mesh:
+    """Lies on its back."""
+    ring = trimesh.creation.torus(0.0165, 0.0045, transform=translation_matrix((0.0, 0.03, 0.0125)))
+    return _joined(_box((0.052, 0.05, 0.025), (0.0, 0.0, 0.0125)), ring)
+
+
+THINGS = {
+    "drill": Thing(0.9, _drill), "screwdriver": Thing(0.12, _screwdriver), "bowl": Thing(0.2, _bowl),
+    "spray_bottle": Thing(0.45, _spray_bottle), "stapler": Thing(0.25, _stapler), "dumbbell": Thing(0.8, _dumbbell),
+    "hammer": Thing(0.4, _hammer), "banana": Thing(0.15, _banana), "wine_glass": Thing(0.15, _wine_glass),
+    "padlock": Thing(0.25, _padlock),
+}  # fmt: skip
