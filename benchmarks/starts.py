@@ -1,10 +1,11 @@
-"""The start states that ship with the package: `python -m benchmarks.starts` searches for those that are missing."""
+"""The start states that ship with the package: `python -m benchmarks.starts [OBJECT …]` searches for missing ones."""
 
 from __future__ import annotations
 
 import sys
 
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_PALM, in_hand_object
 from allegro_twin.learning.tasks.start_states import (
     ALL,
@@ -12,18 +13,28 @@ from allegro_twin.learning.tasks.start_states import (
     FINGERTIPS,
     TEST,
     TRAIN,
+    OpposedSearch,
+    Search,
+    StartSet,
     file_name,
     write_start_states,
 )
 
+SETS = (TRAIN, TEST)
+OTHER_HANDS = ("leap",)
+
 if __name__ == "__main__":
-    wanted = [(name, ANYHOW, ALL) for name in OF_PALM]
-    wanted += [(name, FINGERTIPS, states) for name in (*OBJECTS, "hex_nut") for states in (TRAIN, TEST)]
-    for name, search, states in wanted:
-        thing = in_hand_object(name)
-        path = data_root() / "conf" / "starts" / file_name(thing, search, states)
+    wanted: list[tuple[str, str, Search, StartSet]] = [("allegro", name, ANYHOW, ALL) for name in OF_PALM]
+    wanted += [("allegro", name, FINGERTIPS, states) for name in (*OBJECTS, "hex_nut") for states in SETS]
+    opposed = OpposedSearch(tips=FINGERTIPS.tips)
+    wanted += [
+        (hand, name, opposed, states) for hand in OTHER_HANDS for name in (*OBJECTS, "hex_nut") for states in SETS
+    ]
+    for hand, name, search, states in wanted:
+        thing, spec = in_hand_object(name), load_spec(hand)
+        path = data_root() / "conf" / "starts" / file_name(thing, search, states, spec)
         if sys.argv[1:] and name not in sys.argv[1:]:
             continue
         if not path.is_file():
-            write_start_states(thing, path, search, states)
-        print(name, path.name, flush=True)
+            write_start_states(thing, path, search, states, spec)
+        print(hand, name, path.name, flush=True)

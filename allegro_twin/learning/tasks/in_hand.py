@@ -17,7 +17,7 @@ from allegro_twin.learning.environments.observation_model import ObjectCamera, O
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.tasks.base import Flags, Task, Ticks
-from allegro_twin.learning.tasks.scenes import THING, make_worlds, upturned_model
+from allegro_twin.learning.tasks.scenes import THING, make_worlds, palm_height, upturned_model
 from allegro_twin.learning.tasks.start_states import (
     ALL,
     ANYHOW,
@@ -41,7 +41,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from allegro_twin.kinematics.orientation import quaternion_from_vector
-from allegro_twin.learning.tasks.scenes import FACING, PALM
+from allegro_twin.learning.tasks.scenes import FACING
 from allegro_twin.learning.tasks.vectors import rotate_vectors
 from allegro_twin.sim.objects.catalogue import GraspObject
 
@@ -73,9 +73,10 @@ def palm_normal(tilt: Array) -> Array:
     return rotate_vectors(quaternion_product(facing, quaternion_from_vector(tilt)), upward)
 
 
-def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array) -> Array:
+def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array, palm: float) -> Array:
     """Height of the objects' lowest points over the palm's surface, shape (n,), m; negative below it. `pose`: (n, 7),
-    world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3)."""
+    world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3); `palm`:
+    height of its surface above its origin, m."""
     xp, back = array_namespace(pose), pose[:, 3:] * array_namespace(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
     down, half = -rotate_vectors(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
@@ -85,7 +86,7 @@ def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array
     if shapes.vertices is not None:
         points = (shapes.vertices[kind] * down[:, None, :]).sum(axis=-1)
         reach = xp.where(shape == _MESH, xp.max(points, axis=-1) * factor, reach)
-    found: Array = (pose[:, :3] * normal).sum(axis=-1) - reach - PALM
+    found: Array = (pose[:, :3] * normal).sum(axis=-1) - reach - palm
     return found
 
 
@@ -122,9 +123,9 @@ class InHandTask(Task):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
-        if self.spec.model != HAND:
-            raise ConfigError(f"{self.name} has no states to begin in for {self.spec.model}: how its fingertips hold "
-                              f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
+        if self.spec.model != HAND and settings.palm == "allowed":
+            raise ConfigError(f"{self.name} with palm: allowed is a task of {HAND}; {self.spec.model} has it in the "
+                              "fingertips: palm: forbidden")  # fmt: skip
         self.n_privileged = 13 if settings.observation == "full" else 0
         self._held: list[StartStates] = []
         self._things: list[catalogue.GraspObject] = []
@@ -150,7 +151,7 @@ class InHandTask(Task):
         """Set-points of the fingers at the beginning, rad."""
         self._factor, self._low = xp.ones(n), xp.zeros(n)
         """Size factors of the objects; decisions since the reset at which they were on the palm."""
-        self._normal = palm_normal(xp.zeros((n, 3)))
+        self._normal, self._palm = palm_normal(xp.zeros((n, 3))), palm_height(self.spec)
         self.contacts = LinkContacts(self.worlds)
         self.shown: ObjectObservation
         """The camera's observation at this decision."""
@@ -179,7 +180,7 @@ class InHandTask(Task):
         table, state = self._states(), self._state[rows]
         position, target, pose = (part[variant, state] for part in (table.position, table.target, table.pose))
         noise = draws.uniform(-NOISE_JOINT, NOISE_JOINT, self.spec.n_joints)
-        self.worlds.position[rows] = self.worlds.xp.clip(position + noise, self._lower, self._upper)
+        self.worlds.place(rows, self.worlds.xp.clip(position + noise, self._lower, self._upper))
         pose[:, :3] += draws.uniform(-NOISE_PLACE, NOISE_PLACE, 3)
         self.thing.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
@@ -237,7 +238,7 @@ class InHandTask(Task):
         (`by_tips`, `by_middle`, `by_palm`), (n,) each. Call once per decision."""
         assert self.thing is not None
         xp = self.worlds.xp
-        over = palm_clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
+        over = palm_clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal, self._palm)
         self._low += (over < ON_PALM) & (tick > 0)
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
         shares = {f"by_{name}": share for name, share in self.contacts.shares().items()}
@@ -252,7 +253,7 @@ class InHandTask(Task):
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
         kind = (FINGERTIPS, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
-        self._held.append(load_start_states(thing, self.settings.side, *kind))
+        self._held.append(load_start_states(thing, self.settings.side, *kind, self.spec.model_reference))
         self._table = None
         self._things.append(thing)
         # On a device all simulations have geoms of the same types.

@@ -60,7 +60,8 @@ class RotateTask(InHandTask):
         gained = xp.minimum((farthest - self._farthest) / self.interface.seconds / FASTEST, 1.0)
         self._farthest = farthest
         away = self.worlds.position - self.start
-        torque = xp.minimum(xp.maximum(self.worlds.control, -self._limit), self._limit)
+        told = self.worlds.applied_torque if self.worlds.closes_loop else self.worlds.control
+        torque = xp.minimum(xp.maximum(told, -self._limit), self._limit)
         terms = {
             "speed": xp.where(leaning < UPRIGHT, gained, 0.0),
             "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),

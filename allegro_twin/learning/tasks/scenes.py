@@ -19,6 +19,7 @@ from allegro_twin.learning.environments.objects import ObjectChoice, object_name
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.sim.batch.cpu import SimBatch
 from allegro_twin.sim.batch.warp import WarpBatch
+from allegro_twin.sim.model.parts import top_of_palm
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import SIZES_OF_KIND, GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec
@@ -112,10 +113,14 @@ def _build_scene(
     return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 
 
-PALM = 0.0111
-"""m: height of the palm's surface above the palm's origin, in the upturned hand."""
 FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 """Orientation of the upturned palm in the world: its x points up, its fingers along the world's x."""
+
+
+def palm_height(spec: HandSpec) -> float:
+    """Of the palm's surface above the palm's origin in the upturned hand, m: the top of what the palm's body has for
+    contacts."""
+    return top_of_palm(compile_scene(spec, Stage(np.zeros(3), FACING, [])), spec)
 
 
 def upturned_model(

@@ -2,14 +2,17 @@
 stored.
 
 The search closes postures of the right hand around an object, lets it go, and keeps what holds; for tasks in the
-fingertips what fingertips alone hold, once for trainings and once for tests.
+fingertips what fingertips alone hold, once for trainings and once for tests. For the Allegro Hand postures are drawn
+from ranges of its joints; for any other hand from around those in which fingertips oppose each other across a ball.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,14 +21,18 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import cache_folder, data_root
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.grasping.plan.proposals.close_in_geometry import motor_scale
+from allegro_twin.grasping.plan.proposals.opposition import OpposingGrasp, opposing_grasps
+from allegro_twin.grasping.plan.proposals.poses import closing_directions
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.kinematics.orientation import quaternion_from_vector
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.learning.environments.randomise import PhysicsRandomiser
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
-from allegro_twin.learning.tasks.scenes import PALM, THING, upturned_model
+from allegro_twin.learning.tasks.scenes import FACING, THING, palm_height, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.batch.link_contacts import LinkContacts
@@ -49,9 +56,9 @@ class StartCandidates(NamedTuple):
     """Candidates to try, one per row."""
 
     posture: Array
-    """Before the fingers close, (n, 16), rad."""
+    """Before the fingers close, (n, joints), rad."""
     target: Array
-    """When they have closed, (n, 16), rad."""
+    """When they have closed, (n, joints), rad."""
     place: Array
     """Position of the object's middle, world, (n, 3), m."""
     yaw: Array
@@ -78,9 +85,9 @@ class StartStateSearch:
     tips: int = field(default=0, repr=False)
     """Fingertips, at least, that must hold the object, and no other link may touch it; 0: whatever holds."""
 
-    def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> StartCandidates:
-        """Draw candidates for objects of this height (n,), m."""
-        n, tips = len(height), hand_kinematics(spec).batch_fingertips()
+    def tries(self, spec: HandSpec, sizes: Array, rng: np.random.Generator) -> StartCandidates:
+        """Draw candidates for objects of these sizes, (n, 3), m, upright."""
+        n, height, tips = len(sizes), sizes[:, 2], hand_kinematics(spec).batch_fingertips()
         posture, squeeze, place = (np.zeros((n, k)) for k in (16, 16, 3))
         missing = np.arange(n)
         while len(missing):
@@ -92,10 +99,17 @@ class StartStateSearch:
             low = np.minimum(fingers[:, 2], thumb[:, 2])
             place[missing, 2] = low + rng.uniform(*self.below, len(missing))
             apart = fingers[:, 0] - thumb[:, 0]
-            good = (apart > self.apart[0]) & (apart < self.apart[1]) & _in_place(place[missing], height[missing])
+            good = (apart > self.apart[0]) & (apart < self.apart[1])
+            good &= self.inside(spec, place[missing], height[missing])
             missing = missing[~good]
         target = np.clip(posture + squeeze, spec.lower, spec.upper)
         return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
+
+    def inside(self, spec: HandSpec, place: Array, height: Array) -> Flags:
+        """Where an object may be, with its middle at `place` (n, 3), m: above the palm, and neither high nor aside."""
+        low = _palm_of(spec) + height / 2 + _GAP
+        found: Flags = (place[:, 2] > low) & (place[:, 2] < _HIGHEST) & (np.abs(place[:, :2]).max(axis=-1) < _ASIDE)
+        return found
 
     def _postures(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
         finger = np.array([rng.uniform(*wide, n) for wide in self.finger]).T
@@ -105,6 +119,48 @@ class StartStateSearch:
         squeeze[:, :3, 1] = rng.uniform(*self.squeeze, (n, 1))
         squeeze[:, 3, 1:3] = rng.uniform(*self.press, (n, 2))
         return np.concatenate([fingers.reshape(n, 12), thumb], axis=1), squeeze.reshape(n, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class OpposedSearch:
+    """Candidates for a hand of which nothing more is known than where its fingertips are: around postures in which they
+    oppose each other across a ball as wide as the object. Its repr is part of the name of the stored file."""
+
+    wider: tuple[float, float] = (1.0, 1.3)
+    """Diameter of the ball, in widths of the object."""
+    joints: float = 0.12
+    """rad, standard deviation."""
+    opened: tuple[float, float] = (0.0, 0.2)
+    """rad, by which what closes begins before the ball."""
+    squeeze: tuple[float, float] = (0.15, 0.6)
+    """rad, by which it is told to go on from there."""
+    place: float = 0.008
+    """m, standard deviation of the object's middle from the ball's."""
+    tips: int = field(default=0, repr=False)
+    """As above."""
+
+    def tries(self, spec: HandSpec, sizes: Array, rng: np.random.Generator) -> StartCandidates:
+        """Draw candidates for objects of these sizes, (n, 3), m, upright."""
+        n, known = len(sizes), _most_fingers(spec)
+        ball = sizes[:, :2].mean(axis=1) * rng.uniform(*self.wider, n)
+        chosen = [min(known, key=lambda grasp: abs(grasp.diameter - wide)) for wide in ball.tolist()]
+        scale, edge = motor_scale(spec), 0.01 * motor_scale(spec)
+        closing = np.array([closing_directions(grasp, spec) for grasp in chosen]) * scale
+        posture = np.array([grasp.close for grasp in chosen]) + self.joints * scale * rng.normal(size=closing.shape)
+        posture = posture - closing * rng.uniform(*self.opened, (n, 1))
+        posture = np.clip(posture, spec.lower + edge, spec.upper - edge)
+        target = np.clip(posture + closing * rng.uniform(*self.squeeze, (n, 1)), spec.lower, spec.upper)
+        middle = np.array([grasp.centre for grasp in chosen]) @ matrix_from_quaternion(np.array(FACING)).T
+        place = middle + self.place * rng.normal(size=(n, 3))
+        return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
+
+    def inside(self, spec: HandSpec, place: Array, height: Array) -> Flags:
+        """Where an object may be, with its middle at `place` (n, 3), m: above the palm."""
+        found: Flags = place[:, 2] > _palm_of(spec) + height / 2 + _GAP
+        return found
+
+
+Search: TypeAlias = StartStateSearch | OpposedSearch
 
 
 class StartSet(NamedTuple):
@@ -118,24 +174,22 @@ class StartSet(NamedTuple):
 
 
 def try_candidates(
-    thing: GraspObject, search: StartStateSearch, wanted: StartSet, rng: np.random.Generator
+    spec: HandSpec, thing: GraspObject, search: Search, wanted: StartSet, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
-    """Try one batch. Returns what was held: joint positions and targets (m, 16), rad, pose (m, 7), m, and factor on the
-    size (m,)."""
-    spec = load_spec(side="right")
-    gains = load_gains("default", spec)
+    """Try one batch. Returns what was held: joint positions and targets (m, joints), rad, pose (m, 7), m, and factor on
+    the size (m,)."""
     model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds, rows = SimBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
     body = worlds.free_body(THING)
     physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, _draw_sizes(wanted.sizes, rng))
-    height = 2.0 * size * thing.half_extents()[2]
+    sizes = 2.0 * size[:, None] * thing.half_extents()
     physics.apply(rows, {"size": size})
-    posture, target, place, yaw = search.tries(spec, height, rng)
+    posture, target, place, yaw = search.tries(spec, sizes, rng)
     turned = quaternion_from_vector(yaw[:, None] * (0.0, 0.0, 1.0))
-    worlds.position[...] = posture
-    watched, going, contacts = place, rows, LinkContacts(worlds)
+    worlds.place(rows, posture)
+    watched, going, contacts, told = place, rows, LinkContacts(worlds), _fingers(spec, worlds)
     for k in range(_PERIODS):
         if k < _CARRIED:
             body.pose[:, :3], body.pose[:, 3:] = place, turned
@@ -145,12 +199,12 @@ def try_candidates(
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
         wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
-        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+        told(wish)
         worlds.step(None if k < _SEEN else going, 1)
         if k >= _WATCHED:
             contacts.add_period()
     still = np.intersect1d(going, _unmoved(body.pose[:, :3], watched, _STILL))
-    good = _in_place(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)
+    good = search.inside(spec, body.pose[still, :3], sizes[still, 2]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)
     if search.tips:
         good &= (contacts.touching("tips") >= search.tips)[still]
         good &= ((contacts.touching("middle") + contacts.touching("palm")) == 0)[still]
@@ -158,11 +212,22 @@ def try_candidates(
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
 
 
-def survives_noise(thing: GraspObject, states: StartStates, rng: np.random.Generator) -> Flags:
+def _fingers(spec: HandSpec, worlds: SimBatch) -> Callable[[Array], None]:
+    """Tells all fingers where to be, (n, joints), rad, in the period that comes."""
+    if worlds.closes_loop:
+        return worlds.command
+    gains = load_gains("default", spec)
+
+    def told(wish: Array) -> None:
+        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+
+    return told
+
+
+def survives_noise(spec: HandSpec, thing: GraspObject, states: StartStates, rng: np.random.Generator) -> Flags:
     """Whether fingertips still hold, and nothing else does, after `SHAKES` draws of an episode's own noise on each
     state, (m,)."""
-    spec = load_spec(side="right")
-    gains, many = load_gains("default", spec), np.tile(np.arange(len(states.size)), SHAKES)
+    many = np.tile(np.arange(len(states.size)), SHAKES)
     rows = np.arange(len(many))
     model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds = SimBatch(spec, model, len(many), 0)
@@ -172,10 +237,11 @@ def survives_noise(thing: GraspObject, states: StartStates, rng: np.random.Gener
     physics.apply(rows, {"size": physics.sizes(worlds.variant, states.size[many])})
     place = states.pose[many, :3] + rng.uniform(-NOISE_PLACE, NOISE_PLACE, (len(many), 3))
     shaken = states.position[many] + rng.uniform(-NOISE_JOINT, NOISE_JOINT, (len(many), spec.n_joints))
-    worlds.position[...] = np.clip(shaken, spec.lower, spec.upper)
+    worlds.place(rows, np.clip(shaken, spec.lower, spec.upper))
     body.pose[:, :3], body.pose[:, 3:], contacts = place, states.pose[many, 3:], LinkContacts(worlds)
+    told = _fingers(spec, worlds)
     for _ in range(_WATCHED):
-        worlds.control[...] = laws.pd(states.target[many] - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+        told(states.target[many])
         worlds.step(None, 1)
         contacts.add_period()
     kept = np.linalg.norm(body.pose[:, :3] - place, axis=-1) < _FALLEN
@@ -205,11 +271,17 @@ def _unmoved(place: Array, other: Array, most: float) -> Rows:
     return np.flatnonzero(np.linalg.norm(place - other, axis=-1) < most)
 
 
-def _in_place(place: Array, height: Array) -> Flags:
-    """Where an object may be: above the palm, and neither high nor aside."""
-    low = PALM + height / 2 + _GAP
-    inside: Flags = (place[:, 2] > low) & (place[:, 2] < _HIGHEST) & (np.abs(place[:, :2]).max(axis=-1) < _ASIDE)
-    return inside
+@lru_cache(maxsize=8)
+def _palm_of(spec: HandSpec) -> float:
+    return palm_height(spec)
+
+
+@lru_cache(maxsize=8)
+def _most_fingers(spec: HandSpec) -> list[OpposingGrasp]:
+    """The hand's opposing grasps with as many fingers as it has them with."""
+    found = opposing_grasps(spec)
+    most = max(len(grasp.fingers) for grasp in found)
+    return [grasp for grasp in found if len(grasp.fingers) == most]
 
 
 VERSION = 2
@@ -226,8 +298,10 @@ TEST = StartSet(20260102, 256, ((0.85, 0.9), (1.1, 1.15)))
 """For tests: no state of a training, and of sizes that no training has."""
 NOISE_JOINT, NOISE_PLACE, SHAKES = 0.02, 0.001, 4
 """rad and m: half-widths of an episode's noise on its start; draws of it that a state of `FINGERTIPS` survives."""
-MOST = 200
-"""Batches, after which a search that finds too little ends."""
+MOST, HOPELESS = 200, 4
+"""Batches, after which a search that finds too little ends, and one that has found nothing."""
+OPPOSED_MOST = 16
+"""The same as the first for a hand of which little is known: some minutes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,49 +323,65 @@ class StartStates:
 
 
 def load_start_states(
-    thing: GraspObject, side: str, search: StartStateSearch = ANYHOW, wanted: StartSet = ALL
+    thing: GraspObject, side: str, search: StartStateSearch = ANYHOW, wanted: StartSet = ALL, model: str = HAND
 ) -> StartStates:
     """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
-    Raises ConfigError without a cache."""
-    name = file_name(thing, search, wanted)
+    `model`: of hand, by name or card; another than ours is searched for as `OpposedSearch` says. Raises ConfigError
+    without a cache, and for a hand whose fingertips hold nothing."""
+    spec = load_spec(model, side="right")
+    kind = search if spec.model == HAND else OpposedSearch(tips=min(search.tips, len(spec.fingers)))
+    name = file_name(thing, kind, wanted, spec)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
         if not path.is_file():
-            write_start_states(thing, path, search, wanted)
+            write_start_states(thing, path, kind, wanted, spec)
     found = _read(path)
-    return found if side == "right" else _mirror(found)
+    return found if side == "right" else _mirror(found, spec)
 
 
 def write_start_states(
-    thing: GraspObject, path: Path, search: StartStateSearch = ANYHOW, wanted: StartSet = ALL
+    thing: GraspObject, path: Path, search: Search = ANYHOW, wanted: StartSet = ALL, spec: HandSpec | None = None
 ) -> None:
-    """Search for the start states of the right hand and write them. Raises RecordingError."""
-    found = search_start_states(thing, search, wanted)
+    """Search for the start states of a right hand, ours where none is given, and write them. Raises RecordingError."""
+    found = search_start_states(thing, search, wanted, spec)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
     with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 
-def search_start_states(thing: GraspObject, search: StartStateSearch, wanted: StartSet = ALL) -> StartStates:
+def search_start_states(
+    thing: GraspObject, search: Search, wanted: StartSet = ALL, spec: HandSpec | None = None
+) -> StartStates:
     """Search for as many states as are wanted, or as a long search finds; those in the fingertips that noise shakes
     loose are left out. Raises ConfigError where it finds none."""
-    rng, count = np.random.default_rng(wanted.seed), wanted.most
+    rng, count, spec = np.random.default_rng(wanted.seed), wanted.most, spec or load_spec(side="right")
     parts: list[tuple[Array, ...]] = []
-    while sum(len(part[0]) for part in parts) < count and len(parts) < MOST:
-        parts.append(try_candidates(thing, search, wanted, rng))
-    if not any(len(part[0]) for part in parts):
-        raise ConfigError(f"no grasp of the fingertips was found that holds {thing.name} above the palm: it may be too "
-                          "large, too small or too heavy")  # fmt: skip
+    most, held = MOST if isinstance(search, StartStateSearch) else OPPOSED_MOST, 0
+    while held < count and len(parts) < (most if held else HOPELESS):
+        parts.append(try_candidates(spec, thing, search, wanted, rng))
+        held = sum(len(part[0]) for part in parts)
+    none = ConfigError(
+        f"no grasp of the fingertips of {spec.model} was found that holds {thing.name} above the palm: it may be too "
+        "large, too small or too heavy"
+    )
+    if not held:
+        raise none
     columns = [np.concatenate(column)[:count] for column in zip(*parts, strict=True)]
     order = np.argsort(columns[3], kind="stable")
     found = StartStates(*(column[order] for column in columns))
-    return found.of(survives_noise(thing, found, np.random.default_rng((wanted.seed, 1)))) if search.tips else found
+    if not search.tips:
+        return found
+    firm = survives_noise(spec, thing, found, np.random.default_rng((wanted.seed, 1)))
+    if not firm.any():
+        raise none
+    return found.of(firm)
 
 
-def file_name(thing: GraspObject, search: StartStateSearch = ANYHOW, wanted: StartSet = ALL) -> str:
-    """File name; it depends on the search, the object and the hand."""
+def file_name(thing: GraspObject, search: Search = ANYHOW, wanted: StartSet = ALL, spec: HandSpec | None = None) -> str:
+    """File name; it depends on the search, the object and the hand, ours where none is given."""
+    spec = spec or load_spec(side="right")
     own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
     sizes = wanted.sizes[0] if len(wanted.sizes) == 1 else wanted.sizes
     whole = (
@@ -302,23 +392,24 @@ def file_name(thing: GraspObject, search: StartStateSearch = ANYHOW, wanted: Sta
         wanted.seed,
         sizes,
         FRICTION,
-        _hand_fingerprint(),
+        _hand_fingerprint(spec),
         repr(ScenePhysics()),
     ) + ((search.tips,) if search.tips else ())
     return f"{fingerprint(*whole)}.npz"
 
 
-def _hand_fingerprint() -> str:
+def _hand_fingerprint(spec: HandSpec) -> str:
     """Fingerprint of the searching hand: shapes and masses, limits and motors."""
-    spec = load_spec(side="right")
-    motors, mjcf = spec.actuation, data_root() / "models" / "mjcf" / f"{spec.name}.xml"
-    driven = (motors.torque_limit, motors.damping, motors.armature, motors.frictionloss)
+    own = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
+    motors, mjcf = spec.actuation, own if spec.foreign is None else Path(spec.foreign.mjcf)
+    driven: tuple[Any, ...] = (motors.torque_limit, motors.damping, motors.armature, motors.frictionloss)
+    if spec.model != HAND:
+        driven += (spec.model_reference, motors.stiffness)
     return fingerprint(mjcf, spec.lower, spec.upper, driven)
 
 
-def _mirror(right: StartStates) -> StartStates:
+def _mirror(right: StartStates, spec: HandSpec) -> StartStates:
     """The same states of the left hand."""
-    spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
     return StartStates(spec.mirror_posture(right.position), spec.mirror_posture(right.target), pose, right.size)
 

@@ -32,6 +32,16 @@ def body_parts(model: mujoco.MjModel, spec: HandSpec) -> Indices:
     return part
 
 
+def top_of_palm(model: mujoco.MjModel, spec: HandSpec) -> float:
+    """The highest point, world, of what the palm's own bodies have for contacts, where the model begins, m."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    solid = (model.geom_contype | model.geom_conaffinity) != 0
+    own = np.flatnonzero((body_parts(model, spec)[model.geom_bodyid] == len(spec.fingers)) & solid)
+    box, up = model.geom_aabb[own], data.geom_xmat[own].reshape(-1, 3, 3)[:, 2]
+    return float((data.geom_xpos[own, 2] + (up * box[:, :3]).sum(1) + (np.abs(up) * box[:, 3:]).sum(1)).max())
+
+
 def _way(model: mujoco.MjModel, body: int, palm: int) -> list[int]:
     """From a tip's body back to the first that moves in the palm."""
     way: list[int] = []

@@ -10,13 +10,25 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.tasks import start_states
 from allegro_twin.learning.tasks.in_hand import OBJECTS, in_hand_object
-from allegro_twin.learning.tasks.scenes import PALM
-from allegro_twin.learning.tasks.start_states import FINGERTIPS, TEST, TRAIN, file_name, load_start_states
+from allegro_twin.learning.tasks.scenes import palm_height
+from allegro_twin.learning.tasks.start_states import (
+    FINGERTIPS,
+    TEST,
+    TRAIN,
+    OpposedSearch,
+    StartStates,
+    file_name,
+    load_start_states,
+)
 from allegro_twin.learning.training.report import evaluation_sets
 from allegro_twin.learning.training.settings import load_recipe
+
+PALM = palm_height(load_spec())
 
 N = 24
 ALL = (*OBJECTS, "hex_nut")
@@ -60,11 +72,73 @@ def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes() -> N
             assert ((test.size < 0.9) | (test.size > 1.1)).all()
 
 
-def test_every_state_ships() -> None:
+@pytest.mark.parametrize("hand", ["allegro", "leap"])
+def test_every_state_ships(hand: str) -> None:
+    search = FINGERTIPS if hand == "allegro" else OpposedSearch(tips=FINGERTIPS.tips)
     for name in ALL:
         for states in (TRAIN, TEST):
-            file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), FINGERTIPS, states)
-            assert file.is_file(), f"{name}: python -m benchmarks.starts makes {file.name}"
+            file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), search, states, load_spec(hand))
+            assert file.is_file(), f"{hand}, {name}: python -m benchmarks.starts makes {file.name}"
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_another_hand_holds_every_object_in_its_fingertips_too(side: str) -> None:
+    env = batch(hand="leap", side=side)
+    failed = np.zeros(N, bool)
+    for _ in range(10):
+        *_, end, _, info = env.step(STILL)
+        failed |= end
+    assert failed.sum() <= 1
+    assert (info["by_tips"][~failed] > 0.75).all()
+    assert (info["by_palm"][~failed] == 0.0).all()
+
+
+def test_what_a_hand_that_closes_its_own_loop_pays_for_torque_is_for_what_its_motors_give() -> None:
+    env = batch(hand="leap", objects=("cube",))
+    *_, info = env.step(STILL)
+    torque = env.engine.worlds.applied_torque
+    limit = env.engine.task.spec.actuation.torque_limit
+    np.testing.assert_allclose(info["torque"], -0.01 * (np.clip(torque, -limit, limit) ** 2).sum(axis=-1), atol=1e-9)
+    assert (np.abs(torque) <= limit + 1e-9).all()
+
+
+def test_the_palm_of_another_hand_is_no_place_for_an_object() -> None:
+    with pytest.raises(ConfigError, match="Rotate with palm: allowed is a task of allegro; leap has it in the"):
+        HandEnv("Rotate", hand="leap", palm="allowed")
+
+
+def test_the_palms_surface_is_the_top_of_what_touches() -> None:
+    assert palm_height(load_spec()) == pytest.approx(0.0111)
+    assert palm_height(load_spec("leap")) == pytest.approx(0.0158)
+
+
+@pytest.mark.slow
+def test_a_hand_that_was_never_searched_for_is_searched_for_by_where_its_fingertips_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(start_states, "AT_ONCE", 96)
+    monkeypatch.setattr(start_states, "OPPOSED_MOST", 1)
+    spec, ball = load_spec("leap"), in_hand_object("ball")
+    found = start_states.search_start_states(ball, OpposedSearch(tips=3), TRAIN._replace(most=24), spec)
+    assert len(found.size) >= 2
+    assert ((spec.lower - 0.03 <= found.position) & (found.position <= spec.upper + 0.03)).all()
+    height = 2.0 * found.size * ball.half_extents()[2]
+    assert (found.pose[:, 2] > palm_height(spec) + height / 2).all()
+    kept = start_states.survives_noise(spec, ball, found, np.random.default_rng(99))
+    assert kept.mean() > 0.5, "most survive other draws than those that they were chosen by"
+
+
+def test_where_nothing_survives_the_noise_of_a_start_the_hand_and_the_object_are_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one = StartStates(np.zeros((1, 16)), np.zeros((1, 16)), np.zeros((1, 7)), np.ones(1))
+    held = one.position, one.target, one.pose, one.size
+    monkeypatch.setattr(start_states, "try_candidates", lambda *_: held)
+    monkeypatch.setattr(start_states, "survives_noise", lambda *_: np.zeros(1, bool))
+    with pytest.raises(ConfigError, match="of the fingertips of leap was found that holds ball above the palm"):
+        start_states.search_start_states(
+            in_hand_object("ball"), OpposedSearch(tips=3), TRAIN._replace(most=1), load_spec("leap")
+        )
 
 
 @pytest.mark.parametrize("task", ["Rotate", "Reorient"])

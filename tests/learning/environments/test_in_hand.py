@@ -259,7 +259,9 @@ def test_the_package_brings_the_states_that_its_search_would_find() -> None:
 def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from allegro_twin.learning.tasks import start_states as module
 
-    monkeypatch.setattr(module, "MOST", 1)
+    monkeypatch.setattr(module, "HOPELESS", 1)
     thing = GraspObject("anvil", "box", (0.057, 0.057, 0.057), 25.0)
-    with pytest.raises(ConfigError, match="no grasp of the fingertips was found that holds anvil above the palm"):
+    with pytest.raises(
+        ConfigError, match="no grasp of the fingertips of allegro was found that holds anvil above the palm"
+    ):
         module.search_start_states(thing, module.ANYHOW, module.ALL._replace(most=1))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.episode import EpisodeBackend
@@ -16,12 +17,14 @@ from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.controller import ZeroPolicy
 from allegro_twin.learning.tasks.in_hand import ON_PALM, ObjectShapes, palm_clearance, palm_normal
-from allegro_twin.learning.tasks.scenes import PALM
+from allegro_twin.learning.tasks.scenes import palm_height
 from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.report import Comparison, write_report
 from allegro_twin.learning.training.settings import load_recipe
 from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.surfaces.cli import console
+
+PALM = palm_height(load_spec())
 
 N = 4
 
@@ -67,7 +70,7 @@ def test_the_lowest_point_is_that_of_the_surface(tmp_path: Path) -> None:
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=-1, keepdims=True)
     tilt, factor = rng.uniform(-0.05, 0.05, (5, 3)), np.array([0.9, 1.0, 1.1, 1.05, 1.0])
     which: Any = np.arange(5)
-    found = palm_clearance(pose, ObjectShapes(things, np), which, factor, palm_normal(tilt))
+    found = palm_clearance(pose, ObjectShapes(things, np), which, factor, palm_normal(tilt), PALM)
     # The palm's x looks up; without a tilt the world's z is its normal.
     np.testing.assert_allclose(palm_normal(np.zeros((1, 3))), [[0, 0, 1]], atol=1e-12)
     for row, thing in enumerate(things):
