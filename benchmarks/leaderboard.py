@@ -95,8 +95,10 @@ def planned() -> Iterator[Row]:
     """Model predictive control."""
     for mark, who in (("mpc", "mpc"), ("mpc before", "mpc without costs")):
         for case, of, kept, seconds, counted, *_ in table(RESULTS, mark):
+            case, _, hand = case.partition(", ")
             task, _, what = case.partition(" ")
-            where = '`goals="yaw"`' if what == "yaw" else "default"
+            keys = [*(['`goals="yaw"`'] if what == "yaw" else []), *([f'`hand="{hand}"`'] if hand else [])]
+            where = ", ".join(keys) or "default"
             which = what if task == "Rotate" else "cube"
             yield Row(f"`{task}`", where, who, "all", f"{which}, sizes of tests, at most 15 s", "",
                       f"{counted} in {seconds} s; {kept} kept", of, _MPC)  # fmt: skip

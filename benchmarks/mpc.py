@@ -23,6 +23,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     **{f"Rotate {name}": ("Rotate", {"objects": (name,)}) for name in SHAPES},
     "Reorient yaw": ("Reorient", {"goals": "yaw"}),
     "Reorient any": ("Reorient", {}),
+    "Rotate cube, leap": ("Rotate", {"objects": ("cube",), "hand": "leap"}),
+    "Reorient yaw, leap": ("Reorient", {"goals": "yaw", "hand": "leap"}),
 }
 
 

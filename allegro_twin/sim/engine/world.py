@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import weakref
 from typing import Protocol
 
 import mujoco
@@ -44,11 +45,16 @@ class World:
         """Since the reset."""
         self.session = 0
         """Counts the resets."""
-        self._members: list[Member] = []
+        self._joined: list[weakref.ref[Member]] = []
 
     def join(self, member: Member) -> None:
-        """Another device moves in this world."""
-        self._members.append(member)
+        """Another device moves in this world, for as long as somebody else holds it: a world that held its devices, which
+        hold it, would keep its model's megabytes until Python looks for such circles."""
+        self._joined.append(weakref.ref(member))
+
+    @property
+    def _members(self) -> list[Member]:
+        return [member for joined in self._joined if (member := joined()) is not None]
 
     def restart(self) -> None:
         """Everything as it was before time began, whoever moves in it."""
@@ -59,16 +65,17 @@ class World:
 
     def advance(self, until: int) -> None:
         """Let steps pass until there are so many. Members hear of each of their periods as it begins."""
-        if len(self._members) == 1 and not self._members[0].every_step:
-            member = self._members[0]
+        members = self._members
+        if len(members) == 1 and not members[0].every_step:
+            (member,) = members
             while self.steps < until:
                 member.begin_period()
                 mujoco.mj_step(self.model, self.data, member.substeps)
                 self.steps += member.substeps
             return
-        busy = [member for member in self._members if member.every_step]
+        busy = [member for member in members if member.every_step]
         while self.steps < until:
-            for member in self._members:
+            for member in members:
                 if self.steps % member.substeps == 0:
                     member.begin_period()
             for member in busy:
