@@ -6,7 +6,7 @@ import sys
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_PALM, in_hand_object
+from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, OF_PALM, in_hand_object
 from allegro_twin.learning.tasks.start_states import (
     ALL,
     ANYHOW,
@@ -27,9 +27,7 @@ if __name__ == "__main__":
     wanted: list[tuple[str, str, Search, StartSet]] = [("allegro", name, ANYHOW, ALL) for name in OF_PALM]
     wanted += [("allegro", name, FINGERTIPS, states) for name in (*OBJECTS, "hex_nut") for states in SETS]
     opposed = OpposedSearch(tips=FINGERTIPS.tips)
-    wanted += [
-        (hand, name, opposed, states) for hand in OTHER_HANDS for name in (*OBJECTS, "hex_nut") for states in SETS
-    ]
+    wanted += [(hand, name, opposed, states) for hand in OTHER_HANDS for name in OF_OTHERS for states in SETS]
     for hand, name, search, states in wanted:
         thing, spec = in_hand_object(name), load_spec(hand)
         path = data_root() / "conf" / "starts" / file_name(thing, search, states, spec)

@@ -100,6 +100,8 @@ _NEAR = 16  # States in order of size, among which one near a wanted size is dra
 
 OBJECTS = ("cube", "cylinder", "ball", "bar")
 """What the fingertips turn, of conf/in_hand/objects.yaml. Its hex nut is a mesh, which has a batch of its own."""
+OF_OTHERS = ("cube",)
+"""What the fingertips of another hand turn, where nothing is named: of each more object states are searched for."""
 OF_PALM = ("rubiks_cube",)
 """What is turned where the palm is allowed."""
 
@@ -135,7 +137,8 @@ class InHandTask(Task):
         self._palm_ends = settings.palm == "forbidden"
         if settings.starts == "test" and not self._palm_ends:
             raise ConfigError("starts: test is of palm: forbidden; with the palm allowed there is one set of states")
-        chosen = settings.objects or (self.in_fingertips if self._palm_ends else OF_PALM)
+        usual = (self.in_fingertips if self.spec.model == HAND else OF_OTHERS) if self._palm_ends else OF_PALM
+        chosen = settings.objects or usual
         self._n_choices = len(chosen)
         for choice in chosen:
             self._add_object(in_hand_object(choice), n, threads)

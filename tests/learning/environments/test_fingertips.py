@@ -14,7 +14,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks import start_states
-from allegro_twin.learning.tasks.in_hand import OBJECTS, in_hand_object
+from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, in_hand_object
 from allegro_twin.learning.tasks.scenes import palm_height
 from allegro_twin.learning.tasks.start_states import (
     FINGERTIPS,
@@ -75,14 +75,14 @@ def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes() -> N
 @pytest.mark.parametrize("hand", ["allegro", "leap"])
 def test_every_state_ships(hand: str) -> None:
     search = FINGERTIPS if hand == "allegro" else OpposedSearch(tips=FINGERTIPS.tips)
-    for name in ALL:
+    for name in ALL if hand == "allegro" else OF_OTHERS:
         for states in (TRAIN, TEST):
             file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), search, states, load_spec(hand))
             assert file.is_file(), f"{hand}, {name}: python -m benchmarks.starts makes {file.name}"
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_another_hand_holds_every_object_in_its_fingertips_too(side: str) -> None:
+def test_another_hand_holds_a_cube_in_its_fingertips_too(side: str) -> None:
     env = batch(hand="leap", side=side)
     failed = np.zeros(N, bool)
     for _ in range(10):
