@@ -48,8 +48,8 @@ class World:
         self._joined: list[weakref.ref[Member]] = []
 
     def join(self, member: Member) -> None:
-        """Another device moves in this world, for as long as somebody else holds it: a world that held its devices, which
-        hold it, would keep its model's megabytes until Python looks for such circles."""
+        """Another device moves in this world, for as long as somebody else holds it: a world that held its devices,
+        which hold it, would keep its model's megabytes until Python looks for such circles."""
         self._joined.append(weakref.ref(member))
 
     @property
