@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -314,3 +315,17 @@ def test_the_edges_of_an_object_are_of_the_box_around_all_its_shapes(tmp_path: P
     x, y = 0.01 * along + 0.02 * across, 0.01 * across + 0.02 * along
     expected = [(0.05 + x) - (-0.02 - 0.015), max(y, 0.025) + y, 0.04 + 0.015 + 0.03]
     np.testing.assert_allclose(box_edges(model, "two"), expected, atol=1e-9)
+
+
+def test_a_hand_in_the_middle_of_many_pieces_has_room_for_all_contacts(spec: HandSpec) -> None:
+    """MuJoCo's own guess leaves none of them, and says so where nobody looks."""
+    ball = load_object("golf_ball")
+    heap = [PlacedObject(replace(ball, name=f"ball_{k}"), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)) for k in range(30)]
+    model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), heap))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon > 300
+    assert data.nefc > 3 * data.ncon
+    assert not any(warning.number for warning in data.warning)
+    alone = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), heap[:1]))
+    assert alone.narena < model.narena / 4, "thousands of simulations of one object need no more than before"

@@ -105,6 +105,12 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
     return hand
 
 
+MANY, ROOM = 48, 96 * 2**20
+"""Geoms for contacts, from which on a simulation has so many bytes for contacts (MuJoCo's own guess is 14 MiB, of which a hand in the
+middle of an object of 40 pieces leaves nothing, and MuJoCo then drops all contacts but for a warning). Memory that no
+contact needs is never touched."""
+
+
 def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = None) -> mujoco.MjModel:
     """The model of a hand on its stage; or of an arm, with a hand on its flange. Raises ConfigError when MuJoCo refuses
     it."""
@@ -136,6 +142,8 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
     for plate in stage.plates:
         add_plate(scene, plate)
     stage.physics.contacts(scene)
+    if sum(bool(geom.contype or geom.conaffinity) for geom in scene.geoms) > MANY:
+        scene.memory = ROOM
     try:
         with catch_warnings():
             filterwarnings("ignore", message="Attaching a spec with an empty prefix")  # Nobody saves it.
