@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import trimesh
 from trimesh.transformations import rotation_matrix, translation_matrix
 
-Mesh = trimesh.Trimesh
+Mesh: TypeAlias = Any
+"""A `trimesh.Trimesh`; that library has no types."""
 
 
 class Thing(NamedTuple):

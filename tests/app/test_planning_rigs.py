@@ -12,6 +12,7 @@ from allegro_twin.app.controllers import make_controller
 from allegro_twin.app.references import posture_of
 from allegro_twin.app.rig import assemble, spec_of
 from allegro_twin.app.session import Outputs, perform
+from allegro_twin.app.simulated import simulated
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.sim.settings import SimSettings
@@ -130,7 +131,7 @@ def test_only_the_time_of_a_hand_that_is_not_simulated_here_passes_by_itself(mon
     limp = parse_settings(RunConfig, {"backend": BUS, "controller": {"kind": "limp"}, "seconds": 1.0}, "config")
 
     def foreign(spec: Any, step: float) -> Any:
-        return rig.simulated(SimSettings(kind="sim"), limp.task, spec, step)
+        return simulated(SimSettings(kind="sim"), limp.task, spec, step)
 
     for chosen, physics in ((config(), None), (config(BUS), None), (limp, None), (limp, foreign)):
         with pytest.raises(ConfigError, match="asked"):

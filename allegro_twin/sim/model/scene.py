@@ -107,8 +107,8 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
 
 MANY, ROOM = 48, 96 * 2**20
 """Geoms for contacts, from which on a simulation has so many bytes for them. MuJoCo's own guess is 14 MiB, of which a
-hand in the middle of an object of 40 pieces leaves nothing, and MuJoCo then drops all contacts but for a warning. Memory
-that no contact needs is never touched."""
+hand in the middle of an object of 40 pieces leaves nothing, and MuJoCo then drops all contacts but for a warning.
+Memory that no contact needs is never touched."""
 
 
 def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = None) -> mujoco.MjModel:
