@@ -81,8 +81,7 @@ class WarpBatch(SimBatch):
         if unknown := [name for name in different if name not in self._fields | _PICTURED]:
             raise ConfigError(f"MuJoCo Warp has one {unknown[0]} for all simulations, and these scenes differ in it; "
                               "choose objects of primitive shapes, or one mesh")  # fmt: skip
-        for name in different:
-            self.expand(name)
+        self._expand([name for name in different if name not in self._rows])
         return self._append(model)
 
     def expand(self, field: str) -> NDArray[Any]:
@@ -148,8 +147,8 @@ class WarpBatch(SimBatch):
     def snapshot(self, row: int, into: Snapshot | None = None) -> Snapshot:
         model = copy.copy(self.models[int(self.variant[row])])
         for field, own in self._rows.items():
-            theirs = getattr(model, field)
-            theirs[...] = to_numpy(own[row]).reshape(theirs.shape)
+            value = to_numpy(own[row])
+            getattr(model, field).reshape(-1)[: value.size] = value.reshape(-1)  # Boxes of meshes stay.
         mujoco.mj_setConst(model, mujoco.MjData(model))  # Of what follows from these, the device has not all.
         into = Snapshot(model, self._data(row), self.spec)
         mujoco.mj_forward(into.model, into.data)
@@ -218,7 +217,9 @@ class WarpBatch(SimBatch):
         for name in (*kept, *fields):
             nominal = getattr(self.model, name)
             if name in _PICTURED:
-                self._rows[name] = self.xp.asarray(np.repeat(nominal[None], self.n, axis=0))
+                # Those of meshes follow those of bodies: a thousand times as many, and the same for everybody.
+                last = int((self.model.body_bvhadr + self.model.body_bvhnum).max())
+                self._rows[name] = self.xp.asarray(np.repeat(nominal[None, :last], self.n, axis=0))
             else:
                 self._rows[name] = self._wp.to_torch(getattr(self._m, name)).view(self.n, *nominal.shape)
             if name in kept:
