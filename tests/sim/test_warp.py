@@ -50,6 +50,7 @@ def warp() -> Any:
 
 def pair(task: str, **kwargs: Any) -> tuple[HandVectorEnv, HandVectorEnv]:
     """The same episodes on MuJoCo and on Warp's CPU device, some steps after their beginning."""
+    kwargs = {"autoreset_mode": "disabled", **kwargs}  # Another episode would have another size and friction.
     cpu, device = HandVectorEnv(task, T, threads=1, **kwargs), HandVectorEnv(task, T, device="warp:cpu", **kwargs)
     cpu.reset(seed=0)
     device.reset(seed=0)
