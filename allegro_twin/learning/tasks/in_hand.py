@@ -77,7 +77,8 @@ def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array
     """Height of the objects' lowest points over the palm's surface, shape (n,), m; negative below it. `pose`: (n, 7),
     world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3); `palm`:
     height of its surface above its origin, m."""
-    xp, back = array_namespace(pose), pose[:, 3:] * array_namespace(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
+    xp = array_namespace(pose)
+    back = xp.concatenate([pose[:, 3:4], -pose[:, 4:]], axis=-1)
     down, half = -rotate_vectors(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
     shape = shapes.kind[kind]
