@@ -83,8 +83,8 @@ def test_no_more_than_a_few_of_what_evolves_are_alike(evolved: Population) -> No
 
 @pytest.mark.slow
 def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> None:
-    """Shares of the motors before and after physics has closed the fingers, where it finds as many contacts; and most
-    hold the object through a lift and a turn, for contacts that are lost when fingers rest come back as they squeeze."""
+    """Shares of the motors before and after physics has closed the fingers, where it finds as many contacts. And most
+    hold the object through a lift and a turn: contacts that are lost when fingers rest come back as they squeeze."""
     known = evolved.proposer
     performer = FingerGains(GAINS, hand_kinematics(SPEC).gravity_torque)
     some = evolved.take(12)
@@ -100,9 +100,9 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
     ends = close_candidates(known.bench, some, performer, 0.8, known.random, noted)
     closed = [(before, end) for before, end in zip(some, ends, strict=True) if end.where != "empty"]
     apart = []
-    for held, count, (before, _) in zip(seen, counts, closed, strict=True):
+    for held, many, (before, _) in zip(seen, counts, closed, strict=True):
         expected, contacts = _squeeze(known, before)
-        if contacts == count:
+        if contacts == many:
             apart.append(abs(held.share - expected.share))
     assert len(apart) >= 2
     assert np.median(apart) < 0.1
