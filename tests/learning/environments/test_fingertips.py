@@ -14,7 +14,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks import start_states
-from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, in_hand_object
+from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, in_hand_object, palm_clearance
 from allegro_twin.learning.tasks.scenes import palm_height
 from allegro_twin.learning.tasks.start_states import (
     FINGERTIPS,
@@ -100,6 +100,15 @@ def test_what_a_hand_that_closes_its_own_loop_pays_for_torque_is_for_what_its_mo
     limit = env.engine.task.spec.actuation.torque_limit
     np.testing.assert_allclose(info["torque"], -0.01 * (np.clip(torque, -limit, limit) ** 2).sum(axis=-1), atol=1e-9)
     assert (np.abs(torque) <= limit + 1e-9).all()
+
+
+def test_the_clearance_is_over_the_palm_of_the_hand_that_it_is() -> None:
+    env = batch(hand="leap", objects=("cube",))
+    *_, info = env.step(STILL)
+    task: Any = env.engine.task
+    up = np.tile([0.0, 0.0, 1.0], (N, 1))
+    expected = palm_clearance(task.thing.pose, task._shapes, task.kind, task._factor, up, 0.0158)
+    np.testing.assert_allclose(info["clearance"], expected, atol=1e-6)
 
 
 def test_the_palm_of_another_hand_is_no_place_for_an_object() -> None:
