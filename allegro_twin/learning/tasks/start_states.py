@@ -36,6 +36,7 @@ from allegro_twin.learning.tasks.scenes import FACING, THING, palm_height, uptur
 from allegro_twin.learning.tasks.vectors import tilt
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.batch.link_contacts import LinkContacts
+from allegro_twin.sim.hand_import.adapt import find_mjcf
 from allegro_twin.sim.model.physics import Physics as ScenePhysics
 from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.spec import HandSpec
@@ -401,10 +402,10 @@ def file_name(thing: GraspObject, search: Search = ANYHOW, wanted: StartSet = AL
 def _hand_fingerprint(spec: HandSpec) -> str:
     """Fingerprint of the searching hand: shapes and masses, limits and motors."""
     own = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
-    motors, mjcf = spec.actuation, own if spec.foreign is None else Path(spec.foreign.mjcf)
+    motors, mjcf = spec.actuation, own if spec.foreign is None else find_mjcf(spec)
     driven: tuple[Any, ...] = (motors.torque_limit, motors.damping, motors.armature, motors.frictionloss)
     if spec.model != HAND:
-        driven += (spec.model_reference, motors.stiffness)
+        driven += (spec.model, motors.stiffness)
     return fingerprint(mjcf, spec.lower, spec.upper, driven)
 
 

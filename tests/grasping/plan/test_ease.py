@@ -149,7 +149,12 @@ def test_where_nothing_holds_so_cool_improvement_says_so(search: GraspImprovemen
 
 def test_variations_are_of_what_was_eased(search: GraspImprovement, monkeypatch: pytest.MonkeyPatch) -> None:
     varied: list[Grasp] = []
-    monkeypatch.setattr(improve, "perturb_grasp", lambda version, *_: varied.append(version.grasp) or version)
+
+    def vary(version: GraspVariant, *_: Any) -> GraspVariant:
+        varied.append(version.grasp)
+        return version
+
+    monkeypatch.setattr(improve, "perturb_grasp", vary)
     monkeypatch.setattr(GraspImprovement, "_eased", lambda self, versions: [])
     search.sustained, search.rounds, search.population = 0.6, 1, 2
     search.run()
