@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -28,7 +32,7 @@ from allegro_twin.learning.tasks.start_states import (
 from allegro_twin.learning.training.report import evaluation_sets
 from allegro_twin.learning.training.settings import load_recipe
 
-PALM = palm_height(load_spec())
+PALM, ROOT = palm_height(load_spec()), Path(__file__).resolve().parents[3]
 
 N = 24
 ALL = (*OBJECTS, "hex_nut")
@@ -135,6 +139,28 @@ def test_a_hand_that_was_never_searched_for_is_searched_for_by_where_its_fingert
     assert (found.pose[:, 2] > palm_height(spec) + height / 2).all()
     kept = start_states.survives_noise(spec, ball, found, np.random.default_rng(99))
     assert kept.mean() > 0.5, "most survive other draws than those that they were chosen by"
+
+
+@pytest.mark.slow
+def test_a_hand_from_a_stranger_s_file_holds_a_ball_in_its_fingertips(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A card as `hand new` writes it: fingers and their names are guesses."""
+    mjcf = data_root() / "models" / "mjcf" / "leap_right.xml"
+    words = [sys.executable, "-m", "allegro_twin", "hand", "new", str(mjcf), "--out", str(tmp_path / "mine")]
+    subprocess.run(words, check=True, capture_output=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    monkeypatch.setattr(start_states, "AT_ONCE", 96)
+    monkeypatch.setattr(start_states, "OPPOSED_MOST", 1)
+    monkeypatch.setattr(start_states, "cache_folder", lambda kind, what: tmp_path)
+    card = tmp_path / "mine" / "leap_right.yaml"
+    for _ in range(2):  # Searched for once.
+        env = HandEnv("Rotate", hand=str(card), objects=("ball",), timestep=0.003, decimation=20)
+        monkeypatch.setattr(start_states, "try_candidates", lambda *_: pytest.fail("they are in the cache"))
+    env.reset(seed=0)
+    for _ in range(5):
+        *_, info = env.step(STILL[0])
+    assert info["by_tips"] > 0.75
+    assert info["by_palm"] == 0.0
 
 
 def test_where_nothing_survives_the_noise_of_a_start_the_hand_and_the_object_are_named(
