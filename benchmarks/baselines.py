@@ -15,9 +15,9 @@ import numpy as np
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks import TASKS, task_type
+from allegro_twin.learning.tasks import TASKS
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
-from benchmarks.unlearned import SEED, Random, put, shown
+from benchmarks.unlearned import SEED, Random, levels, put, shown
 
 EPISODES, JOINTS = 200, 16
 REACH = 0.3  # rad, of the residual tasks.
@@ -50,14 +50,11 @@ def rows(tasks: list[str], episodes: int = EPISODES) -> Iterator[str]:
     """Lines of the table, as they are found."""
     yield HEAD
     yield "|" + "---|" * (HEAD.count("|") - 1)
-    for task in tasks:
-        residual = "level" in task_type(task).own_settings
-        for level in ("easy", "default") if residual else ("—",):
-            given: dict[str, Any] = {"level": level} if residual else {}
-            nothing = shown(_of(ZeroPolicy(JOINTS), task, given, episodes))
-            random = shown(_of(Random(JOINTS), task, given, episodes))
-            best = _constant(task, given, episodes) if residual else "—"
-            yield f"| `{task}` | {level} | {nothing} | {random} | {best} | {episodes} |"
+    for task, level, given in levels(tasks):
+        nothing = shown(_of(ZeroPolicy(JOINTS), task, given, episodes))
+        random = shown(_of(Random(JOINTS), task, given, episodes))
+        best = _constant(task, given, episodes) if given else "—"
+        yield f"| `{task}` | {level} | {nothing} | {random} | {best} | {episodes} |"
 
 
 def _constant(task: str, given: dict[str, Any], episodes: int) -> str:

@@ -12,7 +12,6 @@ import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks import TASKS, task_type
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.types import Array
-from benchmarks.unlearned import SEED, put, shown
+from benchmarks.unlearned import SEED, levels, put, shown
 
 DRAWN, EACH, BEST = 16, 2, 4
 """Vectors of a generation, episodes of each, and vectors that the next distribution is fitted to."""
@@ -92,22 +91,16 @@ def rows(tasks: list[str], minutes: float) -> Iterator[str]:
     """Lines of the table, as they are found."""
     yield HEAD
     yield "|" + "---|" * (HEAD.count("|") - 1)
-    for task in tasks:
-        residual = "level" in task_type(task).own_settings
-        for level in ("easy", "default") if residual else ("—",):
-            given: dict[str, Any] = {"level": level} if residual else {}
-            settings = EnvSettings(timestep=0.003, **given)
-            period = settings.period * settings.decimation
-            cells, counts = [], []
-            for size in (MOTORS, 2 * MOTORS):
-                numbers, count = searched(task, settings, period, size, 30.0 * minutes)
-                counts.append(count)
-                cells.append(
-                    _cell(task, evaluate(OpenLoop(numbers[None], period), task, settings, EPISODES, seed=SEED))
-                )
-            yield (
-                f"| `{task}` | {level} | {' | '.join(cells)} | {counts[0]}, {counts[1]} | {minutes:g} | {EPISODES} |"
-            )
+    for task, level, given in levels(tasks):
+        settings = EnvSettings(timestep=0.003, **given)
+        period = settings.period * settings.decimation
+        cells, counts = [], []
+        for size in (MOTORS, 2 * MOTORS):
+            numbers, count = searched(task, settings, period, size, 30.0 * minutes)
+            counts.append(str(count))
+            cells.append(_cell(task, evaluate(OpenLoop(numbers[None], period), task, settings, EPISODES, seed=SEED)))
+        generations = ", ".join(counts)
+        yield f"| `{task}` | {level} | {' | '.join(cells)} | {generations} | {minutes:g} | {EPISODES} |"
 
 
 def _cell(task: str, found: Evaluation) -> str:

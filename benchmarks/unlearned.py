@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.learning.policy.interface import Floats, Observation
+from allegro_twin.learning.tasks import task_type
 from allegro_twin.learning.training.evaluation import Evaluation
 
 SEED = 500_000_000
+
+
+def levels(tasks: Iterable[str]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Each task at each of its levels: its name, the level's, and the setting that chooses it."""
+    for task in tasks:
+        residual = "level" in task_type(task).own_settings
+        for level in ("easy", "default") if residual else ("—",):
+            yield task, level, {"level": level} if residual else {}
 
 
 class Random:

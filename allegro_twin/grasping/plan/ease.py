@@ -8,6 +8,7 @@ proportion, and a joint that gives way alone is only pushed further by the other
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -32,8 +33,12 @@ class EasedGrasp(NamedTuple):
 
     grasp: Grasp
     verdict: Verdict
-    sustained: float
-    """Share of its limit that the hottest joint sustains; NaN where the object was lost."""
+
+    @property
+    def sustained(self) -> float:
+        """Share of its limit that the hottest joint sustains; NaN where the object was lost."""
+        report = self.verdict.report
+        return report.hottest[1] if report is not None and report.held else math.nan
 
     def within(self, share: float) -> bool:
         """Whether it holds, and no joint sustains more than that."""
@@ -47,7 +52,7 @@ def ease_squeeze(scenario: Scenario, grasp: Grasp, runner: TrialRunner, share: f
     for trial in range(TRIALS):
         (verdict,) = runner.verdicts([TrialCase(scenario, grasp, folder=folder)], rest_positions)
         if not verdict.held or verdict.report is None or not verdict.measured:
-            return EasedGrasp(grasp, verdict, float("nan"))
+            break
         hottest = verdict.report.hottest[1]
         if hottest <= share or trial == TRIALS - 1:
             break
@@ -58,4 +63,4 @@ def ease_squeeze(scenario: Scenario, grasp: Grasp, runner: TrialRunner, share: f
         rest = grasp.close if isinstance(grasp.grip, LatchGrip) else rest
         less = BELOW * share / hottest
         grasp = replace(grasp, squeeze=round_posture(rest + less * (grasp.squeeze - rest), spec))
-    return EasedGrasp(grasp, verdict, hottest)
+    return EasedGrasp(grasp, verdict)

@@ -130,9 +130,7 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
         pass
     pose = trial.latest()["object"]
     wanted = np.add(before.position, (scenario.push.distance - BEHIND, 0.0, 0.0))
-    was, turned = matrix_from_quaternion(np.array([before.quaternion, pose[3:]]))
-    # What looked along x before: a screwdriver may roll about it, and does not fall off the table so.
-    astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), float(np.arcsin(abs((turned @ was.T)[2, 0])))
+    astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), tilt_along_push(np.array(before.quaternion), pose[3:])
     if astray > ASTRAY or tilt > TILTED:
         raise ConfigError(
             f"object {before.thing.name}: the push leaves it {1000 * astray:.0f} mm from where it was to come, tilted "
@@ -140,3 +138,10 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
         )
     placed = PlacedObject(before.thing, tuple(pose[:3].tolist()), tuple(pose[3:].tolist()))
     return replace(stage, things=[placed, *stage.things[1:]])
+
+
+def tilt_along_push(before: Array, after: Array) -> float:
+    """By how much what looked along x, the way of the push, has left the level, rad; from quaternions (4,). A roll
+    about x, as of a screwdriver, and a turn on the table are no tilt: neither lets an object fall over the edge."""
+    was, turned = matrix_from_quaternion(np.array([before, after]))
+    return float(np.arcsin(min(1.0, abs((turned @ was.T)[2, 0]))))

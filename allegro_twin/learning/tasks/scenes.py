@@ -117,6 +117,7 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 """Orientation of the upturned palm in the world: its x points up, its fingers along the world's x."""
 
 
+@cache
 def palm_height(spec: HandSpec) -> float:
     """Of the palm's surface above the palm's origin in the upturned hand, m: the top of what the palm's body has for
     contacts."""

@@ -108,7 +108,7 @@ class StartStateSearch:
 
     def inside(self, spec: HandSpec, place: Array, height: Array) -> Flags:
         """Where an object may be, with its middle at `place` (n, 3), m: above the palm, and neither high nor aside."""
-        low = _palm_of(spec) + height / 2 + _GAP
+        low = palm_height(spec) + height / 2 + _GAP
         found: Flags = (place[:, 2] > low) & (place[:, 2] < _HIGHEST) & (np.abs(place[:, :2]).max(axis=-1) < _ASIDE)
         return found
 
@@ -157,7 +157,7 @@ class OpposedSearch:
 
     def inside(self, spec: HandSpec, place: Array, height: Array) -> Flags:
         """Where an object may be, with its middle at `place` (n, 3), m: above the palm."""
-        found: Flags = place[:, 2] > _palm_of(spec) + height / 2 + _GAP
+        found: Flags = place[:, 2] > palm_height(spec) + height / 2 + _GAP
         return found
 
 
@@ -270,11 +270,6 @@ def _widths(ranges: tuple[tuple[float, float], ...]) -> Array:
 def _unmoved(place: Array, other: Array, most: float) -> Rows:
     """Rows that are at most `most` from where they were."""
     return np.flatnonzero(np.linalg.norm(place - other, axis=-1) < most)
-
-
-@lru_cache(maxsize=8)
-def _palm_of(spec: HandSpec) -> float:
-    return palm_height(spec)
 
 
 @lru_cache(maxsize=8)

@@ -21,7 +21,7 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.plan import pushing
 from allegro_twin.grasping.plan.candidate import Candidate, candidate_scenario
-from allegro_twin.grasping.plan.pushing import pushed_stage, with_push
+from allegro_twin.grasping.plan.pushing import pushed_stage, tilt_along_push, with_push
 from allegro_twin.grasping.plan.search import GraspSearch, search_symmetry
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import Phase, Scenario, load_protocol
@@ -31,7 +31,12 @@ from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library, load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.kinematics.orientation import matrix_facing, matrix_from_quaternion, quaternion_from_vector
+from allegro_twin.kinematics.orientation import (
+    matrix_facing,
+    matrix_from_quaternion,
+    quaternion_from_vector,
+    quaternion_product,
+)
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.model.scene import compile_scene
 from allegro_twin.sim.model.wrist import WRIST_JOINTS, wrist_angles
@@ -293,3 +298,13 @@ def test_a_board_is_held_at_the_edge_wherever_it_lay_and_not_without_the_push(si
     cases = [TrialCase(pushed, grasp, draw) for draw in draws]
     cases.append(TrialCase(pushed.model_copy(update={"push": None}), grasp))
     assert [verdict.held for verdict in TrialRunner(spec).verdicts(cases)] == [True, True, True, False]
+
+
+@pytest.mark.parametrize(("axis", "tilted"), [((1, 0, 0), 0.0), ((0, 0, 1), 0.0), ((0, 1, 0), 0.3), ((0, -1, 0), 0.3)])
+def test_what_rolls_about_the_way_it_is_pushed_or_turns_on_the_table_is_not_tilted(
+    axis: tuple[int, int, int], tilted: float
+) -> None:
+    """Whatever it lay like before."""
+    before = quaternion_from_vector(np.array([0.4, -0.2, 1.1]))
+    after = quaternion_product(quaternion_from_vector(0.3 * np.array(axis)), before)
+    assert tilt_along_push(before, after) == pytest.approx(tilted, abs=1e-9)
