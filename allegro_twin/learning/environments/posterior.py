@@ -1,6 +1,7 @@
 """Posterior of one hand's drive, from the file that `identify` wrote, and draws of it for every simulation.
 
-For each joint, with k' the drawn torque constant, k that of the file and z ~ N(0, 1), independent for each value:
+For each joint, with k' the drawn torque constant, k that of the file and z ~ N(0, C), C the correlations of the joint's
+values in the file (1 on the diagonal and 0 beside it where it has none; values of two joints are independent):
 
     k' = k (1 + z h_k / (1.96 k)),    A' = k' (A / k + z h_A / 1.96),    likewise damping, friction, parasitic torque
 
@@ -91,6 +92,10 @@ class DrivePosterior:
     cogging_periods: Vector
     cold_friction: Vector
     """Share by which friction and damping are larger when cold, (joints,)."""
+    correlated: tuple[str, ...] = ()
+    """Values that are drawn together."""
+    mixing: Array | None = None
+    """Lower triangular, (joints, m, m): turns independent normal numbers into theirs."""
 
 
 def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
@@ -112,16 +117,20 @@ def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
     fixed = Drive.from_values(simulated, spec.n_joints)
     plain = Drive.from_values({}, spec.n_joints)
     same = all(np.array_equal(getattr(fixed, name), getattr(plain, name)) for name in _SIMULATED)
+    spreads = dict(_spreads(path, basis, spec, drive))
+    correlated, mixing = _mixing(path, basis, spec, spreads)
     noise = _row(path, "noise", basis.get("noise", 0.0), spec.n_joints)
     noise = np.sqrt(np.maximum(noise**2 - drive.quantisation**2 / 12.0, drive.encoder_noise**2))
     return DrivePosterior(
         spec=replace(spec, drive=None if same else fixed),
         torque_constant=np.array(load_wiring(model, str(path)).calibration.torque_constant),
-        spreads=dict(_spreads(path, basis, spec, drive)),
+        spreads=spreads,
         noise=noise,
         quantisation=drive.quantisation,
         cogging_periods=drive.cogging_periods,
         cold_friction=np.where(drive.warm_up > 0.0, drive.cold_friction, 0.0),
+        correlated=correlated,
+        mixing=mixing,
     )
 
 
@@ -176,6 +185,44 @@ def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive)
         yield name, ValueSpread(centre, np.where(sure, half, wide), sure)
 
 
+def _mixing(
+    path: Path, basis: Mapping[str, Any], spec: HandSpec, spreads: Mapping[str, ValueSpread]
+) -> tuple[tuple[str, ...], Array | None]:
+    """Values that the file has correlations of, and the Cholesky factor of these for every joint, (joints, m, m); what
+    is not determined is drawn apart. No values where the file has none."""
+    table = _mapping(path, basis, "correlation")
+    told = table.get("of", [])
+    names = tuple(name for name in _ORDER if _FILE_NAMES.get(name, name) in told and name not in _SHARED)
+    names = tuple(name for name in names if name in spreads)
+    if not names:
+        return (), None
+    at, m = [told.index(_FILE_NAMES.get(name, name)) for name in names], len(names)
+    found = np.empty((spec.n_joints, m, m))
+    for joint, label in enumerate(spec.joint_labels):
+        given, whole = table.get(label), np.zeros((len(told), len(told)))
+        below = np.tril_indices(len(told), -1)
+        numbers = given if isinstance(given, list) else []
+        if len(numbers) != len(below[0]) or not all(isinstance(v, int | float) and abs(v) <= 1.0 for v in numbers):
+            raise ConfigError(
+                f"randomise.twin: {path}: identified.correlation.{label} needs {len(below[0])} numbers from -1 to 1, "
+                f"what is below the diagonal for {len(told)} values, not {given!r}"
+            )
+        whole[below] = numbers
+        sure = np.array([spreads[name].determined[joint] for name in names])
+        own = np.where(np.outer(sure, sure), (whole + whole.T)[np.ix_(at, at)], 0.0)
+        found[joint] = _factor(own + np.eye(m))
+    return names, found
+
+
+def _factor(correlation: Array) -> Array:
+    """Cholesky factor of a matrix whose numbers were rounded, made positive definite where rounding left it not so."""
+    values, vectors = np.linalg.eigh(correlation)
+    near = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    deviation = np.sqrt(np.diagonal(near))
+    factor: Array = np.linalg.cholesky(near / np.outer(deviation, deviation))
+    return factor
+
+
 def _mapping(path: Path, table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     found = table.get(name) or {}
     if not isinstance(found, Mapping):
@@ -218,6 +265,7 @@ class RandomDrive:
         self._strays = {name: xp.zeros((n, joints)) for name in PARASITIC if name in self._known}
         self._periods = xp.asarray(posterior.cogging_periods)
         self._applied = worlds.joint_force if self._strays else None
+        self._mixing = None if posterior.mixing is None else xp.asarray(posterior.mixing)
         self._noise = xp.asarray(math.sqrt(3.0) * posterior.noise) if posterior.noise.any() else None
         self._step = xp.asarray(posterior.quantisation) if posterior.quantisation.any() else None
 
@@ -285,11 +333,14 @@ class RandomDrive:
     def _draw(self, draws: Draws) -> dict[str, Array]:
         key, xp = draws.last_keys(), self._xp
         found: dict[str, Array] = {}
+        numbers, normal = {}, {}
         for name, spread in self._known.items():
             size = len(spread.centre)
-            numbers = jitter(key, xp.zeros(len(draws), np.int64) + _ORDER.index(name), _STREAM, 2 * size)
-            normal, even = _normal(numbers[:, :size], numbers[:, size:]), numbers[:, :size]
-            value = spread.centre + spread.half * xp.where(spread.determined, normal / NORMAL, even)
+            both = jitter(key, xp.zeros(len(draws), np.int64) + _ORDER.index(name), _STREAM, 2 * size)
+            numbers[name], normal[name] = both[:, :size], _normal(both[:, :size], both[:, size:])
+        normal |= self._mixed(normal)
+        for name, spread in self._known.items():
+            value = spread.centre + spread.half * xp.where(spread.determined, normal[name] / NORMAL, numbers[name])
             least = _LEAST * spread.centre if name in ("strength", "armature") else 0.0 * spread.centre
             value = value if name in _SIGNED else xp.maximum(value, least)
             if name in _PER_PWM:
@@ -297,9 +348,17 @@ class RandomDrive:
             found[name] = value
         found["delay"] = xp.minimum(found["delay"][:, 0], self._longest)
         if self._cold is not None:
-            numbers = jitter(key, xp.zeros(len(draws), np.int64) + len(_ORDER), _STREAM, 1)
-            found["warmth"] = (1.0 + numbers[:, 0]) / 2.0
+            even = jitter(key, xp.zeros(len(draws), np.int64) + len(_ORDER), _STREAM, 1)
+            found["warmth"] = (1.0 + even[:, 0]) / 2.0
         return found
+
+    def _mixed(self, normal: Mapping[str, Array]) -> dict[str, Array]:
+        """Independent normal numbers, (m, joints) each, as the joints' values hang together."""
+        names, factor = self._posterior.correlated, self._mixing
+        return {} if factor is None else {
+            name: sum(factor[:, i, k] * normal[other] for k, other in enumerate(names[: i + 1]))
+            for i, name in enumerate(names)
+        }  # fmt: skip
 
 
 def _normal(first: Array, second: Array) -> Array:

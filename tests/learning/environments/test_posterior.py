@@ -144,6 +144,64 @@ def test_joints_are_drawn_apart_and_so_are_values() -> None:
     assert len(columns) == 16 * 7 + 1
 
 
+TOGETHER = {"of": ["torque_constant", "armature", "damping", "frictionloss", "offset", "bias_torque"]}
+
+
+def correlated(below: list[float]) -> dict[str, Any]:
+    """A file that tells how a joint's values hang together."""
+    content = table()
+    content["identified"]["correlation"] = TOGETHER | dict.fromkeys(load_spec().joint_labels, below)
+    return content
+
+
+def between(drawn: dict[str, Array], first: str, second: str, joint: int) -> float:
+    per = {name: drawn[name][:, joint] / drawn["strength"][:, joint] for name in PER_PWM}
+    values = [per.get(name, drawn[name][:, joint]) for name in (first, second)]
+    return float(np.corrcoef(*values)[0, 1])
+
+
+def test_values_of_a_joint_are_drawn_together_where_the_file_tells_their_correlations() -> None:
+    below = np.zeros((6, 6))
+    below[3, 2], below[4, 0], below[5, 1] = -0.9, 0.5, 0.7
+    drawn = made(correlated(below[np.tril_indices(6, -1)].tolist()), N).reset(seed=0)[1]["randomised"]["twin"]
+    joint, wide = column("index_1"), SURE / np.sqrt(N)
+    assert between(drawn, "damping", "frictionloss", joint) == pytest.approx(-0.9, abs=0.19 * wide)
+    assert between(drawn, "strength", "encoder_offset", joint) == pytest.approx(0.5, abs=0.75 * wide)
+    assert between(drawn, "armature", "bias_torque", joint) == pytest.approx(0.7, abs=0.51 * wide)
+    for first, second in (("armature", "damping"), ("strength", "damping"), ("encoder_offset", "bias_torque")):
+        assert abs(between(drawn, first, second, joint)) < wide
+    across = np.corrcoef(drawn["damping"][:, joint], drawn["frictionloss"][:, column("index_2")])[0, 1]
+    assert abs(across) < wide  # Of another joint.
+    for name, half in (("strength", HALF["torque_constant"] / K), ("encoder_offset", np.full(16, HALF["offset"]))):
+        some, centre = usual(), 1.0 if name == "strength" else 0.0
+        assert_normal(drawn[name][:, some], np.full(len(some), centre), half[some] / NORMAL)
+    # A wide range says nothing of what goes with what.
+    assert abs(between(drawn, "damping", "frictionloss", column(OPEN))) < wide
+    np.testing.assert_array_equal(drawn["load_friction"], draws()["load_friction"])
+
+
+def test_correlations_of_zero_draw_what_a_file_without_them_draws() -> None:
+    found = made(correlated([0.0] * 15), N).reset(seed=0)[1]["randomised"]["twin"]
+    for name, value in draws().items():
+        np.testing.assert_array_equal(found[name], value, err_msg=name)
+
+
+def test_correlations_that_rounding_made_impossible_are_drawn_as_near_as_can_be() -> None:
+    below = np.zeros((6, 6))
+    below[1, 0] = below[2, 0] = 1.0
+    below[2, 1] = 0.999
+    drawn = made(correlated(below[np.tril_indices(6, -1)].tolist()), 50).reset(seed=0)[1]["randomised"]["twin"]
+    assert between(drawn, "armature", "damping", 0) > 0.99
+
+
+@pytest.mark.parametrize("given", [[0.1] * 14, [0.1] * 14 + [1.5], "none"])
+def test_correlations_that_are_none_are_refused(given: Any) -> None:
+    content = correlated([0.0] * 15)
+    content["identified"]["correlation"][OPEN] = given
+    with pytest.raises(ConfigError, match=rf"correlation\.{OPEN} needs 15 numbers from -1 to 1"):
+        made(content)
+
+
 def test_what_is_not_determined_is_drawn_from_the_wide_range() -> None:
     offset, joint = draws()["encoder_offset"][:, column(OPEN)], column(OPEN)
     damping = draws()["damping"][:, joint] / (K[joint] * draws()["strength"][:, joint])

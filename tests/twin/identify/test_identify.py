@@ -13,6 +13,7 @@ from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.learning.environments.posterior import CORE, load_posterior
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.open_loop import OpenLoopPlayer
@@ -24,7 +25,13 @@ from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floo
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results import hand_file
-from allegro_twin.twin.identify.results.uncertainty import SOLVED, IdentifiedValue, identified_values, motion_coverage
+from allegro_twin.twin.identify.results.uncertainty import (
+    SOLVED,
+    IdentifiedValue,
+    identified_values,
+    motion_coverage,
+    value_correlations,
+)
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.twin.identify import hidden
 
@@ -239,10 +246,29 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     assert (basis["date"], len(basis["recordings"])) == ("2026-01-02", 3)
     assert basis["engine"].startswith("mujoco ")
     assert set(basis["interval"]) == {"torque_constant", "armature", "damping", "frictionloss", "offset", "delay"}
+    assert basis["correlation"]["of"] == ["torque_constant", "armature", "damping", "frictionloss", "offset"]
+    assert all(len(basis["correlation"][label]) == 10 for label in spec.joint_labels)
+    assert load_posterior(str(file), spec.model, spec.side).correlated == (*CORE[:4], "encoder_offset")
     (gap,) = measure_gaps([hidden.recording(hidden.POSES[1])], str(file))
     assert gap.horizons == (0.1, 0.3, 1.0, 5.0)
     assert gap.before.all[3] > 0.05
     assert gap.after.all[3] < gap.before.all[3] / 20.0
+
+
+@pytest.mark.slow
+def test_draws_of_a_posterior_spread_as_the_fit_says_its_values_do_together() -> None:
+    fit, names = hidden.found().fit, ("torque_constant", "armature", "damping", "frictionloss", "offset")
+    told = value_correlations(fit, names)
+    columns = np.array([[fit.columns(name).start + joint for name in names] for joint in range(16)])
+    for joint in (0, 5, 15):
+        own = fit.covariance[np.ix_(columns[joint], columns[joint])]
+        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(5), own, 20_000, method="eigh")
+        k = fit.drive.torque_constant[joint]
+        drawn[:, 1:4] /= k  # Per torque constant, to first order.
+        for part, name in enumerate(names[1:4], start=1):
+            drawn[:, part] -= getattr(fit.drive, name)[joint] / k**2 * drawn[:, 0]
+        np.testing.assert_allclose(told[joint], np.corrcoef(drawn.T), atol=0.03)
+    assert np.median(told[:, 2, 3]) < -0.5  # Who has more friction has less damping.
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE, TEETH
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
-from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedValue
+from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedValue, value_correlations
 from allegro_twin.twin.identify.results.written_drive import (
     NONE,
     WrittenDrive,
@@ -197,14 +197,25 @@ def _basis(
         "backlash": "seen" if found.loose else "none seen",
         "units": "per_pwm: armature, damping, frictionloss and parasitic torque over the torque constant; "
         "torque_constant N·m at full PWM; "
-        "offset and backlash rad; delay s; interval: half of 95 %",
+        "offset and backlash rad; delay s; interval: half of 95 %; "
+        "correlation: of a joint's values, below the diagonal",
         "per_pwm": {name: _plain(values[name].value) for name in values if name in PULLED},
         "value": {name: _plain(values[name].value) for name in values if name not in PULLED},
         "interval": {name: _plain(value.half) for name, value in values.items()},
+        "correlation": _correlations(found, values, spec),
         "not_determined": {name: table for name, table in missing.items() if table},
         "residual": _plain(found.spread.residual),
         "noise": _plain(found.floor),
     }
+
+
+def _correlations(found: DriveFit, values: Mapping[str, IdentifiedValue], spec: HandSpec) -> dict[str, Any]:
+    """Of each joint's values with each other: what is below the diagonal, row by row."""
+    names = [name for name, value in values.items() if len(value.value) == spec.n_joints]
+    below = np.tril_indices(len(names), -1)
+    matrices = value_correlations(found, names)
+    rows = {_joint(spec, k): [round(each, 3) for each in matrices[k][below].tolist()] for k in range(spec.n_joints)}
+    return {"of": names} | rows
 
 
 def mismatch_warning(path: Path) -> str:

@@ -3,7 +3,7 @@ others."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -156,6 +156,18 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
     return result | {"delay": IdentifiedValue(late, half, (short,))}
+
+
+def value_correlations(found: DriveFit, names: Sequence[str]) -> Array:
+    """Correlations between a joint's own values, (n, m, m), of m kinds that every joint has; 0 with what is fixed.
+    Intervals say nothing of them: a joint with more friction has less damping, when both are found in one motion."""
+    rows = np.stack([_per_pwm(found, name) for name in names], axis=1)
+    covariance = rows @ found.covariance @ rows.transpose(0, 2, 1)
+    deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    scale = deviation[:, :, None] * deviation[:, None, :]
+    correlation = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
+    correlation[:, np.arange(len(names)), np.arange(len(names))] = 1.0
+    return np.asarray(np.clip(correlation, -1.0, 1.0))
 
 
 def _half(found: DriveFit, name: str, covariance: Array) -> Vector:
