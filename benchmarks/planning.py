@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.grasping.batch.batched_trials import Verdict
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
@@ -26,6 +27,7 @@ from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.scenario import Scenario
 from allegro_twin.grasping.uncertainty import sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.taxonomy import ClaimedType
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from benchmarks.household import write_things
 
@@ -48,8 +50,12 @@ def planned(name: str, scenario: Scenario, seed: int, seconds: float, unseen: in
     if found and unseen:
         drawn = sample_perturbations(SEARCHED, unseen, seed=UNSEEN, stream="judge")
         cases = [TrialCase(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
-        held = np.array([v.held for v in TrialRunner(spec).verdicts(cases, stop_early=True)]).reshape(len(found), -1)
+        verdicts = list(TrialRunner(spec).verdicts(cases, stop_early=True))
+        held = np.array([verdict.held for verdict in verdicts]).reshape(len(found), -1)
         row["held"], row["each"] = round(float(held.mean()), 3), held.mean(axis=1).round(3).tolist()
+        claims = [each.grasp.taxonomy for each in found for _ in drawn]
+        shown = [_shows(verdict, claim) for verdict, claim in zip(verdicts, claims, strict=True) if verdict.held]
+        row["typed"] = round(float(np.mean(shown)), 3) if shown else None
     nominal = TrialRunner(spec).verdicts([TrialCase(each.scenario, each.grasp) for each in found])
     reports = [v.report for v in nominal if v.report is not None]
     row["sustained"] = [round(report.hottest[1], 3) for report in reports]
@@ -57,14 +63,23 @@ def planned(name: str, scenario: Scenario, seed: int, seconds: float, unseen: in
     return row
 
 
+def _shows(verdict: Verdict, claim: ClaimedType) -> bool:
+    """Whether the contacts of a trial show the type that the grasp's file claims."""
+    assert verdict.report is not None
+    observed = verdict.report.observed
+    return observed is not None and observed.number == claim.number
+
+
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """As docs/results/planning.md has it."""
-    lines = ["| object | grasps | CPU s | held of unseen draws | most ended |", "|---|---|---|---|---|"]
+    lines = ["| object | grasps | CPU s | held of unseen draws | of these of the type claimed | most ended |"]
+    lines.append("|---|---|---|---|---|---|")
     for row in rows:
         ends = {name: count for name, count in row["ends"].items() if name not in ("passed", "held")}
         worst = max(ends, key=lambda name: ends[name], default="—")
         held = f"{row['held']:.2f}" if "held" in row else "—"
-        lines.append(f"| {row['object']} | {row['found']} | {row['cpu_seconds']:.0f} | {held} | {worst} |")
+        typed = f"{row['typed']:.2f}" if row.get("typed") is not None else "—"
+        lines.append(f"| {row['object']} | {row['found']} | {row['cpu_seconds']:.0f} | {held} | {typed} | {worst} |")
     enough = sum(row["found"] >= WANTED for row in rows)
     shares = [row["held"] for row in rows if "held" in row]
     lines.append(

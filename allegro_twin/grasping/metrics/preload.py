@@ -36,109 +36,89 @@ class Preload(NamedTuple):
     """Of the hand on the object, at each contact, (k, 3), N."""
 
 
-def least_preload(
-    touch: Contacts,
-    jacobians: Array,
-    stiffness: Vector,
-    limit: Vector,
-    loads: Array,
-    *,
-    facets: int = FACETS,
-    compliance: float = COMPLIANCE,
-) -> Preload:
-    """The contact forces f₀ of a hand held by springs that carry every one of some loads wₖ with the least of the
-    motors:
+class GripForces:
+    """Forces that a hand can make at its contacts with an object: f with G f = −w for a load w, in the friction cones,
+    by torques |Jᵀ f| that its motors have."""
 
-    min t + ½ ε (|f₀|² + t²), subject to G f₀ = 0, f₀ + Δₖ in the friction cones, |Jᵀ(f₀ + Δₖ)|ⱼ ≤ t limitⱼ, for
-    k = 0 … l, Δ₀ = 0: of the squeezes with the least share the weakest.
+    def __init__(self, touch: Contacts, jacobians: Array, limit: Vector, *, facets: int = FACETS) -> None:
+        """`jacobians`: of the hand at each contact, (k, 3, n), m/rad. `limit`: of the motors, (n,), N·m. Contacts are
+        points without torsion; the pyramids are inside the cones, so what is found can be done. Raises ConfigError for
+        shapes that do not fit."""
+        count, joints = len(touch), len(limit)
+        if jacobians.shape != (count, 3, joints):
+            raise ConfigError(f"jacobians have the shape ({count}, 3, {joints}), not {jacobians.shape}")
+        self._touch, self._few = touch, count < 2
+        self._moved = jacobians.reshape(3 * count, joints)
+        self._grip, cones = _grip_matrix(touch), _cone_facets(touch, facets)
+        # Forces are f₁ + B z with G B = 0: of rows A f ≤ t b of cones and motors A B and −b are the same for all loads.
+        self._inside = np.vstack([cones, self._moved.T, -self._moved.T])
+        bounds = np.concatenate([np.zeros(len(cones)), limit, limit])
+        self._balanced = np.linalg.svd(self._grip)[2][6:].T
+        self._rows = np.ascontiguousarray(np.hstack([self._inside @ self._balanced, -bounds[:, None]]))
 
-    No controller acts on the load: it moves the object, and joints of `stiffness` (n,), N·m/rad, answer,
-    Δₖ = −K Gᵀ (G K Gᵀ)⁻¹ wₖ with K = (J diag(1/stiffness) Jᵀ + compliance · 1)⁻¹. `loads`: (l, 6), N and N·m about
-    the centre of mass. `jacobians`: of the hand at each contact, (k, 3, n), m/rad. Contacts are points without torsion;
-    the pyramids are inside the cones, so what is found can be done. Raises ConfigError without DAQP, and for shapes
-    that do not fit.
-    """
-    count, joints = len(touch), len(limit)
-    if jacobians.shape != (count, 3, joints) or stiffness.shape != (joints,):
-        raise ConfigError(f"jacobians have the shape ({count}, 3, {joints}), not {jacobians.shape}")
-    none = Preload(np.inf, np.full(joints, np.nan), np.full((count, 3), np.nan))
-    if count < 2:
-        return none
-    program = _program(touch, jacobians, limit, facets)
-    grip, moved = program.grip, jacobians.reshape(3 * count, joints)
-    stiff = np.linalg.inv(moved @ (moved / stiffness).T + compliance * np.eye(3 * count))
-    spread, _, rank, _ = np.linalg.lstsq(grip @ stiff @ grip.T, _scaled(loads, touch).T, rcond=1e-9)
-    if rank < 6:
-        return none  # About some axis nothing resists: two contacts turn about the line between them.
-    answers = np.hstack([np.zeros((3 * count, 1)), -stiff @ grip.T @ spread])
-    # Every load has the same rows, and the one that leaves the least room counts.
-    solved = program.solve(answers)
-    if solved is None:
-        return none
-    force = program.balanced @ solved[:-1]
-    return Preload(float(solved[-1]), moved.T @ force, force.reshape(count, 3))
+    def least_preload(self, stiffness: Vector, loads: Array, *, compliance: float = COMPLIANCE) -> Preload:
+        """The contact forces f₀ of a hand held by springs that carry every one of some loads wₖ with the least of the
+        motors:
 
+        min t + ½ ε (|f₀|² + t²), subject to G f₀ = 0, f₀ + Δₖ in the friction cones, |Jᵀ(f₀ + Δₖ)|ⱼ ≤ t limitⱼ, for
+        k = 0 … l, Δ₀ = 0: of the squeezes with the least share the weakest.
 
-def limit_share(touch: Contacts, jacobians: Array, limit: Vector, loads: Array, *, facets: int = FACETS) -> float:
-    """The smallest share of the limits with which some forces carry every load, each load by forces of its own:
-
-    max over k of min t, subject to G f = −wₖ, f in the friction cones, |Jᵀ f|ⱼ ≤ t limitⱼ.
-
-    By the lower bound theorem of limit analysis a hand whose motors give their limits where they have to carries what
-    needs a share below 1, however its contacts slip at first; no squeeze is told by it. inf where no forces do. Shapes
-    and errors are those of `least_preload`.
-    """
-    if jacobians.shape != (len(touch), 3, len(limit)):
-        raise ConfigError(f"jacobians have the shape ({len(touch)}, 3, {len(limit)}), not {jacobians.shape}")
-    if len(touch) < 2:
-        return np.inf
-    program, wanted = _program(touch, jacobians, limit, facets), _scaled(loads, touch)
-    some, _, rank, _ = np.linalg.lstsq(program.grip, -wanted.T, rcond=1e-9)
-    if rank < 6 and not np.allclose(program.grip @ some, -wanted.T, atol=1e-9):
-        return np.inf
-    worst = 0.0
-    for force in some.T:
-        solved = program.solve(force[:, None])
+        No controller acts on the load: it moves the object, and joints of `stiffness` (n,), N·m/rad, answer,
+        Δₖ = −K Gᵀ (G K Gᵀ)⁻¹ wₖ with K = (J diag(1/stiffness) Jᵀ + compliance · 1)⁻¹. `loads`: (l, 6), N and N·m
+        about the centre of mass. Raises ConfigError without DAQP.
+        """
+        moved, grip = self._moved, self._grip
+        none = Preload(np.inf, np.full(moved.shape[1], np.nan), np.full((len(self._touch), 3), np.nan))
+        if self._few:
+            return none
+        stiff = np.linalg.inv(moved @ (moved / stiffness).T + compliance * np.eye(len(moved)))
+        spread, _, rank, _ = np.linalg.lstsq(grip @ stiff @ grip.T, self._scaled(loads).T, rcond=1e-9)
+        if rank < 6:
+            return none  # About some axis nothing resists: two contacts turn about the line between them.
+        answers = np.hstack([np.zeros((len(moved), 1)), -stiff @ grip.T @ spread])
+        # Every load has the same rows, and the one that leaves the least room counts.
+        solved = self._solve(answers)
         if solved is None:
+            return none
+        force = self._balanced @ solved[:-1]
+        return Preload(float(solved[-1]), moved.T @ force, force.reshape(-1, 3))
+
+    def limit_share(self, loads: Array) -> float:
+        """The smallest share of the limits with which some forces carry every load, each load by forces of its own:
+
+        max over k of min t, subject to G f = −wₖ, f in the friction cones, |Jᵀ f|ⱼ ≤ t limitⱼ.
+
+        By the lower bound theorem of limit analysis a hand whose motors give their limits where they have to carries
+        what needs a share below 1, however its contacts slip at first; no squeeze is told by it. inf where no forces
+        do. `loads` and errors as `least_preload` has them.
+        """
+        if self._few:
             return np.inf
-        worst = max(worst, float(solved[-1]))
-    return worst
+        wanted = self._scaled(loads)
+        some, _, rank, _ = np.linalg.lstsq(self._grip, -wanted.T, rcond=1e-9)
+        if rank < 6 and not np.allclose(self._grip @ some, -wanted.T, atol=1e-9):
+            return np.inf
+        worst = 0.0
+        for force in some.T:
+            solved = self._solve(force[:, None])
+            if solved is None:
+                return np.inf
+            worst = max(worst, float(solved[-1]))
+        return worst
 
+    def _scaled(self, loads: Array) -> Array:
+        """Torques divided by the length, as those of the grip matrix are."""
+        scaled: Array = loads * np.array([1.0, 1.0, 1.0, *[1.0 / self._touch.length] * 3])
+        return scaled
 
-class _Program(NamedTuple):
-    """Forces f = f₁ + B z with G B = 0, of which f₁ is given: rows A f ≤ t b of cones and motors."""
-
-    grip: Array
-    balanced: Array
-    """B: forces that the object does not feel, (3 k, 3 k − 6)."""
-    inside: Array
-    """A, (r, 3 k)."""
-    rows: Array
-    """(A B, −b), (r, 3 k − 5)."""
-
-    def solve(self, given: Array) -> Vector | None:
-        """z and t, with the least t; of several given forces, (3 k, m), for all at once. None: nothing does."""
-        n, right = self.rows.shape[1], -(self.inside @ given).max(axis=1)
+    def _solve(self, given: Array) -> Vector | None:
+        """z and t, with the least t; of several given forces f₁, (3 k, m), for all at once. None: nothing does."""
+        n, right = self._rows.shape[1], -(self._inside @ given).max(axis=1)
         solved, _, flag, _ = _import_daqp().solve(
-            _TIES * np.eye(n), np.append(np.zeros(n - 1), 1.0), self.rows, right,
+            _TIES * np.eye(n), np.append(np.zeros(n - 1), 1.0), self._rows, right,
             np.full(len(right), -_UNBOUNDED), np.zeros(len(right), np.int32),
         )  # fmt: skip
         return solved if flag == _SOLVED else None
-
-
-def _program(touch: Contacts, jacobians: Array, limit: Vector, facets: int) -> _Program:
-    motors = jacobians.reshape(3 * len(touch), len(limit)).T
-    grip, cones = _grip_matrix(touch), _cone_facets(touch, facets)
-    inside = np.vstack([cones, motors, -motors])
-    bounds = np.concatenate([np.zeros(len(cones)), limit, limit])
-    balanced = np.linalg.svd(grip)[2][6:].T
-    return _Program(grip, balanced, inside, np.ascontiguousarray(np.hstack([inside @ balanced, -bounds[:, None]])))
-
-
-def _scaled(loads: Array, touch: Contacts) -> Array:
-    """Torques divided by the length, as those of the grip matrix are."""
-    scaled: Array = loads * np.array([1.0, 1.0, 1.0, *[1.0 / touch.length] * 3])
-    return scaled
 
 
 def _import_daqp() -> ModuleType:

@@ -8,9 +8,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry
 from allegro_twin.grasping.plan.close_in_simulation import (
@@ -33,6 +35,7 @@ from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.sim.model.scene import Stage
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -147,117 +150,156 @@ class GraspSearch:
         fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent. Raises
         ConfigError for a hand of which the effort of a motor is unknown."""
         check_efforts(self.spec)
-        protocol, effort = load_protocol(self.scenario.protocol), self.effort or _round_size(n)
-        bench, random = self._bench(protocol), np.random.default_rng(self.seed)
-        clock = _Clock(budget.cpu, time.process_time())
-        prover = self._prover(bench)
-        friction = protocol.friction or self.scenario.friction
-        step = FINE if protocol.floating else COARSE
+        return _Rounds(self, n, budget).run(tell)
+
+    def _proposer(self, protocol: TrialProtocol, random: Random) -> Proposer:
         reckoned = not self.spec.followers and not protocol.floating
         gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec) if reckoned else None
-        proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region, gains)
-        proposed, elite = proposer.fresh(), list[Candidate]()
-        population = (
-            None if proposer.gains is None else Population(proposer, prover.turns, max(4, 2 * effort.closed // 3))
-        )
-        dearest, longest, full = 0.0, 0.0, max(1, effort.closed if population is None else effort.closed // 2)
-        while sum(each.good for each in prover.best(n)) < n:
-            settling, began = prover.settling_time(n), clock.spent
-            fits = full * clock.part(longest, settling) if self.closed else full
-            most = int(min(full, fits, budget.candidates - self.closed))
-            if self.closed and (most < 1 or fits < min(full, LEAST)):
-                break
-            part = most / full
-            clock.kept_back = part * dearest + settling
-            over = clock.over if self.closed else clock.first_over
-            begun = population is not None and len(population.elite) >= population.kept // 2
-            guessed = _next(proposed, math.ceil(part * effort.guessed / (4 if begun else 1)), over)
-            ended = not over()
-            if not guessed:
-                break
-            varied = proposer.near(elite, math.ceil(part * effort.closed / 2))
-            if population is None:
-                ranked = sorted(guessed, key=lambda c: -c.score)
-                closed = [*varied, *ranked[: effort.closed - len(varied)]][:most]
-            else:
-                ended &= population.evolve([*guessed, *varied], over, part)
-                closed = population.take(most)
-            if not ended and self.closed:
-                break
-            if not ended:
-                self.cut, closed = True, closed[: 2 * n]
-                most = len(closed)
-            if not closed:
-                continue  # All that evolved has been closed before: begin anew.
-            evolved = clock.spent
-            self.closed += most
-            if protocol.floating:
-                validate_in_air(prover, self._apart(self._squeezed(closed, protocol, random), prover))
-            else:
-                outcomes = close_candidates(
-                    bench, closed, self._performer(protocol), friction, random, proposer.preload
-                )
-                if population is not None:
-                    population.drop(_settled(closed, outcomes))
-                drawn = n if self.cut else math.ceil(part * effort.drawn)
-                elite = self._draw(outcomes, prover, n, drawn, clock.over if self.closed == most else lambda: False)
-            dearest = max(dearest, (clock.spent - evolved) / part)
-            longest = max(longest, (clock.spent - began) / part)
-            tell(
-                [each for each in prover.ranked(prover.options, n) if each.good],
-                max(clock.spent / budget.cpu, self.closed / budget.candidates),
-            )
-        prover.settle(n, clock.over if self.cut else None)
-        self.cpu = clock.spent
-        best = prover.best(n)
-        for each in best:
-            each.seed, each.candidates = self.seed, self.closed
-        return best
-
-    def _draw(
-        self, outcomes: list[ClosingOutcome], prover: GraspValidator, n: int, drawn: int, over: Callable[[], bool]
-    ) -> list[Candidate]:
-        """Try the best of what physics has closed under draws. Returns whose variations may be better."""
-        self.ends.update(outcome.where for outcome in outcomes)
-        passed = [outcome.candidate for outcome in outcomes if outcome.passed]
-        self.cut |= not prover.add(self._apart(passed, prover)[:drawn], n, over)
-        return [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
-
-    def _prover(self, bench: GraspScene) -> GraspValidator:
-        return GraspValidator(
-            bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty,
-            search_symmetry(self), self.region, self.kind, self.threads, ends=self.ends,
+        at_first, stage = self._stages(protocol)
+        return Proposer(
+            GraspScene(self.spec, stage, at_first.things[0].position), self.templates,
+            protocol.friction or self.scenario.friction, _turns(protocol), random,
+            FINE if protocol.floating else COARSE, self.region, gains,
         )  # fmt: skip
 
-    def _squeezed(self, candidates: list[Candidate], protocol: TrialProtocol, random: Random) -> list[Candidate]:
-        """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
-        gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec)
-        further = squeeze_offsets(np.array([c.closing for c in candidates]), self.spec, gains, random)
-        return [
-            replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
-            for c, more in zip(candidates, further, strict=True)
-        ]
-
-    def _bench(self, protocol: TrialProtocol) -> GraspScene:
+    def _stages(self, protocol: TrialProtocol) -> tuple[Stage, Stage]:
+        """What stands where when a trial begins, and when the hand grasps."""
         physics = protocol.physics if protocol.floating else PhysicsSettings()
         coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
         stage = make_stage(self.scenario, coarse, self.spec.side, self.folder)
         if self.scenario.push is None:
-            return GraspScene(self.spec, stage)
-        pushed = pushed_stage(self.scenario, stage, self.spec, self.templates[0], self.folder)
-        return GraspScene(self.spec, pushed, stage.things[0].position)
+            return stage, stage
+        return stage, pushed_stage(self.scenario, stage, self.spec, self.templates[0], self.folder)
 
-    def _performer(self, protocol: TrialProtocol) -> FingerGains:
-        return FingerGains(
-            load_gains(protocol_gains(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
+
+class _Candidates(NamedTuple):
+    """Of a round."""
+
+    candidates: list[Candidate]
+    made_for: int
+    """How many it was made for: evolution may have fewer that are new."""
+
+
+class _Rounds:
+    """The rounds of one search, each of guesses, of what evolution makes of them, of closing, and of draws."""
+
+    def __init__(self, search: GraspSearch, n: int, budget: SearchBudget) -> None:
+        self._search, self._n, self._budget = search, n, budget
+        self._protocol, self._effort = load_protocol(search.scenario.protocol), search.effort or _round_size(n)
+        self._random = np.random.default_rng(search.seed)
+        self._proposer = search._proposer(self._protocol, self._random)
+        self._clock = _Clock(budget.cpu, time.process_time())
+        self._prover = GraspValidator(
+            self._proposer.bench, search.scenario, search.spec, search.templates, search.folder, search.seed,
+            search.uncertainty, search_symmetry(search), search.region, search.kind, search.threads, ends=search.ends,
+        )  # fmt: skip
+        self._proposed, self._elite = self._proposer.fresh(), list[Candidate]()
+        closed, evolves = self._effort.closed, self._proposer.gains is not None
+        self._population = Population(self._proposer, self._prover.turns, max(4, 2 * closed // 3)) if evolves else None
+        self._full = max(1, closed // 2 if evolves else closed)
+        """Candidates that physics closes in a whole round."""
+        self._dearest = self._longest = 0.0
+        """s that the dearest round so far took after evolution, and the longest in all, each for a whole one."""
+
+    def run(self, tell: Callable[[list[PlannedGrasp], float], None]) -> list[PlannedGrasp]:
+        search, prover, clock, n = self._search, self._prover, self._clock, self._n
+        while sum(each.good for each in prover.best(n)) < n:
+            began = clock.spent
+            most = self._affordable()
+            if most < 1:
+                break
+            part = most / self._full
+            clock.kept_back = part * self._dearest + prover.settling_time(n)
+            found = self._candidates(most, part)
+            if found is None:
+                break
+            if not found.candidates:
+                continue  # All that evolved has been closed before: begin anew.
+            evolved = clock.spent
+            search.closed += found.made_for
+            self._try_out(found, part)
+            self._dearest = max(self._dearest, (clock.spent - evolved) / part)
+            self._longest = max(self._longest, (clock.spent - began) / part)
+            tell(
+                [each for each in prover.ranked(prover.options, n) if each.good],
+                max(clock.spent / self._budget.cpu, search.closed / self._budget.candidates),
+            )
+        prover.settle(n, clock.over if search.cut else None)
+        search.cpu = clock.spent
+        best = prover.best(n)
+        for each in best:
+            each.seed, each.candidates = search.seed, search.closed
+        return best
+
+    def _affordable(self) -> int:
+        """How many candidates the next round is made for; 0: the search is over."""
+        left = self._budget.candidates - self._search.closed
+        if not self._search.closed:
+            return int(min(self._full, left))
+        fits = self._full * self._clock.part(self._longest, self._prover.settling_time(self._n))
+        return 0 if fits < min(self._full, LEAST) else int(min(self._full, fits, left))
+
+    def _candidates(self, most: int, part: float) -> _Candidates | None:
+        """What physics is to close; None: there are no guesses, or no time for more than a first round."""
+        search, population, effort = self._search, self._population, self._effort
+        over = self._clock.over if search.closed else self._clock.first_over
+        begun = population is not None and len(population.elite) >= population.kept // 2
+        guessed = _next(self._proposed, math.ceil(part * effort.guessed / (4 if begun else 1)), over)
+        ended = not over()
+        if not guessed:
+            return None
+        varied = self._proposer.near(self._elite, math.ceil(part * effort.closed / 2))
+        if population is None:
+            ranked = sorted(guessed, key=lambda c: -c.score)
+            closed = [*varied, *ranked[: effort.closed - len(varied)]][:most]
+        else:
+            ended &= population.evolve([*guessed, *varied], over, part)
+            closed = population.take(most)
+        if ended:
+            return _Candidates(closed, most)
+        if search.closed:
+            return None
+        search.cut, closed = True, closed[: 2 * self._n]
+        return _Candidates(closed, len(closed))
+
+    def _try_out(self, found: _Candidates, part: float) -> None:
+        """Close candidates, and try what holds under draws; in the air, push it. Whose variations may be better is the
+        elite of the next round."""
+        search, prover, proposer, clock = self._search, self._prover, self._proposer, self._clock
+        if self._protocol.floating:
+            validate_in_air(prover, self._apart(self._squeezed(found.candidates)))
+            return
+        fingers = FingerGains(self._gains(), hand_kinematics(search.spec).gravity_torque)
+        outcomes = close_candidates(
+            proposer.bench, found.candidates, fingers, proposer.friction, self._random, proposer.preload
         )
+        if self._population is not None:
+            self._population.drop(_settled(found.candidates, outcomes))
+        search.ends.update(outcome.where for outcome in outcomes)
+        passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+        first = search.closed == found.made_for
+        drawn = self._n if search.cut else math.ceil(part * self._effort.drawn)
+        search.cut |= not prover.add(self._apart(passed)[:drawn], self._n, clock.over if first else lambda: False)
+        self._elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
 
-    def _apart(self, passed: list[Candidate], prover: GraspValidator) -> list[Candidate]:
+    def _gains(self) -> Gains:
+        return load_gains(protocol_gains(self._protocol.gains, self._search.spec), self._search.spec)
+
+    def _squeezed(self, candidates: list[Candidate]) -> list[Candidate]:
+        """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
+        spec = self._search.spec
+        further = squeeze_offsets(np.array([c.closing for c in candidates]), spec, self._gains(), self._random)
+        return [
+            replace(c, squeeze=np.clip(c.close + more, spec.lower, spec.upper))
+            for c, more in zip(candidates, further, strict=True)
+        ]
+
+    def _apart(self, passed: list[Candidate]) -> list[Candidate]:
         """The best of each place, none of which is where something good was found."""
         kept = list[Candidate]()
-        taken = [option.candidate for option in prover.options if option.confirmed and option.good]
+        taken = [option.candidate for option in self._prover.options if option.confirmed and option.good]
         for candidate in sorted(passed, key=lambda c: -c.score):
-            if is_different(candidate, [*taken, *kept], prover.turns):
+            if is_different(candidate, [*taken, *kept], self._prover.turns):
                 kept.append(candidate)
         return kept
 

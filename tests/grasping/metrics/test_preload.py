@@ -12,11 +12,10 @@ from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
 from allegro_twin.grasping.metrics.preload import (
     COMPLIANCE,
     FACETS,
+    GripForces,
     Preload,
     _cone_facets,
     _grip_matrix,
-    least_preload,
-    limit_share,
 )
 from allegro_twin.types import Array
 
@@ -41,8 +40,8 @@ def slides() -> Array:
 
 
 def squeezed(friction: float, *loads: Array, limit: float = 10.0, stiffness: float = 1000.0) -> Preload:
-    return least_preload(
-        pads(friction), slides(), np.full(6, stiffness), np.full(6, limit), np.array(loads or [WEIGHT]), compliance=1e-9
+    return GripForces(pads(friction), slides(), np.full(6, limit)).least_preload(
+        np.full(6, stiffness), np.array(loads or [WEIGHT]), compliance=1e-9
     )
 
 
@@ -93,7 +92,7 @@ def test_a_stronger_hand_needs_a_smaller_share_and_the_same_torque() -> None:
 def test_it_does_not_matter_which_way_motors_turn_nor_by_what_length_torques_are_divided() -> None:
     twisted = np.array([[0.0, 0.0, -2.0, 0.03, 0.0, 0.0]])
     shares = [
-        least_preload(pads(0.6, length), sign * slides(), np.full(6, 1e3), np.full(6, 1e1), twisted).share
+        GripForces(pads(0.6, length), sign * slides(), np.full(6, 1e1)).least_preload(np.full(6, 1e3), twisted).share
         for length in (0.02, 0.04, 0.08)
         for sign in (1.0, -1.0)
     ]
@@ -111,7 +110,7 @@ def test_what_a_finger_loses_to_a_palm_that_the_load_presses_on_is_by_their_spri
     )  # fmt: skip
     moved = np.zeros((6, 3, 1))
     moved[3:, 2] = 1.0
-    found = least_preload(touch, moved, np.array([1000.0]), np.array([10.0]), WEIGHT[None], compliance=1e-3)
+    found = GripForces(touch, moved, np.array([10.0])).least_preload(np.array([1000.0]), WEIGHT[None], compliance=1e-3)
     assert -found.torque[0] == pytest.approx(0.4)
 
 
@@ -125,7 +124,7 @@ def test_a_share_above_one_says_how_much_too_weak_a_hand_is() -> None:
 
 def test_two_points_hold_nothing_for_they_let_it_turn_about_the_line_between_them() -> None:
     touch = make_contacts([[-HALF, 0, 0], [HALF, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], 0.8, length=0.04)
-    found = least_preload(touch, slides()[[0, 3]], np.full(6, 1e3), np.full(6, 1e1), WEIGHT[None])
+    found = GripForces(touch, slides()[[0, 3]], np.full(6, 1e1)).least_preload(np.full(6, 1e3), WEIGHT[None])
     assert np.isinf(found.share)
     assert np.isnan(found.torque).all()
 
@@ -138,12 +137,12 @@ def test_pads_on_one_side_hold_nothing() -> None:
         0.6,
         length=0.04,
     )
-    assert np.isinf(least_preload(both, slides(), np.full(6, 1e3), np.full(6, 1e1), WEIGHT[None]).share)
+    assert np.isinf(GripForces(both, slides(), np.full(6, 1e1)).least_preload(np.full(6, 1e3), WEIGHT[None]).share)
 
 
 def test_shapes_that_do_not_fit_are_named() -> None:
     with pytest.raises(ConfigError, match=r"jacobians have the shape \(6, 3, 6\), not \(5, 3, 6\)"):
-        least_preload(pads(0.5), slides()[:5], np.ones(6), np.ones(6), WEIGHT[None])
+        GripForces(pads(0.5), slides()[:5], np.ones(6)).least_preload(np.ones(6), WEIGHT[None])
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -151,7 +150,7 @@ def test_the_share_is_that_of_the_linear_program_and_of_equal_squeezes_the_weake
     """The program itself, all of its rows written out for every load, in SciPy's words."""
     touch, moved, limit, loads = drawn(seed)
     count, joints = len(touch), len(limit)
-    found = least_preload(touch, moved, np.full(joints, 10.0), limit, loads)
+    found = GripForces(touch, moved, limit).least_preload(np.full(joints, 10.0), loads)
 
     grip, flat = _grip_matrix(touch), moved.reshape(3 * count, joints)
     springs = np.linalg.inv(flat @ flat.T / 10.0 + COMPLIANCE * np.eye(3 * count))
@@ -181,14 +180,14 @@ def test_limit_analysis_needs_what_the_linear_program_of_each_load_needs(seed: i
     """The same pyramids in HiGHS."""
     touch, moved, limit, loads = drawn(seed)
     expected = max(least_effort(touch, moved, limit, load, edges=FACETS).share for load in loads)
-    assert limit_share(touch, moved, limit, loads) == pytest.approx(expected, abs=1e-4)
+    assert GripForces(touch, moved, limit).limit_share(loads) == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_no_squeeze_needs_less_than_limit_analysis(seed: int) -> None:
     touch, moved, limit, loads = drawn(seed)
-    squeeze = least_preload(touch, moved, np.full(len(limit), 10.0), limit, loads)
-    assert limit_share(touch, moved, limit, loads) <= squeeze.share + 1e-6
+    squeeze = GripForces(touch, moved, limit).least_preload(np.full(len(limit), 10.0), loads)
+    assert GripForces(touch, moved, limit).limit_share(loads) <= squeeze.share + 1e-6
 
 
 def test_a_palm_that_the_load_presses_on_carries_it_without_a_motor() -> None:
@@ -200,17 +199,19 @@ def test_a_palm_that_the_load_presses_on_carries_it_without_a_motor() -> None:
     )  # fmt: skip
     moved, limit = np.zeros((6, 3, 1)), np.array([10.0])
     moved[3:, 2] = 1.0
-    assert limit_share(touch, moved, limit, WEIGHT[None]) == pytest.approx(0.0, abs=1e-6)
-    assert least_preload(touch, moved, np.array([1000.0]), limit, WEIGHT[None], compliance=1e-3).share > 0.03
-    assert limit_share(touch, moved, limit, -WEIGHT[None]) == pytest.approx(0.2, abs=1e-5), "lifted off, all of it"
+    assert GripForces(touch, moved, limit).limit_share(WEIGHT[None]) == pytest.approx(0.0, abs=1e-6)
+    assert GripForces(touch, moved, limit).least_preload(np.array([1000.0]), WEIGHT[None], compliance=1e-3).share > 0.03
+    assert GripForces(touch, moved, limit).limit_share(-WEIGHT[None]) == pytest.approx(0.2, abs=1e-5), (
+        "lifted off, all of it"
+    )
 
 
 def test_by_limit_analysis_too_two_points_turn_and_pads_on_one_side_push() -> None:
     two = make_contacts([[-HALF, 0, 0], [HALF, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], 0.8, length=0.04)
     about = np.array([[0.0, 0.0, 0.0, 0.01, 0.0, 0.0]])
-    assert np.isinf(limit_share(two, slides()[[0, 3]], np.full(6, 10.0), about))
-    assert np.isfinite(limit_share(pads(0.6), slides(), np.full(6, 10.0), np.zeros((1, 6))))
+    assert np.isinf(GripForces(two, slides()[[0, 3]], np.full(6, 10.0)).limit_share(about))
+    assert np.isfinite(GripForces(pads(0.6), slides(), np.full(6, 10.0)).limit_share(np.zeros((1, 6))))
     one = make_contacts(np.eye(3) * 0.01, np.tile([1.0, 0, 0], (3, 1)), 0.6, length=0.04)
-    assert np.isinf(limit_share(one, slides()[:3], np.full(6, 10.0), WEIGHT[None]))
+    assert np.isinf(GripForces(one, slides()[:3], np.full(6, 10.0)).limit_share(WEIGHT[None]))
     with pytest.raises(ConfigError, match=r"jacobians have the shape \(6, 3, 6\), not \(5, 3, 6\)"):
-        limit_share(pads(0.5), slides()[:5], np.ones(6), WEIGHT[None])
+        GripForces(pads(0.5), slides()[:5], np.ones(6)).limit_share(WEIGHT[None])

@@ -152,7 +152,7 @@ def search() -> GraspSearch:
 
 @pytest.fixture(scope="module")
 def bench(search: GraspSearch) -> GraspScene:
-    return search._bench(load_protocol("table_pick"))
+    return search._proposer(load_protocol("table_pick"), np.random.default_rng(0)).bench
 
 
 def test_what_the_fingers_do_not_reach_was_not_pushed() -> None:

@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.metrics.preload import Preload, least_preload, limit_share
+from allegro_twin.grasping.metrics.preload import GripForces, Preload
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly, metric_contacts
 from allegro_twin.grasping.plan.proposals.propose import (
     Proposer,
-    carrying_share,
     could_hold,
-    squeeze_preload,
     weight_loads,
+    worst_case,
 )
 from allegro_twin.grasping.plan.proposals.refine import GENERATIONS, NICHE, Population
 from allegro_twin.grasping.plan.search import GraspSearch
@@ -37,8 +36,7 @@ TURNS = (0.0, np.pi / 2.0, np.pi)
 
 def proposer(thing: str, seed: int = 0) -> Proposer:
     search = GraspSearch(scenario_of(thing, "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC))
-    bench = search._bench(load_protocol("table_pick"))
-    return Proposer(bench, search.templates, 0.8, TURNS, np.random.default_rng(seed), gains=GAINS)
+    return search._proposer(load_protocol("table_pick"), np.random.default_rng(seed))
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +90,7 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
     counts: list[int] = []
 
     def noted(candidate: Candidate, touch: TouchPoints, data: Any) -> Preload:
-        held = squeeze_preload(known.bench, candidate, touch, 0.8, TURNS, GAINS, data)
+        held = worst_case(known.bench, candidate, touch, 0.8, TURNS, GAINS, data).preload()
         seen.append(held)
         counts.append(len(touch.points))
         return held
@@ -118,7 +116,7 @@ def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> Non
 def _squeeze(known: Proposer, candidate: Candidate) -> tuple[Preload, int]:
     """In geometry, and of how many contacts."""
     met, touch = meet_exactly(known.bench, candidate)
-    return squeeze_preload(known.bench, met, touch, 0.8, TURNS, GAINS), len(touch.points)
+    return worst_case(known.bench, met, touch, 0.8, TURNS, GAINS).preload(), len(touch.points)
 
 
 @pytest.mark.slow
@@ -154,13 +152,13 @@ def test_a_squeeze_is_reckoned_for_three_quarters_of_the_friction_and_a_fifth_mo
 ) -> None:
     known, (candidate, *_) = begun
     met, touch = meet_exactly(known.bench, candidate)
-    found = squeeze_preload(known.bench, met, touch, 0.8, TURNS, GAINS)
+    found = worst_case(known.bench, met, touch, 0.8, TURNS, GAINS)
     loads = weight_loads(met.rotation, 1.2 * 0.349, TURNS) * [[1.0], [1.15], [1.3]]
     contacts, limit = metric_contacts(touch, known.centre, 0.6), SPEC.actuation.torque_limit
-    expected = least_preload(contacts, known.bench.jacobians(touch), GAINS.kp, limit, loads)
-    assert found.share == pytest.approx(expected.share, rel=1e-6)
-    least = limit_share(contacts, known.bench.jacobians(touch), limit, loads)
-    assert carrying_share(known.bench, met, touch, 0.8, TURNS) == pytest.approx(least, rel=1e-6)
+    forces = GripForces(contacts, known.bench.jacobians(touch), limit)
+    expected, least = forces.least_preload(GAINS.kp, loads), forces.limit_share(loads)
+    assert found.preload().share == pytest.approx(expected.share, rel=1e-6)
+    assert found.limit_share() == pytest.approx(least, rel=1e-6)
     (grown,) = known.grow([candidate])
     assert grown.score == pytest.approx(-0.8 * least - 0.2 * expected.share, rel=0.05)
 

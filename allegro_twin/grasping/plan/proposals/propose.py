@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_normal_force
-from allegro_twin.grasping.metrics.contacts import Contacts
-from allegro_twin.grasping.metrics.preload import Preload, least_preload, limit_share
+from allegro_twin.grasping.metrics.preload import GripForces, Preload
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.proposals.close_in_geometry import (
@@ -38,7 +37,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 LOWEST, HIGHER = 0.002, 0.008
 """m, between a hand and the table."""
@@ -96,9 +95,9 @@ class Proposer:
         gains = self.gains
         if gains is None:
             return None
-        return lambda candidate, touch, data: squeeze_preload(
+        return lambda candidate, touch, data: worst_case(
             self.bench, candidate, touch, self.friction, self.turns, gains, data
-        )
+        ).preload()
 
     def _looked_at(self) -> SurfaceSample:
         """Points of the surface, in the region where there is one. Raises ConfigError where it is empty."""
@@ -147,11 +146,12 @@ class Proposer:
         if self.gains is None:
             force = -normal_force(self.bench, candidate, touch, self.centre, self.friction, self.turns)
             return replace(candidate, score=force) if np.isfinite(force) else None
-        held = squeeze_preload(self.bench, candidate, touch, self.friction, self.turns, self.gains)
+        worst = worst_case(self.bench, candidate, touch, self.friction, self.turns, self.gains)
+        held = worst.preload()
         if not np.isfinite(held.share):
             return None
-        least = carrying_share(self.bench, candidate, touch, self.friction, self.turns)
-        return replace(candidate, score=-((1.0 - SPRINGS) * least + SPRINGS * held.share), torque=held.torque)
+        share = (1.0 - SPRINGS) * worst.limit_share() + SPRINGS * held.share
+        return replace(candidate, score=-share, torque=held.torque)
 
 
 def _jittered(candidate: Candidate, spec: HandSpec, random: Random, scale: float = 1.0) -> PoseGuesses:
@@ -231,35 +231,36 @@ PATCH = 0.004
 for about the line between two points nothing would resist."""
 
 
-def squeeze_preload(
+class WorstCase(NamedTuple):
+    """A grasp with less friction and more weight than are told."""
+
+    forces: GripForces
+    stiffness: Vector
+    loads: Array
+
+    def preload(self) -> Preload:
+        """The squeeze that carries the weight through the turns with the smallest share of any motor."""
+        return self.forces.least_preload(self.stiffness, self.loads)
+
+    def limit_share(self) -> float:
+        """The share of any motor that the same loads need at least, whatever the springs."""
+        return self.forces.limit_share(self.loads)
+
+
+def worst_case(
     bench: GraspScene, candidate: Candidate, touch: TouchPoints, friction: float, turns: Sequence[float], gains: Gains,
     data: Any = None,
-) -> Preload:  # fmt: skip
-    """The squeeze that carries the weight through the turns with the smallest share of any motor, with less friction
-    and more weight than are told. `data`: another state of the scene's model in which the hand touches the object."""
-    held, jacobians, loads = _worst_case(bench, candidate, touch, friction, turns, data)
-    limit = bench.spec.actuation.torque_limit
-    return least_preload(held, jacobians, np.broadcast_to(gains.kp, limit.shape), limit, loads)
-
-
-def carrying_share(
-    bench: GraspScene, candidate: Candidate, touch: TouchPoints, friction: float, turns: Sequence[float]
-) -> float:
-    """The share of any motor that the same loads need at least, whatever the springs."""
-    held, jacobians, loads = _worst_case(bench, candidate, touch, friction, turns)
-    return limit_share(held, jacobians, bench.spec.actuation.torque_limit, loads)
-
-
-def _worst_case(
-    bench: GraspScene, candidate: Candidate, touch: TouchPoints, friction: float, turns: Sequence[float],
-    data: Any = None,
-) -> tuple[Contacts, Array, Array]:  # fmt: skip
-    """Contacts with worn friction, how each moves with the joints, and loads with more weight."""
-    centre = bench.centre if data is None else data.xipos[bench.body]
+) -> WorstCase:  # fmt: skip
+    """The worst case of a candidate that touches the object so. `data`: another state of the scene's model in which it
+    does."""
+    centre, limit = bench.centre if data is None else data.xipos[bench.body], bench.spec.actuation.torque_limit
     touch = _as_patches(touch) if len(touch.points) < 3 else touch
     loads = weight_loads(candidate.rotation, HEAVIER * bench.mass, turns)
     loads[1:] *= np.linspace(1.0, SHAKEN, len(loads))[1:, None]
-    return metric_contacts(touch, centre, WORN * friction), bench.jacobians(touch, data), loads
+    held = metric_contacts(touch, centre, WORN * friction)
+    return WorstCase(
+        GripForces(held, bench.jacobians(touch, data), limit), np.broadcast_to(gains.kp, limit.shape), loads
+    )
 
 
 def _as_patches(touch: TouchPoints) -> TouchPoints:
