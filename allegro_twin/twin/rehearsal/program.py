@@ -219,7 +219,7 @@ class HandRehearsal:
         error = steady_error(found, found.known)
         return self._row("postures", twin, pose, kind, found) | {
             "posture": posture, "error": error.tolist(), "by_encoders": steady_error(found, found.position).tolist(),
-            "missed": far_joints(error, found.spec),
+            "missed": far_joints(error, found),
         }  # fmt: skip
 
     def _trajectory(self, pose: str, twin: str, level: str, speed: float, kind: str) -> dict[str, Any]:
@@ -241,7 +241,7 @@ class HandRehearsal:
         error = steady_error(found, found.known)
         return about | {
             "with": "air", "error": error.tolist(), "closing_s": closing_time(found, found.known),
-            "planned_s": float(found.begins[-1] - found.begins[-2]), "missed": far_joints(error, found.spec),
+            "planned_s": float(found.begins[-1] - found.begins[-2]), "missed": far_joints(error, found),
         }  # fmt: skip
 
     def _row(self, kind_of: str, twin: str, pose: str, kind: str, found: Following) -> dict[str, Any]:

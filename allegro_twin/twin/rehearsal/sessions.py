@@ -41,7 +41,7 @@ from allegro_twin.twin.identify.joint_ends import JointEnds, find_joint_ends
 from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
 from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
 from allegro_twin.twin.rehearsal.protocol import AVERAGED, REST, rehearsal_trajectory
-from allegro_twin.types import Array, Sample, Vector
+from allegro_twin.types import Array, Sample, TorqueCommand, Vector
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 Advance = Callable[[float], None]
 """Called with the hand's time after every sample, s."""
+SPENT = 0.99
+"""Of its torque limit, from which a motor gives all it has."""
 IDLE = 0.1
 """rad. A joint that moves less while it is led to both its ends has no power, or is stuck."""
 
@@ -162,6 +164,8 @@ class Following(NamedTuple):
     """(k, n), rad."""
     begins: Vector
     """When each of the motion's legs begins, and when the last ends, s."""
+    torque: Array
+    """What the controller asked of the motors, (k, n), N·m."""
 
     @property
     def known(self) -> Array:
@@ -267,10 +271,16 @@ def closing_time(found: Following, position: Array) -> float | None:
     return float(max(found.t[first] - found.begins[-2], 0.0))
 
 
-def far_joints(error: Vector, spec: HandSpec) -> str:
-    """Joints that are further than REACHED from where they were to be, furthest first; empty for none."""
-    far = [joint for joint in np.argsort(-np.abs(error)) if not abs(error[joint]) <= REACHED]
-    return ", ".join(f"{spec.joint_labels[joint]} {error[joint]:+.2f}" for joint in far)
+def far_joints(error: Vector, found: Following) -> str:
+    """Joints that are further than REACHED from where they were to be, furthest first, and which of them have a motor
+    that gave all it has; empty for none."""
+    spec, late = found.spec, found.t > found.t[-1] - AVERAGED
+    spent = (np.abs(found.torque[late]) >= SPENT * spec.actuation.torque_limit).all(axis=0)
+    return ", ".join(
+        f"{spec.joint_labels[joint]} {error[joint]:+.2f}" + (" (its motor gives all it has)" if spent[joint] else "")
+        for joint in np.argsort(-np.abs(error))
+        if not abs(error[joint]) <= REACHED
+    )
 
 
 def _measured(found: Following) -> Any:
@@ -301,14 +311,18 @@ def _follow(
         for sample in _kept(config, file)(until(end, resume(rig.backend, driven, state)), rig):
             state, true = sample.state, hand.true_position()
             true = None if true is None else true.copy()
-            rows.append((state.t, *path(state.t - began), state.position + twin.shift, true))
+            command = sample.command
+            assert isinstance(command, TorqueCommand)
+            rows.append((state.t, *path(state.t - began), state.position + twin.shift, true, command.torque))
             advance(state.t)
     if rig.device.unconfirmed:
         raise LinkError(rig.device.unconfirmed)
-    t, target, rate, position, truth = zip(*rows, strict=True)
+    t, target, rate, position, truth, torque = zip(*rows, strict=True)
     known = None if truth[0] is None else np.array(truth)
     begins = np.array(path.times) + began
-    return Following(rig.spec, np.array(t), np.array(target), np.array(rate), np.array(position), known, begins)
+    return Following(
+        rig.spec, np.array(t), np.array(target), np.array(rate), np.array(position), known, begins, np.array(torque)
+    )
 
 
 def _kept(config: RunConfig, file: Path | None) -> Callable[[Iterator[Sample], Rig], Iterator[Sample]]:

@@ -78,7 +78,7 @@ class Sessions:
         t = np.arange(0.0, 1.0, 0.003)
         rows = np.repeat(t[:, None], 16, axis=1)
         begins = np.array([0.0, 0.1, 1.0])
-        return Following(SPEC, t, rows, np.ones_like(rows), rows + self.error[twin.name], None, begins)
+        return Following(SPEC, t, rows, np.ones_like(rows), rows + self.error[twin.name], None, begins, 0.0 * rows)
 
 
 def steps_of_codec() -> Any:

@@ -43,7 +43,7 @@ def following(late: float = 0.0, off: float = 0.0) -> Following:
         return np.repeat(np.where(at > 1.0, np.sin(at - 1.0), 0.0)[:, None], 16, axis=1)
 
     rate = np.repeat(np.where(t > 1.0, np.cos(t - 1.0), 0.0)[:, None], 16, axis=1)
-    return Following(SPEC, t, path(t), rate, path(t - late) + off, None, np.array([0.0, 1.0, 5.0]))
+    return Following(SPEC, t, path(t), rate, path(t - late) + off, None, np.array([0.0, 1.0, 5.0]), 0.0 * rate)
 
 
 @pytest.mark.parametrize("which", ["right", "left"])
@@ -105,10 +105,22 @@ def test_a_grasp_is_closed_when_all_joints_are_there_for_good() -> None:
 def test_joints_that_are_not_where_they_were_to_be_are_named_furthest_first() -> None:
     error = np.zeros(16)
     error[[1, 14]] = 0.05, -0.4
-    assert far_joints(error, SPEC) == f"{SPEC.joint_labels[14]} -0.40, {SPEC.joint_labels[1]} +0.05"
+    found = following()
+    assert far_joints(error, found) == f"{SPEC.joint_labels[14]} -0.40, {SPEC.joint_labels[1]} +0.05"
     error[2] = np.nan
-    assert "nan" in far_joints(error, SPEC)
-    assert far_joints(np.full(16, 0.029), SPEC) == ""
+    assert "nan" in far_joints(error, found)
+    assert far_joints(np.full(16, 0.029), found) == ""
+
+
+def test_of_joints_that_did_not_arrive_it_is_said_whose_motor_gave_all_it_has_to_the_end() -> None:
+    found, error = following(), np.zeros(16)
+    error[[1, 12, 14]] = 0.05, -0.48, -0.4
+    found.torque[:, 12] = 9.0  # What is asked for may be more than the motor has.
+    found.torque[found.t > 4.0, 14] = -SPEC.actuation.torque_limit[14]
+    found.torque[-1, 1] = 9.0  # For a moment.
+    spent = " (its motor gives all it has)"
+    told = zip((12, 14, 1), ("-0.48", "-0.40", "+0.05"), (spent, spent, ""), strict=True)
+    assert far_joints(error, found) == ", ".join(f"{SPEC.joint_labels[k]} {off}{why}" for k, off, why in told)
 
 
 def test_only_a_hand_on_a_bus_is_rehearsed() -> None:
