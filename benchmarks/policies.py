@@ -30,15 +30,25 @@ from benchmarks.baselines import JOINTS, Squeeze
 
 RECIPES = {
     "grasp_right": "grasp_easy",
+    "pinch_right": "pinch",
+    "lift_right": "lift",
     "reach_right": "reach",
     "rotate_right": "rotate_on_palm",
     "rotate_hand_right": "rotate_on_palm_hand",
     "reorient_right": "reorient_on_palm",
 }
 CHUNK = 100
-SCRIPT, CONSTANT = "the script", "+0.10 rad, proximal"
-"""What `grasp_right` is compared with; the constant was the best of five in other episodes, before."""
+SCRIPT = "the script"
+CONSTANTS = {"grasp_right": Squeeze("proximal", 0.10), "pinch_right": Squeeze("proximal", 0.20),
+             "lift_right": Squeeze("proximal", 0.10)}  # fmt: skip
+"""What policies that add to a script are compared with, too: of five constants the best in other episodes, before."""
 HEAD = "| policy | objects | acts | success | counted, mean (quartiles) | on the palm | of | seeds from, physics |"
+
+
+def constant_of(policy: str) -> str:
+    """In words; empty for a policy that adds to no script."""
+    squeeze = CONSTANTS.get(policy)
+    return "" if squeeze is None else f"+{squeeze.offset:.2f} rad, {squeeze.joints}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,15 +65,15 @@ class Case:
         """The task, and its environments."""
         recipe = load_recipe(RECIPES[self.policy])
         more: dict[str, Any] = {"timestep": self.timestep}
-        if self.acts == CONSTANT:
+        if self.acts == constant_of(self.policy):
             more |= {"control": "absolute", "state": False}  # A critic's numbers change no episode.
         return recipe.task, evaluation_sets(recipe)[self.objects].model_copy(update=more)
 
     def player(self) -> Policy:
         if self.acts == SCRIPT:
             return ZeroPolicy(JOINTS)
-        if self.acts == CONSTANT:
-            return Squeeze("proximal", 0.10)
+        if self.acts == constant_of(self.policy):
+            return CONSTANTS[self.policy]
         return load_policy(data_root() / "conf" / "policies" / f"{self.policy}.onnx").policy
 
     def run(self, first: int) -> dict[str, Any]:
@@ -86,7 +96,7 @@ def cases(policies: list[str], timestep: float, seed: int, alone: bool) -> list[
     found = []
     for policy in policies:
         for objects in evaluation_sets(load_recipe(RECIPES[policy])):
-            acts = (policy, *([SCRIPT, CONSTANT] if policy == "grasp_right" and not alone else []))
+            acts = (policy, *([SCRIPT, constant_of(policy)] if policy in CONSTANTS and not alone else []))
             found += [Case(policy, objects, each, timestep, seed) for each in acts]
     return found
 
