@@ -156,8 +156,8 @@ def correlated(below: list[float]) -> dict[str, Any]:
 
 def between(drawn: dict[str, Array], first: str, second: str, joint: int) -> float:
     per = {name: drawn[name][:, joint] / drawn["strength"][:, joint] for name in PER_PWM}
-    values = [per.get(name, drawn[name][:, joint]) for name in (first, second)]
-    return float(np.corrcoef(*values)[0, 1])
+    one, other = (per.get(name, drawn[name][:, joint]) for name in (first, second))
+    return float(np.corrcoef(one, other)[0, 1])
 
 
 def test_values_of_a_joint_are_drawn_together_where_the_file_tells_their_correlations() -> None:
