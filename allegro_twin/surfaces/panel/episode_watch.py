@@ -89,7 +89,7 @@ class EpisodeWatch:
         assert self._sample is not None
         state, command = self._sample
         if isinstance(command, PositionCommand):
-            return self._holding(Hold(command.position))
+            return self._holding(Hold(state.position if command.limp else command.position))
         assert isinstance(command, TorqueCommand)
         return self._holding(Hold(state.position + command.torque / self._task.interface.gains.kp))
 

@@ -180,10 +180,10 @@ class HandSession:
         """End a motion where the hand is, and the force of the mouse."""
         self._drop()
         with suppress(HandError):  # The loop has ended, and the hand is limp; `report` tells.
-            if self.watch is None:
-                self.hand.direct.stay()
-            elif self.hand.controller == OWN:
+            if self.watch is not None and self.hand.controller == OWN:
                 self._hold()
+            elif self.hand.controller != HOLD:
+                self.hand.direct.stay()
 
     def report(self) -> Iterator[Notice | SessionEnded]:
         """What is new: a stall, a clipped request, a verdict, trouble with a recording, and the end of the hand."""

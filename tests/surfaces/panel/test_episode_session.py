@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
+from allegro_twin.backend import limp_of
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.kinematics.orientation import angle_between_quaternions
@@ -19,7 +21,7 @@ from allegro_twin.surfaces.panel import requests as r
 from allegro_twin.surfaces.panel.episode_watch import EpisodeWatch
 from allegro_twin.surfaces.panel.hand_session import HandSession
 from allegro_twin.surfaces.panel.stream import SessionEnded, SessionInfo, goals_reached
-from allegro_twin.types import Array
+from allegro_twin.types import Array, PositionCommand, Sample
 from tests.surfaces.panel.test_host import Desk
 
 TINY = {"method": "predictive", "samples": 4, "iterations": 1, "horizon": 0.12, "hold": 0.0, "knots": 2, "stride": 2,
@@ -257,6 +259,38 @@ def test_who_ends_the_performance_leaves_the_object_in_the_fingers(end: r.Reques
     held = desk.page.frame()
     desk.until(lambda: desk.page.frame().t > held.t + 0.7)
     np.testing.assert_allclose(desk.page.frame().look["object"][:3], held.look["object"][:3], atol=4e-3)
+
+
+def test_a_motion_that_a_person_began_ends_with_the_one_who_drives(opened: Opened) -> None:
+    desk = opened("Reach")
+    goal = np.clip(desk.page.frame().position, desk.info.spec.lower, desk.info.spec.upper)
+    goal[1] += 0.8
+    desk.session.execute(r.MoveJoints(tuple(goal.tolist())))
+    desk.session.stay()
+    began = desk.page.frame().t
+    desk.until(lambda: desk.page.frame().t > began + 1.0)
+    frame = desk.page.frame()
+    assert frame.kind == "pid"
+    assert frame.target[1] < goal[1] - 0.1
+
+
+def test_a_limp_hand_that_closes_its_own_loop_is_held_where_it_is() -> None:
+    leap = config().changed(hand={"model": "leap"})
+    rig = assemble(leap)
+    assert rig.episode is not None
+    watch = EpisodeWatch(rig, rig.episode)
+    state = rig.backend.reset()
+    watch.see(Sample(state, limp_of(rig.spec)))
+    held = watch.hold()
+    command, _ = held(state, held.start(state))
+    assert isinstance(command, PositionCommand)
+    np.testing.assert_array_equal(command.position, state.position)
+    watch.see(Sample(state, PositionCommand(state.position + 0.1)))
+    held = watch.hold()
+    command, _ = held(state, held.start(state))
+    np.testing.assert_array_equal(command.position, state.position + 0.1)  # type: ignore[union-attr]
+    watch.close()
+    rig.backend.close()
 
 
 def test_joints_can_be_moved_in_an_episode_whose_palm_reports_no_gravity(opened: Opened) -> None:
