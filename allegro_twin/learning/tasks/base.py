@@ -137,6 +137,11 @@ class Task(ABC):
         """Goals, shape (n, k), for tasks with goals."""
         return None
 
+    def set_goal(self, row: int, goal: Array | None) -> None:
+        """Give a simulation another goal, (k,), between two periods; None: the task's own next one. It is judged and
+        counted as any other. Raises ConfigError for a task that takes none."""
+        raise ConfigError(f"{self.name} takes no goal from outside; Reorient does")
+
     def achieved(self, tick: Ticks) -> Array | None:
         """State to compare with the goal at that decision, shape (n, k), where the interface cannot compute it from the
         joints."""

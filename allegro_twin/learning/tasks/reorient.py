@@ -76,6 +76,11 @@ class ReorientTask(InHandTask):
     def goal(self) -> Floats:
         return self._goal
 
+    def set_goal(self, row: int, goal: Array | None) -> None:
+        self._renewed[row] = goal is None
+        if goal is not None:
+            self._goal[row] = self.worlds.xp.asarray(goal, np.float32)
+
     def look(self, tick: Ticks) -> None:
         self.shown = self.camera.look(tick)
 

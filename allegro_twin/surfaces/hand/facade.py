@@ -28,7 +28,7 @@ from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, grasp_outcome
 from allegro_twin.surfaces.hand.live_control import LiveControl
-from allegro_twin.surfaces.hand.motion import Kind, MotionControl
+from allegro_twin.surfaces.hand.motion import FirstController, Kind, MotionControl
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 if TYPE_CHECKING:
@@ -45,9 +45,12 @@ class Hand:
     In a simulation and a replay time passes only in calls that wait, so a script repeats itself bit for bit; with
     `background=True` it passes on its own in real time, as it always does for a hand on a real bus."""
 
-    def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
+    def __init__(
+        self, rig: Rig, gains: Gains, *, background: bool = False, first: FirstController | None = None
+    ) -> None:
+        """`first`: what drives it from the first period on, in place of nothing."""
         self._rig, self._bounds = rig, JointBounds(rig.spec)
-        self._mover = MotionControl(rig, gains, background=background or rig.live)
+        self._mover = MotionControl(rig, gains, background=background or rig.live, first=first)
         self.direct = LiveControl(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,6 +15,9 @@ from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.motion import MotionControl
 from allegro_twin.types import Vector
+
+OWN = "the task's own"
+"""The controller of the config, by this name."""
 
 
 class LiveControl:
@@ -76,4 +81,8 @@ class LiveControl:
 
     def perform(self) -> None:
         """What the config's own task and controller do. Raises CommandError while the hand is stopped."""
-        self._mover.drive("the task's own", self._rig.controller)
+        self.drive(OWN, self._rig.controller)
+
+    def drive(self, kind: str, controller: Any) -> None:
+        """Hand over to any controller, by a name for it. Raises CommandError while the hand is stopped."""
+        self._mover.drive(kind, controller)

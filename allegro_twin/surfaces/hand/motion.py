@@ -123,18 +123,27 @@ KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
 FIRMWARES: tuple[Kind, ...] = ("limp", "position")
 """Of a hand whose firmware closes the loop."""
 T = TypeVar("T")
+
+
+class FirstController(NamedTuple):
+    """What drives a hand from its first period on, and what that is called."""
+
+    kind: str
+    controller: Any
+
+
 _DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
 
 
 class MotionControl:
     """Turns wishes into controllers and hands the hand over to them, watches what they do, and waits for it."""
 
-    def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
+    def __init__(self, rig: Rig, gains: Gains, *, background: bool, first: FirstController | None = None) -> None:
         self._rig, self.gains = rig, gains
         self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
-        self.kind: Kind | str = self.kinds[0]
+        self.kind: Kind | str = self.kinds[0] if first is None else first.kind
         self.listeners: list[Callable[[Sample], None]] = []
         self.stalled: MotionStalled | None = None
         """What stopped the last motion, if anything did."""
@@ -143,7 +152,7 @@ class MotionControl:
         self._sag = servo_sag(rig.spec, self.model)
         self._gravity = GravityFeedforward(self.model.gravity_torque)
         self._limp = ConstantCommand(limp_of(rig.spec))
-        self._relay = BumplessSwitch(self._limp, rig.spec.actuation.torque_limit)
+        self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)
         self.driver = LoopThread(self._samples(background), background=background)
 
     @property

@@ -15,19 +15,27 @@ from allegro_twin.hands.description.specs import is_hand_model
 from allegro_twin.hands.library.gains import gains_names
 from allegro_twin.hands.library.library import Library, load_grasp, load_posture, posture_names
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.panel.episode_watch import EpisodeWatch
 from allegro_twin.surfaces.panel.requests import OpenScene
 from allegro_twin.surfaces.panel.stream import LibraryContents, SessionInfo
 from allegro_twin.viewing.scenery import scenery
 
 
-def describe_hand(session: int, rig: Rig, config: RunConfig, controllers: tuple[str, ...], gains: str) -> SessionInfo:
-    """Raises ConfigError."""
+def describe_hand(
+    session: int,
+    rig: Rig,
+    config: RunConfig,
+    controllers: tuple[str, ...],
+    gains: str,
+    watch: EpisodeWatch | None = None,
+) -> SessionInfo:
+    """`watch`: of the episode, where the hand is in one. Raises ConfigError."""
     choice = config.backend.virtual
     return SessionInfo(
         session,
         f"{rig.spec.serial or rig.spec.name} · {config.backend.place}",
         rig.spec,
-        scenery(rig.spec, _meta(rig)),
+        scenery(rig.spec, _meta(rig) if watch is None else {"look": watch.appearance}),
         controllers,
         gains_names(rig.spec),
         gains,
@@ -37,6 +45,9 @@ def describe_hand(session: int, rig: Rig, config: RunConfig, controllers: tuple[
         config.task.object,
         _no_tips(rig.spec),
         _no_drag(rig, config),
+        episode="" if watch is None else watch.name,
+        plans=watch is not None and watch.plans,
+        turns=watch is not None and watch.turns,
     )
 
 
@@ -49,10 +60,12 @@ def library_contents(spec: HandSpec) -> LibraryContents:
 
 
 def scene_of(config: RunConfig, request: OpenScene) -> RunConfig:
-    """The config in another scene. Raises ConfigError."""
+    """The config in another scene; without a scenario in its own episode, where it has one. Raises ConfigError."""
     if not config.backend.virtual:
         raise ConfigError(f"only a simulated hand has a scene to change; this one is {config.backend.place}")
     content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
+    if request.scenario is None and config.task.episode is not None:
+        return config
     if request.scenario is None:
         home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
         return parse_settings(RunConfig, content | home, "the scene")
@@ -90,6 +103,8 @@ def _things() -> tuple[str, ...]:
 
 def _no_drag(rig: Rig, config: RunConfig) -> str:
     """Why objects cannot be pulled with the mouse."""
+    if rig.episode is not None:
+        return "objects of an episode cannot be pulled with the mouse; those of a scenario can"
     if rig.sim is None:
         return f"only simulated objects can be pulled with the mouse; this hand is {config.backend.place}"
     return "" if rig.trial is not None else "there is no object here; choose a scenario, and set the scene"

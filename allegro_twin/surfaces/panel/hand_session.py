@@ -12,7 +12,7 @@ import numpy as np
 
 from allegro_twin.app import Rig, assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.app.controller_settings import PositionSettings
+from allegro_twin.app.controller_settings import PlanningSettings, PositionSettings
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, HandError, RecordingError
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
@@ -20,8 +20,11 @@ from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.demonstration import Demonstration
+from allegro_twin.surfaces.hand.live_control import OWN
+from allegro_twin.surfaces.hand.motion import FirstController
 from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.description import describe_hand, library_contents, scene_of
+from allegro_twin.surfaces.panel.episode_watch import HOLD, EpisodeWatch
 from allegro_twin.surfaces.panel.host import Opener, Send
 from allegro_twin.surfaces.panel.stream import (
     RATE,
@@ -55,13 +58,17 @@ class HandSessions:
     """Opens the hand of a config, and opens it again in other scenes."""
 
     def __init__(self, config: RunConfig, folders: Folders) -> None:
-        self._config, self._folders = config, folders
+        self._own, self._config, self._folders = config, config, folders
 
     def prepare(self, request: requests.OpenScene | requests.Reopen | None) -> Opener:
         """Raises ConfigError."""
         config, perform = self._config, False
         if isinstance(request, requests.OpenScene):
-            config, perform = scene_of(config, request), request.perform
+            config, perform = scene_of(self._own, request), request.perform
+        controller = config.controller
+        if isinstance(controller, PlanningSettings) and controller.time == "lockstep":
+            raise ConfigError("controller.time lockstep: a hand in the panel waits for no plan, nor does its stop; "
+                              "choose controller.time: real")  # fmt: skip
 
         def start(number: int, send: Send) -> HandSession:
             session = HandSession(number, config, self._folders, send, perform=perform)
@@ -72,12 +79,15 @@ class HandSessions:
 
 
 class HandSession:
-    """A hand that a config describes, limp, with its time passing. `perform`: doing what the config is for; else its
-    wrist stays where its scene begins. Raises HandError."""
+    """A hand that a config describes, limp, with its time passing; in an episode holding, with the set-points of its
+    beginning. `perform`: doing what the config is for; else its wrist stays where its scene begins. Raises
+    HandError."""
 
     def __init__(self, number: int, config: RunConfig, folders: Folders, send: Send, *, perform: bool = False) -> None:
         self._number, self._config, self._folders, self.rig = number, config, folders, assemble(config)
-        self._send, self._look = send, scene_observer(self.rig)
+        episode = self.rig.episode
+        self.watch = None if episode is None else EpisodeWatch(self.rig, episode)
+        self._send, self._look = send, scene_observer(self.rig) if self.watch is None else self.watch.look
         self._next, self._lost, self._tick = 0.0, 0, -1
         self._recorder: Recorder | None = None
         self._recorded_from, self._teaching, self._trouble, self._verdict_due = 0.0, False, "", False
@@ -89,16 +99,24 @@ class HandSession:
             trial.backend.drive = trial.backend.drive[:1]
         controller = config.controller
         self._gains = controller.gains if isinstance(controller, PositionSettings) else "default"
-        self.hand = Hand(self.rig, load_gains(self._gains, self.rig.spec), background=True)
+        gains, first = load_gains(self._gains, self.rig.spec), None
+        if self.watch is not None:
+            first = FirstController(HOLD, self.watch.first())
+            if perform:
+                self.watch.perform()
+                first = FirstController(OWN, self.rig.controller)
+        self.hand = Hand(self.rig, gains, background=True, first=first)
         self._demonstrating, self._demonstration = ExitStack(), Demonstration(self.hand.spec)
-        if perform:
+        if self.watch is not None:
+            self.hand.gravity = self.watch.gravity
+        elif perform:
             self.hand.direct.perform()
         self.hand.listen(self._on_sample)
         self.hand.direct.prepare()
 
     def describe(self) -> SessionInfo:
         """Raises ConfigError."""
-        return describe_hand(self._number, self.rig, self._config, self.hand.controllers, self._gains)
+        return describe_hand(self._number, self.rig, self._config, self.hand.controllers, self._gains, self.watch)
 
     def library(self) -> LibraryContents:
         """Raises ConfigError."""
@@ -120,12 +138,12 @@ class HandSession:
             case requests.ChooseController(kind):
                 hand.set_controller(next((k for k in hand.controllers if k == kind), kind))  # type: ignore[arg-type]  # Checked there.
             case requests.SetGravity(vector):
-                hand.gravity = vector
+                hand.gravity = self.watch.gravity if vector is None and self.watch is not None else vector
             case requests.ChooseGains(name):
                 hand.direct.use_gains(name)
                 return f"gains {name} from the next request on"
             case requests.HoldHere():
-                hand.stop()
+                self._hold()
             case requests.StopMotion():
                 self.stop()
             case requests.ReleaseStop():
@@ -137,6 +155,10 @@ class HandSession:
                 self._drag(request)
             case requests.DropObject():
                 self._drop()
+            case requests.TurnGoal(quaternion):
+                self._episode().turn(quaternion)
+            case requests.PerformEpisode():
+                return self._perform()
             case requests.Teach(on):
                 return self._teach(on)
             case requests.PlayTaught():
@@ -158,7 +180,10 @@ class HandSession:
         """End a motion where the hand is, and the force of the mouse."""
         self._drop()
         with suppress(HandError):  # The loop has ended, and the hand is limp; `report` tells.
-            self.hand.direct.stay()
+            if self.watch is not None and self.hand.controller == OWN:
+                self._hold()
+            elif self.hand.controller != HOLD:
+                self.hand.direct.stay()
 
     def report(self) -> Iterator[Notice | SessionEnded]:
         """What is new: a stall, a clipped request, a verdict, trouble with a recording, and the end of the hand."""
@@ -179,6 +204,9 @@ class HandSession:
             if (pulled := self._pulled()) > 0.0:
                 text += f"; but the mouse pulled an object with up to {pulled:.1f} N: no verdict on the scenario"
             yield Notice(f"the verdict: {text}", bad=not verdict.held or pulled > 0.0)
+        if self.watch is not None and (sentence := self.watch.ended()):
+            yield SessionEnded(sentence)
+            return
         try:
             _ = hand.state
         except HandError as error:
@@ -190,8 +218,31 @@ class HandSession:
         try:
             self.hand.close()
         finally:
+            if self.watch is not None:
+                self.watch.close()
             with suppress(RecordingError):  # What was written is readable.
                 self._stop_recording()
+
+    def _episode(self) -> EpisodeWatch:
+        """Raises ConfigError where there is none."""
+        if self.watch is None:
+            raise ConfigError("this hand is in no episode: name one in the config, task: {episode: {task: Reorient}}")
+        return self.watch
+
+    def _perform(self) -> str:
+        watch = self._episode()
+        if self.hand.controller == OWN:
+            return f"{watch.name} is being performed"
+        self.hand.direct.perform()
+        watch.perform()
+        return ""
+
+    def _hold(self) -> None:
+        """Stay here; in an episode with the torques of now, or the fingertips would let go of the object."""
+        if self.watch is None:
+            self.hand.stop()
+        else:
+            self.hand.direct.drive(HOLD, self.watch.hold())
 
     def _drag(self, request: requests.DragObject) -> None:
         rig = self.rig
@@ -246,7 +297,8 @@ class HandSession:
 
         path, rig = free_name(self._folders.recordings), self.rig
         self._recorded_from = self.hand.state.t
-        self._recorder = Recorder(path, rig.spec, rig.backend.period, recording_meta(rig, self._config))
+        look = {} if self.watch is None else {"look": self.watch.appearance}
+        self._recorder = Recorder(path, rig.spec, rig.backend.period, recording_meta(rig, self._config) | look)
         return f"recording to {path}"
 
     def _stop_recording(self) -> None:
@@ -259,12 +311,14 @@ class HandSession:
         state = sample.state
         self._lost += 0 if self._tick < 0 else state.tick - self._tick - 1
         self._tick = state.tick
+        if self.watch is not None:
+            self.watch.see(sample)
         if self._judged is not None:
             self._judged.see(state)
             if state.t >= self._judged.seconds:
                 self._judged, self._verdict_due = None, True
         if (recorder := self._recorder) is not None:
-            look = {name: value for name, value in self._look().items() if value.ndim == 1}
+            look = {name: value for name, value in self._look().items() if value.ndim == 1 and name != "episode"}
             try:
                 recorder.add(sample, {**look, "target": self.hand.direct.target, **self._mouse_column()})
             except RecordingError as error:

@@ -117,6 +117,19 @@ class DropObject:
 
 
 @dataclass(frozen=True, slots=True)
+class TurnGoal:
+    """Bring the object of an episode to this orientation: a unit quaternion w x y z in the world, (4,); None: to the
+    task's own goals again."""
+
+    quaternion: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class PerformEpisode:
+    """Let the config's controller do the episode's task, from where the hand and the object are."""
+
+
+@dataclass(frozen=True, slots=True)
 class OpenScene:
     """Open a simulated hand anew, in a scenario, with an object of the catalogue in place of its own; None: as the
     config has it. `perform`: and do what the scenario, or the config, is for."""
@@ -153,13 +166,15 @@ Request: TypeAlias = (
     | Record
     | DragObject
     | DropObject
+    | TurnGoal
+    | PerformEpisode
     | OpenScene
     | Reopen
     | DriverLeft
 )
 IMMEDIATE = (DragObject, DropObject)
 """These wait for no other request: one that is being planned may take a second."""
-_CONTINUOUS = (MoveJoints, MovePalm)
+_CONTINUOUS = (MoveJoints, MovePalm, TurnGoal)
 """A handle that is dragged asks for more of these than a session can do: of several in a row only the newest waits."""
 
 

@@ -38,7 +38,10 @@ class StreamFrame(NamedTuple):
     look: Mapping[str, Array]
     """What is known beside the hand: `rerun.viewer.Look`, and `others`, (k, 7), for every object but the first. With an
     arm: `flange` and `goal`, where the palm is to go, (7,). While the mouse pulls an object: `drag`, its number, the
-    picked point (m) and the mouse's (m), and the force (N), all in the world, (10,)."""
+    picked point (m) and the mouse's (m), and the force (N), all in the world, (10,). In an episode: `episode`, its time
+    and its limit (s), the goals reached, those of them that a person set, whether the present one is a person's, and
+    plans a second, (6,); where its goal is an orientation `object_goal`, the object as it should be, beside the hand,
+    (7,)."""
     kind: str
     """The controller."""
     stopped: bool
@@ -78,6 +81,12 @@ class SessionInfo:
     """Why objects cannot be pulled with the mouse; empty: they can."""
     arm: HandSpec | None = None
     """The arm of a cell; None: the hand is alone."""
+    episode: str = ""
+    """The task whose episode the hand is in; empty: none."""
+    plans: bool = False
+    """The config's controller plans for it."""
+    turns: bool = False
+    """Its goal is an orientation of the object, which a person may turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +115,13 @@ class SessionEnded:
 
 
 PageMessage = SessionInfo | LibraryContents | Notice | SessionEnded
+
+
+def goals_reached(count: int, by_hand: int) -> str:
+    """How many goals were reached, and how many of them a person had set, in words."""
+    if not count:
+        return "no goal reached"
+    return f"{count} goal{'' if count == 1 else 's'} reached" + (f", {by_hand} of them set by hand" if by_hand else "")
 
 
 class FrameSender:

@@ -187,6 +187,33 @@ def test_no_goal_is_reached_at_the_beginning_and_each_that_is_brings_another(goa
         assert np.abs(tilt(np.array(seen["desired_goal"], float))).max() < 1e-6
 
 
+def test_a_goal_from_outside_is_judged_as_any_other_and_may_be_given_up_for_the_tasks_own() -> None:
+    env = batch("Reorient")
+    env.reset(seed=0)
+    task = env.engine.task
+    assert task.thing is not None
+    task._renewed[0] = True  # type: ignore[attr-defined]  # Of Reorient: the last was reached just now.
+    here = task.thing.pose[0, 3:].copy()
+    others = np.array(task.goal())[1:]
+    task.set_goal(0, here)
+    _, _, _, _, info = env.step(STILL)
+    np.testing.assert_array_equal(np.array(task.goal())[0], here.astype(np.float32))
+    np.testing.assert_array_equal(np.array(task.goal())[1:], others)
+    assert info["reached"].tolist() == [1.0] + [0.0] * (env.num_envs - 1)
+    away = rotate_quaternion(here, np.array([0.0, 0.0, 2.0]))
+    task.set_goal(0, away)
+    env.step(STILL)
+    np.testing.assert_array_equal(np.array(task.goal())[0], away.astype(np.float32))
+    task.set_goal(0, None)
+    env.step(STILL)
+    assert angle_between_quaternions(np.array(task.goal(), float)[0], away) > 0.01
+
+
+def test_a_task_without_such_goals_takes_none_from_outside() -> None:
+    with pytest.raises(ConfigError, match="Rotate takes no goal from outside; Reorient does"):
+        batch("Rotate").engine.task.set_goal(0, np.array([1.0, 0.0, 0.0, 0.0]))
+
+
 def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
     env = batch("Reorient", goals="yaw")
     env.reset(seed=0)

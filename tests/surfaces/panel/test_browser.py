@@ -311,6 +311,29 @@ def test_the_pixels_of_an_object_are_the_object_and_a_mouse_that_drags_them_pull
     assert not force[-1].any()
 
 
+def test_angles_that_are_typed_turn_the_goal_of_an_episode_until_the_task_has_its_own_again(
+    browser: Any, tmp_path: Path
+) -> None:
+    config = tmp_path / "reorient.yaml"
+    config.write_text(
+        "backend: {kind: sim}\n"
+        "task: {episode: {task: Reorient, environment: {decimation: 20, timestep: 0.003}}}\n"
+        "controller: {kind: mpc, time: real}\n"
+    )
+    with served(tmp_path, config=str(config)) as panel:
+        page = tab(browser, panel.url)
+        sees(page, "from the goal of the task")
+        box = page.locator("xpath=//*[text()='Goal (°)']/ancestor::*[.//input][1]//input").nth(2)
+        box.fill("25")
+        box.press("Enter")
+        sees(page, "from the goal set by hand")
+        press(page, "Perform the task")
+        sees(page, "plans a second")
+        sees(page, "from the goal set by hand")
+        press(page, "Goals of the task")
+        sees(page, "from the goal of the task")
+
+
 def test_a_wrong_token_is_refused_and_the_right_one_opens_the_page(browser: Any, tmp_path: Path) -> None:
     (tmp_path / "token").write_text("a-token-of-some-length\n")
     with served(tmp_path, "--host", "0.0.0.0", "--token-file", "token") as panel:

@@ -15,8 +15,8 @@ from allegro_twin.surfaces.panel.page.fingertips import TipHandles
 from allegro_twin.surfaces.panel.page.html import BAD, CALM, GOOD, banner, health
 from allegro_twin.surfaces.panel.page.joints import JointSliders
 from allegro_twin.surfaces.panel.page.library_view import LibraryView
+from allegro_twin.surfaces.panel.page.markers import EpisodeView, PalmMarker
 from allegro_twin.surfaces.panel.page.page_state import Browser, PageState, Section, update
-from allegro_twin.surfaces.panel.page.palm_marker import PalmMarker
 from allegro_twin.surfaces.panel.page.plots import Plots
 from allegro_twin.surfaces.panel.page.timeline import Timeline
 from allegro_twin.surfaces.panel.stream import Notice, StreamFrame
@@ -54,7 +54,7 @@ class ClientPage:
     def rebuilt(self) -> ClientPage:
         """The page of the same browser for another session."""
         for section in self._sections:
-            if isinstance(section, TipHandles):
+            if isinstance(section, TipHandles | EpisodeView):
                 section.remove()
         self._client.gui.reset()
         return ClientPage(self._state, self._client, self._changed)
@@ -110,6 +110,9 @@ class ClientPage:
         if self._cell:
             self._sections.append(PalmMarker(browser))
             return
+        if task := browser.info.episode:
+            with gui.add_folder(task):
+                self._sections.append(EpisodeView(browser))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Joints"):
             self._sections += [TipHandles(browser), JointSliders(browser)]

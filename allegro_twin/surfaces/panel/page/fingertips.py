@@ -25,7 +25,7 @@ class TipHandles:
 
     def __init__(self, browser: Browser) -> None:
         self._browser, self._state, self._client = browser, browser.state, browser.client
-        self._on, self._left_alone, self._able = True, 0, False
+        self._on, self._left_alone, self._able = not browser.info.episode, 0, False
         self._controls: dict[str, Any] = {}
         self._marks: list[Any] = []
         info, gui = browser.info, self._client.gui
@@ -33,7 +33,7 @@ class TipHandles:
         if self._state.tip_ik is None:
             self._say(f"fingertips of this hand cannot be dragged: {info.no_tips}", CALM)
             return
-        box = gui.add_checkbox("Drag fingertips", initial_value=True, hint="Three arrows at each tip")
+        box = gui.add_checkbox("Drag fingertips", initial_value=self._on, hint="Three arrows at each tip")
         box.on_update(self._switched)
         for finger in info.spec.fingers:
             self._controls[finger.name] = self._control(finger.name)

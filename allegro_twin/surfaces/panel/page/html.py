@@ -9,8 +9,9 @@ from html import escape
 from typing import NamedTuple
 
 from allegro_twin.hands.description.appearance import series_color
+from allegro_twin.kinematics.orientation import angle_between_quaternions
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.panel.stream import StreamFrame
+from allegro_twin.surfaces.panel.stream import SessionInfo, StreamFrame, goals_reached
 
 GOOD, BAD, CALM = "#0a7d38", "#c8102e", "#555"
 FONT = "font:12px/1.5 system-ui,sans-serif;color:#333;padding:2px 12px"
@@ -71,6 +72,19 @@ def joint_states(spec: HandSpec, frame: StreamFrame) -> str:
                          _inside(effort, -1.0), f"{torque:+.3f}"])  # fmt: skip
     heads = '<span>goal</span><span class="is">is</span><span class="torque">torque</span>'
     return f'<div class="joint-states" data-joints="{escape(json.dumps(rows))}">{heads}</div>'
+
+
+def episode_state(info: SessionInfo, frame: StreamFrame) -> str:
+    """How far an episode is, how far the object from its goal, and whose goal that is."""
+    t, limit, reached, by_hand, theirs, plans = frame.look["episode"]
+    lines = [f"{t:.1f} of {limit:.0f} s" if t else f"its {limit:.0f} s begin when it is performed"]
+    if info.plans and t:
+        lines[0] += f" · {plans:.1f} plans a second"
+    if info.turns:
+        off = angle_between_quaternions(frame.look["object"][3:], frame.look["object_goal"][3:])
+        lines += [f"{math.degrees(float(off)):.0f}° from the goal {'set by hand' if theirs else 'of the task'}",
+                  goals_reached(int(reached), int(by_hand))]  # fmt: skip
+    return f'<div style="{FONT}">{"<br>".join(map(escape, lines))}</div>'
 
 
 def health(spec: HandSpec, frame: StreamFrame, rate: float) -> str:

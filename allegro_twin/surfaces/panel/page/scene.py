@@ -20,7 +20,7 @@ from allegro_twin.viewing.skeleton import Skeleton
 from allegro_twin.viewing.surfaces import join_surfaces, surface_of
 from allegro_twin.viewing.views import aimed_view
 
-PALM, ARM = "/palm", "/arm"
+PALM, ARM, GOAL = "/palm", "/arm", "/object_goal"
 EYE, AT = (0.95, -1.05, 0.75), (-0.15, 0.0, 0.2)
 """The first view of a cell: the place of the eye, and the point that it looks at, m, world."""
 _ARROW = 0.012  # m for each newton of contact force.
@@ -30,6 +30,7 @@ _STILL, _ARM_STILL = 1e-5, 1e-4
 """m, and of a quaternion: what moves by less is not sent. An arm with its force sensor is never quite still."""
 _PULL = (214, 110, 0)
 """Colour of the line between an object and the mouse that pulls it."""
+_BENEATH = np.array([0.0, 0.0, -0.07])  # m, of the goal's label under its middle.
 _ABOVE = np.array([0.0, 0.0, 0.015])  # m, of the force's label over the mouse: the line stays in sight.
 OnDrag = Callable[[int, Any], None]
 _ASIDE, _CLOSER = 35.0, 1.0
@@ -62,6 +63,11 @@ class SceneView:
             mesh = self._mesh(f"/object_{number}/{thing}", shapes)
             if mesh is not None and on_drag is not None and info.arm is None and not info.no_drag:
                 mesh.on_drag("left")(_numbered(on_drag, number))
+        self._goal_label: Any = None
+        if info.turns:
+            self._node(GOAL)
+            self._mesh(f"{GOAL}/look", next(iter(scenery.objects.values())))
+            self._goal_label = scene.add_label("/goal_name", "goal", visible=False)
         self._mesh("/fixed", scenery.fixed)
         self._arrows: Any = None
         self._pull: tuple[Any, Any] | None = None
@@ -84,6 +90,10 @@ class SceneView:
                     self._place(f"/{name}", look[name])
             if "object" in look:
                 self._place("/object_0", look["object"])
+            if self._goal_label is not None and "object_goal" in look:
+                self._place(GOAL, look["object_goal"])
+                if not self._goal_label.visible:
+                    self._goal_label.position, self._goal_label.visible = look["object_goal"][:3] + _BENEATH, True
             for number, pose in enumerate(look.get("others", ())):
                 self._place(f"/object_{number + 1}", pose)
             self._bend(PALM, frame.position)
