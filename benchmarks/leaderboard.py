@@ -25,8 +25,8 @@ the [policies](policies.md) and the tables of [baselines and model predictive co
 Rows of one environment compare only where episodes, seeds and physics are the same; the last two columns say which they
 were. Intervals are Wilson's, 95 %. "Nothing" is a zero action: the script, where the task has one. A best constant was
 chosen on the episodes that it is judged in, which flatters it. `mpc` knows the true state and plans with the true
-physics. Policies and `mpc` decide 16.7 times a second in `Rotate` and `Reorient`, `grasp_right` 12.8 times; all else
-is at 26. An empty cell was not measured.
+physics. Policies and `mpc` decide 16.7 times a second in `Rotate` and `Reorient`, policies that add to a script, and
+what stands beside them, 12.8 times; all else is at 26. An empty cell was not measured.
 
 | task | environment | who | sees | episodes | success | counted | of | seeds from, physics |
 |---|---|---|---|---|---|---|---|---|

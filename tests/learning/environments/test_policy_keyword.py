@@ -23,6 +23,7 @@ pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: 
 
 POLICIES = {
     "grasp_right": "grasp_easy",
+    "lift_right": "lift",
     "pinch_right": "pinch",
     "reach_right": "reach",
     "reorient_right": "reorient_on_palm",
