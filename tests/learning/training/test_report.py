@@ -15,7 +15,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.policy.controller import ZeroPolicy
-from allegro_twin.learning.tasks import TASKS
+from allegro_twin.learning.tasks import TASKS, make_task
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, ROUND_SEEDS
 from allegro_twin.learning.training.report import (
@@ -266,11 +266,12 @@ def test_a_recipe_with_the_name_of_a_task_is_the_task_as_gymnasium_makes_it(name
         asked = {"palm", "level", "goals", "observation", "objects", "position_noise"}
         assert asked & found.model_fields_set, f"{name}: the task as it is, under another name"
         return
-    # A learner may decide less often, and its critic see more: neither changes what is asked of the hand.
-    of_the_learner: dict[str, Any] = {
-        key: getattr(found, key) for key in ("decimation", "state") if key in found.model_fields_set
-    }
+    # A learner may decide less often, move less at once and see the past, and its critic see more: nothing of it makes
+    # what is asked of the hand easier.
+    free = {"decimation", "state", "history", "step"} & found.model_fields_set
+    of_the_learner: dict[str, Any] = {key: getattr(found, key) for key in sorted(free)}
     assert found == EnvSettings(**of_the_learner)
+    assert (found.step or 0.0) <= make_task(own[name], EnvSettings(), 1, 1).card().step
     recipes, made = (HandEnv(own[name], **keywords) for keywords in (env_keywords(found), of_the_learner))
     ours, theirs = ([each.reset(seed=3), each.step(np.full(16, 0.3, np.float32))] for each in (recipes, made))
     assert pickle.dumps(ours) == pickle.dumps(theirs)
