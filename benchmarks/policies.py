@@ -31,6 +31,7 @@ from benchmarks.baselines import JOINTS, Squeeze
 RECIPES = {
     "grasp_right": "grasp_easy",
     "pinch_right": "pinch",
+    "hold_disturbed_right": "holddisturbed",
     "lift_right": "lift",
     "reach_right": "reach",
     "rotate_right": "rotate_on_palm",
@@ -40,7 +41,7 @@ RECIPES = {
 CHUNK = 100
 SCRIPT = "the script"
 CONSTANTS = {"grasp_right": Squeeze("proximal", 0.10), "pinch_right": Squeeze("proximal", 0.20),
-             "lift_right": Squeeze("proximal", 0.10)}  # fmt: skip
+             "lift_right": Squeeze("proximal", 0.10), "hold_disturbed_right": Squeeze("flexion", 0.05)}  # fmt: skip
 """What policies that add to a script are compared with, too: of five constants the best in other episodes, before."""
 HEAD = "| policy | objects | acts | success | counted, mean (quartiles) | on the palm | of | seeds from, physics |"
 

@@ -23,6 +23,7 @@ pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: 
 
 POLICIES = {
     "grasp_right": "grasp_easy",
+    "hold_disturbed_right": "holddisturbed",
     "lift_right": "lift",
     "pinch_right": "pinch",
     "reach_right": "reach",
