@@ -177,6 +177,12 @@ def test_values_of_a_joint_are_drawn_together_where_the_file_tells_their_correla
         assert_normal(drawn[name][:, some], np.full(len(some), centre), half[some] / NORMAL)
     # A wide range says nothing of what goes with what.
     assert abs(between(drawn, "damping", "frictionloss", column(OPEN))) < wide
+    damping, friction = (
+        drawn[name][:, column(OPEN)] / drawn["strength"][:, column(OPEN)]
+        for name in PER_PWM
+        if name in ("damping", "frictionloss")
+    )
+    assert abs(np.corrcoef(damping, np.square(friction - friction.mean()))[0, 1]) < wide  # Nor of how far it is off.
     np.testing.assert_array_equal(drawn["load_friction"], draws()["load_friction"])
 
 
