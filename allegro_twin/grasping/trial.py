@@ -24,7 +24,7 @@ from allegro_twin.sim.contact.contact_surfaces import SURFACES, BodyPlaces, Surf
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model.appearance import scene_appearance
-from allegro_twin.sim.model.scene import compile_scene
+from allegro_twin.sim.model.compiled_scenes import CompiledScenes
 from allegro_twin.sim.model.wrist import wrist_load, wrist_set_points
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
@@ -35,7 +35,8 @@ class Trial:
     """A simulated hand at a scenario, and what is seen of it.
 
     `start` are the joint positions at reset, (n,), rad; by default those in which the hand acts first. `protocol` takes
-    the place of the scenario's; `draw` is what the hand is not told.
+    the place of the scenario's; `draw` is what the hand is not told. `scenes`: where trials of one scene share the work
+    of compiling it. `typed`: whether the type that its contacts show is asked for, which costs a tenth of `fc`.
     """
 
     def __init__(
@@ -49,6 +50,8 @@ class Trial:
         start: Vector | None = None,
         protocol: TrialProtocol | None = None,
         draw: Perturbation | None = None,
+        scenes: CompiledScenes | None = None,
+        typed: bool = True,
     ) -> None:
         self.scenario, self.grasp, self.draw = scenario, grasp, draw
         self.protocol = with_push_phases(protocol or load_protocol(scenario.protocol), scenario)
@@ -61,7 +64,7 @@ class Trial:
         self.windows: tuple[PhaseWindow, ...] = timeline.windows
         self.reference: Moves = timeline.reference
         self.seconds = timeline.seconds
-        model = compile_scene(spec, scene)
+        model = (scenes or CompiledScenes(spec)).model(scene)
         if draw is not None:
             motors = [model.actuator(joint).id for joint in spec.joints]
             if "torque" in spec.commands:
@@ -75,12 +78,11 @@ class Trial:
         self._probe = ObjectProbe(model, self.backend.data, spec, name)
         self._surfaces, self._borne = SurfaceProbe(model, spec, name), list[SurfaceForces]()
         self._stood: BodyPlaces | None = None
-        self._holding = next((window for window in self.windows if window.check), None)
+        self._holding = next((window for window in self.windows if window.check), None) if typed else None
         limits = self.protocol.success
         lift = sum(max(phase.move[2], 0.0) for phase in self.protocol.after_reference)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
         self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
-        self._too_heavy = weight_warning(self._weight, grasp, spec, scenario.friction * self.protocol.physics.friction)
         self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
 
     @property
@@ -90,7 +92,9 @@ class Trial:
 
     def warnings(self) -> list[str]:
         """What speaks against a success, with its numbers."""
-        return [] if self._too_heavy is None else [self._too_heavy]
+        friction = self.scenario.friction * self.protocol.physics.friction
+        said = weight_warning(self._weight, self.grasp, self.backend.spec, friction)
+        return [] if said is None else [said]
 
     @property
     def begin(self) -> float:

@@ -24,6 +24,9 @@ from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
+from allegro_twin.sim.model import compiled_scenes
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.spec import HandSpec
 
 SHORT = load_protocol("table_pick")
 SHORT = SHORT.model_copy(
@@ -134,6 +137,36 @@ def test_weak_motors_give_what_they_are_told_times_a_factor(bench: TrialRunner) 
     assert weak.backend.model.actuator_gear[weak.backend.model.actuator("joint_0.0").id, 0] == pytest.approx(0.7)
 
 
+def test_trials_of_one_scene_are_compiled_once_and_share_nothing_that_is_changed(
+    bench: TrialRunner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled = list[Stage]()
+
+    def counted(spec: HandSpec, stage: Stage) -> Any:
+        compiled.append(stage)
+        return compile_scene(spec, stage)
+
+    monkeypatch.setattr(compiled_scenes, "compile_scene", counted)
+    scenes = compiled_scenes.CompiledScenes(bench.spec)
+    gears = []
+    for draw in (Perturbation(torque=0.7), Perturbation(), None, Perturbation(x=0.001), Perturbation(friction=0.5)):
+        case = load_case({"scenario": "mug", "draw": None if draw is None else asdict(draw)}, bench.spec)
+        model = bench.trial(case, scenes).backend.model
+        gears.append(float(model.actuator_gear[model.actuator("joint_0.0").id, 0]))
+    assert gears == [0.7, 1.0, 1.0, 1.0, 1.0]
+    assert len(compiled) == 3
+
+
+def test_who_does_not_ask_for_the_type_gets_the_same_verdict_without_it(bench: TrialRunner) -> None:
+    short = SHORT.model_copy(update={"phases": SHORT.phases[1:]})
+    asked = replace(load_case({"scenario": "golf_ball"}, bench.spec), protocol=short)
+    typed, plain = (verdict.report for verdict in bench.verdicts([asked, replace(asked, typed=False)]))
+    assert typed is not None
+    assert plain is not None
+    assert typed.observed is not None
+    assert plain == replace(typed, observed=None)
+
+
 @pytest.mark.long
 def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
     items = [{"scenario": "lemon", "side": "left"}, {"scenario": "mug"}, {"scenario": "lemon"}]
@@ -144,7 +177,7 @@ def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
 
 @pytest.mark.slow
 def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_further() -> None:
-    bench = TrialRunner(load_spec(), period=0.004)
+    bench = TrialRunner(load_spec())
     whole = load_case({"scenario": "lemon", "protocol": "quick"}, bench.spec)
     missed = TrialCase(
         whole.scenario, whole.grasp, Perturbation(0.03, 0.03, 0.0, 1.0, 1.0, 0.5, 1.0), whole.protocol, whole.folder

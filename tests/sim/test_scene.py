@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.sim.contact.contact_surfaces import box_edges
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.model.physics import Physics
+from allegro_twin.sim.model.physics import Cone, Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.model.wrist import (
     STIFF_WRIST,
@@ -185,11 +185,12 @@ def test_the_left_trial_is_the_mirror_image_of_the_right() -> None:
         )
 
 
-def test_the_probe_weighs_an_object_that_lies_on_the_palm(spec: HandSpec) -> None:
+@pytest.mark.parametrize("cone", get_args(Cone))
+def test_the_probe_weighs_an_object_that_lies_on_the_palm(cone: Cone, spec: HandSpec) -> None:
     upward = np.array([math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0])  # The palm looks at the sky.
     thing = GraspObject("brick", "box", (0.04, 0.04, 0.02), 0.2)
     place = PlacedObject(thing, (0.06, 0.0, 0.0225), (1.0, 0.0, 0.0, 0.0))
-    backend = SimBackend(spec, compile_scene(spec, Stage(np.zeros(3), upward, [place])))
+    backend = SimBackend(spec, compile_scene(spec, Stage(np.zeros(3), upward, [place], physics=Physics(cone=cone))))
     probe = ObjectProbe(backend.model, backend.data, spec, "brick")
     backend.reset()
     for _ in range(200):

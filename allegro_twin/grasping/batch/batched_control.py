@@ -131,10 +131,12 @@ def pd_torque(
 
 
 def weight_torque(sims: SimBatch, rows: Rows, gravity: GravityFeedforward | None) -> Array:
-    """What carries the weight of some hands, (rows, joints), N·m; zero, (1,), without `gravity`."""
+    """What carries the weight of some hands, (rows, joints), N·m; zero, (1,), without `gravity` or weight."""
     if gravity is None:
         return np.zeros(1)
     down = sims.gravity[rows] if gravity.vector is None else np.tile(gravity.vector, (len(rows), 1))
+    if not down.any():
+        return np.zeros(1)
     return gravity.torque_of(sims.position[rows], down)
 
 

@@ -35,6 +35,7 @@ from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.sim.model.compiled_scenes import CompiledScenes
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ class TrialCase:
     """Where the scenario's own files are looked for."""
     rules: str | None = None
     """The protocol's name, where it is not the scenario's."""
+    typed: bool = True
+    """Whether its report has the type that its contacts show."""
 
     @property
     def ruled(self) -> TrialProtocol:
@@ -91,17 +94,18 @@ class TrialRunner:
         """One a case, in order. `stop_early`: what is lost has no report. Raises ConfigError for a scene that cannot be
         built."""
         for first in range(0, len(cases), WIDTH):
-            trials = [self.trial(case) for case in cases[first : first + WIDTH]]
+            scenes = CompiledScenes(self.spec)
+            trials = [self.trial(case, scenes) for case in cases[first : first + WIDTH]]
             controllers = [self.controller(trial) for trial in trials]
             yield from run_trials(
                 trials, controllers, self.limits, threads=self._threads, measure=measure, stop_early=stop_early
             )
 
-    def trial(self, case: TrialCase) -> Trial:
+    def trial(self, case: TrialCase, scenes: CompiledScenes | None = None) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
         return Trial(
             case.scenario, self.spec, case.grasp, folder=case.folder, period=self.period, protocol=case.protocol,
-            draw=case.draw,
+            draw=case.draw, scenes=scenes, typed=case.typed,
         )  # fmt: skip
 
     def controller(self, trial: Trial) -> Any:

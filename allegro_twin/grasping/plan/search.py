@@ -41,7 +41,7 @@ from allegro_twin.types import Array
 
 FEW, ELITE = 4, 10
 """Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
-TIMESTEP = 0.002
+TIMESTEP = 0.003
 """s, the physics step of what is only a search."""
 
 
@@ -53,7 +53,7 @@ class RoundSize:
     """Proposals."""
     closed: int = 48
     """The best of them, which physics closes; half as many where forces are reckoned, for most of those hold."""
-    drawn: int = 10
+    drawn: int = 20
     """The best of those that hold, which are tried under draws."""
 
 

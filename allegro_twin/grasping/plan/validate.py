@@ -242,12 +242,14 @@ class GraspValidator:
                 option.sustained = verdict.report.hottest[1]
         self._spent("whole", len(cases), began)
 
-    def amiss(self, verdicts: Sequence[Verdict]) -> str:
-        """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""
+    def amiss(self, verdicts: Sequence[Verdict], *, typed: bool = True) -> str:
+        """What is wrong with something that held: `elsewhere`, or, if the first was `typed`, as an `other type`; empty
+        where nothing is."""
         if not all(holds_in_region(verdict) for verdict in verdicts):
             return "elsewhere"
         seen = [verdict.report.observed for verdict in verdicts if verdict.report is not None][:1]
-        if self.kind is not None and not any(each is not None and is_of_type(each, self.kind) for each in seen):
+        asked = self.kind if typed else None
+        if asked is not None and not any(each is not None and is_of_type(each, asked) for each in seen):
             return "other type"
         return ""
 
@@ -288,14 +290,17 @@ def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> 
         PlannedGrasp(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0)
         for c in candidates
     ]
-    for ways in (slice(0, 2), slice(2, None)):
-        cases = [TrialCase(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
+    for first, ways in ((True, slice(0, 2)), (False, slice(2, None))):
+        cases = [
+            [replace(way, typed=first and number == 0) for number, way in enumerate(each.directions()[ways])]
+            for each in (TrialCase(o.scenario, o.grasp, folder=prover.folder) for o in options)
+        ]
         verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, stop_early=True)
         for option, each in zip(options, cases, strict=True):
             found = [next(verdicts) for _ in each]
             held = [verdict.report for verdict in found if verdict.held and verdict.report is not None]
-            option.confirmed = len(held) == len(each) and not prover.amiss(found)
-            if held:
+            option.confirmed = len(held) == len(each) and not prover.amiss(found, typed=first)
+            if first and held:
                 option.show(held[0].observed)
             option.margin = min([option.margin, *(report.margin for report in held)])
             option.stall = max([option.stall, *(max(report.at_limit.values()) for report in held)])

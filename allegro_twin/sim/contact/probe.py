@@ -8,12 +8,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.sim.contact.contacts import contact_forces
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.parts import body_parts, part_names
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, frozen
-
-_AXES = np.arange(3)  # Of an elliptic contact's force: along the normal, along two tangents.
 
 
 class _Contacts(NamedTuple):
@@ -34,7 +33,7 @@ class ObjectProbe:
     """Looks into a scene at one object, after each period."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> None:
-        self._data = data
+        self._model, self._data = model, data
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
         self.parts = part_names(spec)
         self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
@@ -74,8 +73,7 @@ class ObjectProbe:
             return None
         first = ours[mine, 0]
         other = np.where(first, geoms[mine, 1], geoms[mine, 0])
-        # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
-        local = self._data.efc_force[address[mine, None] + _AXES]
+        local = contact_forces(self._model, self._data, mine)
         return _Contacts(mine, first, self._part[other], bool(self._stands[other].any()), local)
 
     def _felt(self, found: _Contacts | None) -> dict[str, Array]:

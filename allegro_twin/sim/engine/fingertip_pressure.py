@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from allegro_twin.sim.contact.contacts import contact_forces
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Vector
 
@@ -19,7 +20,7 @@ class PressureSensors:
 
     def __init__(self, backend: SimBackend) -> None:
         model = backend.model
-        self._data = backend.data
+        self._model, self._data = model, backend.data
         self._finger = np.full(model.ngeom, -1)
         for number, finger in enumerate(backend.spec.fingers):
             self._finger[model.geom(finger.tip).id] = number
@@ -28,8 +29,8 @@ class PressureSensors:
     def __call__(self) -> Vector:
         """Per finger, (n,), Pa."""
         contact = self._data.contact
-        active = contact.efc_address >= 0
-        force = self._data.efc_force[contact.efc_address[active]]
+        active = np.flatnonzero(contact.efc_address >= 0)
+        force = contact_forces(self._model, self._data, active)[:, 0]
         total = np.zeros(self._n)
         for side in self._finger[contact.geom[active]].T:
             tips = side >= 0

@@ -15,7 +15,8 @@ class LoopThread:
     """Runs samples and lets callers wait for what they wait for.
 
     In the foreground time passes only while somebody waits, so a simulation is as fast as it goes and repeats itself;
-    in the background it passes on its own, as it does for a real hand. An error is raised to whoever waits next.
+    in the background it passes on its own, as it does for a real hand. An error is raised to whoever waits next;
+    there what is no HandError comes as a HandFault that names it.
     """
 
     def __init__(self, samples: Iterator[Sample], *, background: bool) -> None:
@@ -71,15 +72,26 @@ class LoopThread:
         while not self._stopped:
             try:
                 sample = next(self._samples)
-            except (HandError, StopIteration) as error:
-                ended = HandFault("the hand has ended: nothing more comes from it")
-                with self._news:
-                    self._error = error if isinstance(error, HandError) else ended
-                    self._news.notify_all()
+            except StopIteration:
+                self._end(HandFault("the hand has ended: nothing more comes from it"))
                 return
+            except HandError as error:
+                self._end(error)
+                return
+            except BaseException as error:
+                # Whoever waits would wait for ever; the thread's own trace goes to the terminal.
+                fault = HandFault(f"the loop has ended by an error of the program, {type(error).__name__}: {error}")
+                fault.__cause__ = error
+                self._end(fault)
+                raise
             with self._news:
                 self._latest = sample
                 self._news.notify_all()
+
+    def _end(self, error: HandError) -> None:
+        with self._news:
+            self._error = error
+            self._news.notify_all()
 
     def _check(self) -> None:
         if self._error is not None:

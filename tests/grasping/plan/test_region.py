@@ -61,7 +61,7 @@ def test_a_region_without_a_surface_is_an_error() -> None:
 
 @pytest.mark.slow
 def test_the_share_of_the_force_in_a_region_and_beside_it_is_all_of_it() -> None:
-    bench = TrialRunner(SPEC, period=0.004)
+    bench = TrialRunner(SPEC)
     case = load_case({"scenario": "tomato_soup_can", "protocol": "quick"}, SPEC)
     shares = [
         next(bench.verdicts([case], parse_region(text).share)).measured["region"] for text in ("x>0.0", "x<0.0", "z>-1")
@@ -73,7 +73,7 @@ def test_the_share_of_the_force_in_a_region_and_beside_it_is_all_of_it() -> None
 
 def test_a_part_of_an_object_turns_with_it() -> None:
     """A mug that is held from the side of its y alone; turned by a quarter, that is where its x points."""
-    bench, case = TrialRunner(SPEC, period=0.004), load_case({"scenario": "mug", "protocol": "quick"}, SPEC)
+    bench, case = TrialRunner(SPEC), load_case({"scenario": "mug", "protocol": "quick"}, SPEC)
     (mug,) = case.scenario.objects
     turned = case.scenario.model_copy(update={"objects": (mug.model_copy(update={"yaw": mug.yaw + 90.0}),)})
     for scene, text in ((case.scenario, "y>0"), (turned, "x>0")):

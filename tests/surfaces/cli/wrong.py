@@ -101,7 +101,7 @@ TABLE = [
         ("run r.arrow", 2, "r.arrow: cannot be read"),
         ("run typos.yaml", 2, "seconds_: unknown key; did you mean 'seconds'?; hnd: unknown key"),
         ("run fast.yaml", 2, "speed must be positive, in rad/s, from 0.001 to 12"),
-        ("run quick.yaml --config can_virtual", 2, "wants control every 0.004 s, can_virtual has it every 0.003"),
+        ("run coarse.yaml --config can_virtual", 2, "wants control every 0.004 s, can_virtual has it every 0.003"),
         ("run lemon --grasp nope", 2, "no grasp named 'nope'"),
         ("run lemon --grasp home", 2, "'home' is a posture, not a grasp"),
         ("run lemon --object nope", 2, "no object named 'nope'"),
@@ -277,7 +277,7 @@ def workspace(folder: Path, recording: Path) -> None:
     contents: dict[str, bytes] = {
         "full/something": b"x", "file": b"x", "text.txt": b"hello\n", "bad.yaml": b"x: [\n", "empty.yaml": b"",
         "bytes.onnx": b"\0\1\2", "bytes.zip": b"\0\1\2", "empty.arrow": b"", "r.arrow": data, "cut.arrow": data[:2000],
-        "quick.yaml": (data_root() / "scenarios" / "demo" / "lemon.yaml").read_bytes() + b"\nprotocol: quick\n",
+        "coarse.yaml": (data_root() / "scenarios" / "demo" / "lemon.yaml").read_bytes() + b"\nprotocol: lift\n",
         "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
         "track.csv": (",".join(HEADER) + "\n0,1\n").encode(),
         "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, speed: 1.0e+9}\ntask: {posture: home}\n",

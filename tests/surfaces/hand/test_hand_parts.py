@@ -99,6 +99,15 @@ def test_what_ended_the_loop_is_told_to_everybody_who_asks(error: Exception | No
     driver.close()
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_error_of_the_program_in_the_loops_thread_is_told_to_whoever_waits() -> None:
+    driver = LoopThread(fails(ZeroDivisionError("by nothing")), background=True)
+    with pytest.raises(HandFault, match="an error of the program, ZeroDivisionError: by nothing") as caught:
+        driver.wait(lambda s: s.state.tick > 5)
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    driver.close()
+
+
 def test_a_closed_driver_ends_its_samples_and_says_that_the_hand_is_closed() -> None:
     ended = []
 
