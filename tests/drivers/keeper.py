@@ -40,9 +40,7 @@ def end(
     order: tuple[tuple[str, signal.Signals], ...], program: subprocess.Popen[str], keeper: int, between: float
 ) -> Callable[[], None]:
     """End them in this order, so many seconds apart; the result ends what only stands still."""
-    process = {"keeper": keeper, "program": program.pid}
-    if any(who == "second" for who, _ in order):
-        process["second"] = second_of(keeper)
+    process = {"keeper": keeper, "program": program.pid, "second": second_of(keeper)}
     for who, number in order:
         os.kill(process[who], number)
         time.sleep(between)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tty
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from allegro_twin.drivers.base.keeper.keeper import Keeper
+from tests.drivers.keeper import second_of
 from tests.patience import comes_true
 
 WORDS = b"limp!"
@@ -66,6 +68,25 @@ def test_dismissed_it_goes_without_a_word(line: tuple[int, int]) -> None:
     keeper = armed(line)
     keeper.dismiss()
     assert gone(keeper)
+    assert heard(line) == b""
+
+
+def test_the_words_of_the_second_of_one_that_was_killed_are_said_to_the_end(line: tuple[int, int]) -> None:
+    keeper = armed(line)
+    second = second_of(keeper.process)
+    os.kill(keeper.process, signal.SIGKILL)
+    keeper.bury()
+    assert heard(line) == 25 * WORDS
+    assert comes_true(lambda: not Path(f"/proc/{second}").exists())
+
+
+def test_where_no_second_is_left_nobody_waits_for_its_words(line: tuple[int, int]) -> None:
+    keeper = armed(line)
+    second = second_of(keeper.process)
+    os.kill(keeper.process, signal.SIGSTOP)  # Or it would make another.
+    os.kill(second, signal.SIGKILL)
+    os.kill(keeper.process, signal.SIGKILL)
+    keeper.bury()
     assert heard(line) == b""
 
 

@@ -57,7 +57,6 @@ class HandWatch:
                 second = self._hire(poll)
             alive = not news or (news == {0: select.POLLIN} and bool(os.read(0, 64)))
             if cells[ARMED] and (not alive or self._patience() == 0 or cells[VOICE] == SPEAK):
-                cells[ARMED] = 0
                 self._silence(alive=alive)
 
     def _hire(self, poll: select.poll) -> int:
@@ -94,7 +93,6 @@ class HandWatch:
                 gone = dict(poll.poll(round(1000 * GRACE)))
             owed = cells[ARMED] or (cells[OWED] and keeper in gone)
             if owed and (keeper in gone or not alive or self._patience() == 0):
-                cells[ARMED] = 0
                 self._silence(alive=alive)
             if keeper in gone:
                 return
@@ -110,7 +108,8 @@ class HandWatch:
     def _silence(self, *, alive: bool) -> None:
         """Say it to the end: `_insist` or, where nobody answers, `_repeat`."""
         self._cells[CUTS] += 1
-        self._cells[OWED] = 1
+        self._cells[OWED] = 1  # First: between the two somebody may look, or this process be ended.
+        self._cells[ARMED] = 0
         try:
             if isinstance(self._way, SerialBytes):
                 self._repeat(self._way)
