@@ -89,7 +89,7 @@ def cone_forces(touch: Contacts, edges: int = EDGES) -> tuple[Array, Array, Indi
     if edges < 3:
         raise ConfigError(f"a pyramid has 3 edges or more, not {edges}")
     angles = np.arange(edges) * (2.0 * np.pi / edges)
-    second = np.cross(touch.normals, touch.tangents)
+    second = cross_product(touch.normals, touch.tangents)
     ways = np.einsum("e,ki->kei", np.cos(angles), touch.tangents) + np.einsum("e,ki->kei", np.sin(angles), second)
     slanted = touch.normals[:, None] + touch.friction[:, None, None] * ways
     soft = np.flatnonzero(touch.torsion > 0.0)
@@ -103,7 +103,14 @@ def cone_wrenches(touch: Contacts, edges: int = EDGES) -> Array:
     """The same as wrenches on the object, (g, 6): force, N; ((p − c) × f + m) / length, N."""
     force, moment, owner = cone_forces(touch, edges)
     arm = touch.points[owner] - touch.centre
-    return np.hstack([force, (np.cross(arm, force) + moment) / touch.length])
+    return np.hstack([force, (cross_product(arm, force) + moment) / touch.length])
+
+
+def cross_product(first: Array, second: Array) -> Array:
+    """Of rows, (k, 3), as `np.cross`, which takes five times as long for a few of them."""
+    (x, y, z), (u, v, w) = first.T, second.T
+    found: Array = np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
+    return found
 
 
 def _rows(values: ArrayLike, what: str) -> Array:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.metrics.contacts import Contacts
+from allegro_twin.grasping.metrics.contacts import Contacts, cross_product
 from allegro_twin.types import Array, Vector
 
 FACETS = 6
@@ -134,15 +134,18 @@ def _grip_matrix(touch: Contacts) -> Array:
     found = np.zeros((6, len(touch), 3))
     arm = (touch.points - touch.centre) / touch.length
     found[:3] = np.eye(3)[:, None]
-    for axis in range(3):
-        found[3:, :, axis] = np.cross(arm, np.eye(3)[axis]).T
+    x, y, z = arm.T
+    # The columns of arm × e for the three axes e.
+    found[4, :, 0], found[5, :, 0] = z, -y
+    found[3, :, 1], found[5, :, 1] = -z, x
+    found[3, :, 2], found[4, :, 2] = y, -x
     return found.reshape(6, -1)
 
 
 def _cone_facets(touch: Contacts, facets: int) -> Array:
     """Rows that are ≤ 0 for forces in the pyramids, (k facets, 3 k)."""
     angles = (np.arange(facets) + 0.5) * (2.0 * np.pi / facets)
-    second = np.cross(touch.normals, touch.tangents)
+    second = cross_product(touch.normals, touch.tangents)
     across = np.einsum("e,ki->kei", np.cos(angles), touch.tangents) + np.einsum("e,ki->kei", np.sin(angles), second)
     rows = across - (touch.friction * np.cos(np.pi / facets))[:, None, None] * touch.normals[:, None]
     found = np.zeros((len(touch), facets, len(touch), 3))

@@ -33,9 +33,9 @@ from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-RUNGS = (2, 4, 8, 14, 26)
+RUNGS = (2, 4, 8, 16, 32)
 """Draws: everybody gets the first so many, and the better half of those on a rung goes on to the next one."""
-GOOD, SURE = 0.88, 14
+GOOD, SURE = 0.88, 16
 """An expected share of draws with which a grasp is good enough, and the draws that it takes to say so: of many that
 hold in a few, some were lucky."""
 
@@ -65,7 +65,7 @@ SEARCHED = Uncertainty(position=0.005, torque=0.0)
 """What draws of a search vary unless something else is said."""
 JUDGED = 20
 """Draws on which what was chosen is judged afterwards: none of them was chosen on."""
-CHOSEN, SETTLING = 8, 3
+CHOSEN, SETTLING = 16, 3
 """Draws that what is returned has had at least, and how often others may step forward for those that lose them."""
 WHOLE = 4.0
 """Times as long as a draw a whole trial takes; assumed until one was made."""

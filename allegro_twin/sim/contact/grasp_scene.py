@@ -81,10 +81,15 @@ class GraspScene:
         self._move(position, rotation, posture)
         self._collide()
 
-    def place_each(self, position: Array, rotation: Array, motors: Vector) -> None:
-        """The same with every joint where its motor would have it at `motors`, (joints,), rad."""
+    def carry(self, position: Array, rotation: Array) -> None:
+        """Put the palm somewhere; `bend_each` is to follow."""
+        self.data.qpos[self._wrist] = wrist_coordinates(position, rotation)
+
+    def bend_each(self, motors: Vector) -> None:
+        """With the palm where it is, every joint where its motor would have it at `motors`, (joints,), rad; find what
+        touches."""
         self._posed.each(motors, self.data.qpos)
-        self._carried_to(position, rotation)
+        mujoco.mj_kinematics(self.model, self.data)
         self._collide()
 
     def lowest(self, position: Array, rotation: Array, posture: Vector) -> float:
@@ -108,10 +113,7 @@ class GraspScene:
 
     def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
         self._posed(posture, self.data.qpos)
-        self._carried_to(position, rotation)
-
-    def _carried_to(self, position: Array, rotation: Array) -> None:
-        self.data.qpos[self._wrist] = wrist_coordinates(position, rotation)
+        self.carry(position, rotation)
         mujoco.mj_kinematics(self.model, self.data)
 
     def _collide(self) -> None:
@@ -129,6 +131,8 @@ class GraspScene:
 
     def stopped(self) -> NDArray[np.bool_]:
         """The joints that carry something of the hand that touches something else, (joints,)."""
+        if not self.data.ncon:
+            return np.zeros(self._carry.shape[1], dtype=bool)
         first, second, foreign = self._pairs()
         hand = np.where(self.part[first] >= 0, first, second)[foreign]
         return np.asarray(self._carry[hand].any(axis=0))

@@ -16,8 +16,8 @@ class PostureMap:
 
     def __init__(self, spec: HandSpec, model: mujoco.MjModel) -> None:
         self._spec, driven = spec, motor_joints(spec, model)
-        self._driven = list(driven)
-        self._places = [int(model.jnt_qposadr[joint]) for joint in driven.values()]
+        self._driven = np.array([*driven], dtype=np.int64)
+        self._places = np.array([int(model.jnt_qposadr[joint]) for joint in driven.values()], dtype=np.int64)
         self._followers = [int(model.joint(each.name).qposadr[0]) for each in spec.followers]
         self.joints = [*driven.values(), *(int(model.joint(each.name).id) for each in spec.followers)]
         """All that move, by their number in the model: those that motors turn, then those that follow."""

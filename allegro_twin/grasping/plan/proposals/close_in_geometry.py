@@ -40,9 +40,11 @@ def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE)
     by, lower, upper = motor_scale(spec)[of], spec.lower[of], spec.upper[of]
     at, moving = candidate.preshape[of].copy(), candidate.closing[of].copy()
     furthest = np.where(np.isin(of, [each.driven for each in spec.followers]), (upper - lower) / by, FURTHEST)
+    stride = step * by
+    bench.carry(candidate.position, candidate.rotation)
     for _ in range(round(float(furthest.max()) / step)):
-        at = np.clip(at + step * by * moving, lower, upper)
-        bench.place_each(candidate.position, candidate.rotation, at)
+        at = np.minimum(np.maximum(at + stride * moving, lower), upper)
+        bench.bend_each(at)
         moving[bench.stopped() | (at <= lower) | (at >= upper)] = 0.0
         if not moving.any():
             break
@@ -63,6 +65,9 @@ def meet_exactly(bench: GraspScene, candidate: Candidate) -> tuple[Candidate, To
 def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:
     """Where the motors are whose joints are `at`, (joints,): with that joint which has gone furthest."""
     close = candidate.preshape.copy()
+    if len(set(of.tolist())) == len(of):
+        close[of] = at
+        return close
     for motor in np.unique(of):
         mine = at[of == motor]
         close[motor] = mine[np.argmax(candidate.closing[motor] * mine)]

@@ -11,6 +11,7 @@ import numpy as np
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_normal_force
+from allegro_twin.grasping.metrics.contacts import cross_product
 from allegro_twin.grasping.metrics.preload import GripForces, Preload
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
@@ -266,7 +267,7 @@ def worst_case(
 def _as_patches(touch: TouchPoints) -> TouchPoints:
     """Three points around each contact, in its plane."""
     contacts = metric_contacts(touch, np.zeros(3), 0.0)
-    first, second = contacts.tangents, np.cross(contacts.normals, contacts.tangents)
+    first, second = contacts.tangents, cross_product(contacts.normals, contacts.tangents)
     around = [np.cos(a) * first + np.sin(a) * second for a in 2.0 * np.pi * np.arange(3) / 3.0]
     points = np.concatenate([touch.points + PATCH * way for way in around])
     return TouchPoints(points, *(np.concatenate([each] * 3) for each in touch[1:]))
