@@ -45,7 +45,7 @@ def planned(name: str, scenario: Scenario, seed: int, seconds: float, unseen: in
     row: dict[str, Any] = {
         "object": name, "found": len(found), "seconds": round(time.monotonic() - wall, 1),
         "cpu_seconds": round(time.process_time() - cpu, 1), "candidates": search.closed, "ends": dict(search.ends),
-        "margins": [round(each.margin, 2) for each in found],
+        "margins": [round(each.margin, 2) for each in found], "draws": [[each.held, each.tried] for each in found],
     }  # fmt: skip
     if found and unseen:
         drawn = sample_perturbations(SEARCHED, unseen, seed=UNSEEN, stream="judge")

@@ -30,7 +30,7 @@ from allegro_twin.sim.model.wrist import WRIST_JOINTS, WristSegment, wrist_load,
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-STEPS = 1
+STEPS = 2
 """Physics steps in a control period."""
 OPEN = 0.2
 """rad, by which fingers begin before the posture in which geometry has them touch."""

@@ -41,7 +41,7 @@ from allegro_twin.types import Array
 
 FEW, ELITE = 4, 10
 """Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
-TIMESTEP = 0.003
+TIMESTEP = 0.002
 """s, the physics step of what is only a search."""
 
 

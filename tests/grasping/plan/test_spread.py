@@ -12,7 +12,7 @@ from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.parallel import planned_from_json, planned_to_json, run_searches, search_in_parallel
 from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
-from allegro_twin.grasping.plan.validate import PlannedGrasp
+from allegro_twin.grasping.plan.validate import SEARCHED, PlannedGrasp
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp
@@ -43,7 +43,8 @@ def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
 def test_of_two_searches_side_by_side_the_better_grasp_counts() -> None:
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
     shared = {
-        "scenario": scenario.model_dump(mode="json"), "folder": ".", "side": "right", "kind": None, "n": 1,
+        "scenario": scenario.model_dump(mode="json"), "folder": ".", "hand": "allegro", "side": "right", "twin": "", "kind": None,
+        "uncertainty": SEARCHED.model_dump(mode="json"), "n": 1,
         "budget": {"candidates": 24}, "region": None, "effort": asdict(LITTLE),
     }  # fmt: skip
     known = grasp_templates(SPEC)
