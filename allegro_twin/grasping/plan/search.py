@@ -82,8 +82,6 @@ class SearchBudget:
 LEAST, IN_HAND = 4, 0.5
 """Candidates of a round at least, where time does not suffice for a whole one; and of the time that is left, what such
 a round is planned for: what held before goes on under draws, whatever the round's size."""
-OTHERS = 2
-"""Further populations at most, where the first is too weak."""
 EVOLVING = 0.4
 """Of the time, that the first round proposes and evolves at most."""
 
@@ -200,8 +198,6 @@ class _Rounds:
         self._population = Population(self._proposer, self._prover.turns, max(4, 2 * closed // 3)) if evolves else None
         self._full = max(1, closed // 2 if evolves else closed)
         """Candidates that physics closes in a whole round."""
-        self._hurried = False
-        """Whether not even the first population has evolved to its end."""
         self._dearest = self._longest = 0.0
         """s that the dearest round so far took after evolution, and the longest in all, each for a whole one."""
 
@@ -258,28 +254,13 @@ class _Rounds:
             closed = [*varied, *ranked[: effort.closed - len(varied)]][:most]
         else:
             ended &= population.evolve([*guessed, *varied], over, part)
-            if ended and not search.closed:
-                self._elsewhere(population, len(guessed))
             closed = population.take(most)
         if ended:
             return _Candidates(closed, most)
         if search.closed:
             return None
-        search.cut = self._hurried = True
-        closed = closed[: 2 * self._n]
+        search.cut, closed = True, closed[: 2 * self._n]
         return _Candidates(closed, len(closed))
-
-    def _elsewhere(self, population: Population, guessed: int) -> None:
-        """Where all that evolved is too weak, the first guesses were poor: let others evolve apart from these."""
-        for _ in range(OTHERS):
-            if not population.weak:
-                return
-            others = Population(self._proposer, self._prover.turns, population.kept)
-            ended = others.evolve(_next(self._proposed, 2 * guessed, self._clock.first_over), self._clock.first_over)
-            population.join(others)
-            if not ended or self._clock.first_over():
-                self._search.cut = True
-                return
 
     def _try_out(self, found: _Candidates, part: float) -> None:
         """Close candidates, and try what holds under draws; in the air, push it. Whose variations may be better is the
@@ -294,11 +275,10 @@ class _Rounds:
         )
         if self._population is not None:
             self._population.drop(_settled(found.candidates, outcomes))
-            self._population.heed(found.candidates, [outcome.passed for outcome in outcomes])
         search.ends.update(outcome.where for outcome in outcomes)
         passed = [outcome.candidate for outcome in outcomes if outcome.passed]
         first = search.closed == found.made_for
-        drawn = self._n if self._hurried else math.ceil(part * self._effort.drawn)
+        drawn = self._n if search.cut else math.ceil(part * self._effort.drawn)
         search.cut |= not prover.add(self._apart(passed)[:drawn], self._n, clock.over if first else lambda: False)
         self._elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
 

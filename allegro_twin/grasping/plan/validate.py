@@ -66,7 +66,8 @@ SEARCHED = Uncertainty(position=0.005, torque=0.0)
 JUDGED = 20
 """Draws on which what was chosen is judged afterwards: none of them was chosen on."""
 CHOSEN, SETTLING = 16, 3
-"""Draws that what is returned has had at least, and how often others may step forward for those that lose them."""
+"""Draws that what is returned has had at least, where time sufficed, and how often others may step forward for
+those that lose them."""
 WHOLE = 4.0
 """Times as long as a draw a whole trial takes; assumed until one was made."""
 WHOLE_TRIALS = 2
@@ -168,18 +169,24 @@ class GraspValidator:
         them in the whole trial, and others for those that do not hold there. `over`: whether time is up; then it ends
         with the first that holds. None: time plays no part."""
         for _ in range(SETTLING):
-            few = [o for o in self.ranked(self.options, n) if o.tried < CHOSEN and not o.sure]
-            for tried in sorted({option.tried for option in few}):
-                if over is None or not over():
-                    self._draw([o for o in few if o.tried == tried], CHOSEN - tried)
+            self._draw_enough(self.ranked(self.options, n), over)
         left = WHOLE_TRIALS * n
         while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
             if over is not None:
                 if over() and self.best(1):
                     break
                 unknown = unknown[:1]
+            # Those that step forward for what the whole trial has lost may have had two draws, with luck.
+            self._draw_enough(unknown, over)
             self._confirm(unknown)
             left -= len(unknown)
+
+    def _draw_enough(self, options: Sequence[PlannedGrasp], over: Callable[[], bool] | None) -> None:
+        """As many draws for each as it takes to choose, while there is time."""
+        few = [option for option in options if option.tried < CHOSEN and not option.sure]
+        for tried in sorted({option.tried for option in few}):
+            if over is None or not over():
+                self._draw([option for option in few if option.tried == tried], CHOSEN - tried)
 
     def best(self, n: int) -> list[PlannedGrasp]:
         """Those that hold in the whole trial, apart from each other, best first."""

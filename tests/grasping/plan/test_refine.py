@@ -79,24 +79,6 @@ def test_no_more_than_a_few_of_what_evolves_are_alike(evolved: Population) -> No
         assert alike <= 3 * NICHE
 
 
-def test_evolution_leaves_where_physics_has_lost_four_that_are_alike_and_held_none() -> None:
-    def palm(x: float, turned: float = 0.0) -> Candidate:
-        c, s = np.cos(turned), np.sin(turned)
-        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        still = np.zeros(3)
-        return Candidate(np.array([x, 0.0, 0.1]), rotation, still, still, still, still, still, still, "")
-
-    half_turn = np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])
-    here, image, away, turned = palm(0.1), palm(-0.1, np.pi), palm(0.13), palm(0.1, 0.5)
-    for held in (False, True):
-        population = Population(None, half_turn, elite=[here, image, away, turned])  # type: ignore[arg-type]
-        lost = [palm(0.1 + 0.002 * k) for k in range(NICHE)]
-        population.heed(lost[:-1], [False] * (NICHE - 1))
-        assert len(population.elite) == 4
-        population.heed(lost[-1:], [held])
-        assert population.elite == ([here, image, away, turned] if held else [away, turned])
-
-
 @pytest.mark.slow
 def test_what_geometry_reckons_is_what_physics_finds(evolved: Population) -> None:
     """Shares of the motors before and after physics has closed the fingers, where it finds as many contacts. And most

@@ -20,9 +20,8 @@ from allegro_twin.grasping.evaluation.outcomes import make_rate
 from allegro_twin.grasping.plan.candidate import Candidate, limit_squeeze
 from allegro_twin.grasping.plan.draft import first_guess
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
-from allegro_twin.grasping.plan.proposals.refine import Population
 from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
-from allegro_twin.grasping.plan.search import LEAST, OTHERS, GraspSearch, RoundSize, SearchBudget, _Clock, _Rounds
+from allegro_twin.grasping.plan.search import LEAST, GraspSearch, RoundSize, SearchBudget, _Clock
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import (
     CHOSEN,
@@ -167,28 +166,6 @@ def test_a_smaller_last_round_is_repeated_by_its_count(tmp_path: Path, monkeypat
     again = counted.run(1, SearchBudget(timed.closed))
     assert (counted.closed, counted.ends) == (timed.closed, timed.ends)
     assert files(found, tmp_path / "timed") == files(again, tmp_path / "counted")
-
-
-@pytest.mark.parametrize("weak", [False, True])
-@pytest.mark.parametrize("ends", [True, False])
-def test_where_all_that_evolved_is_too_weak_others_evolve_apart_from_it(
-    weak: bool, ends: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    search = GraspSearch(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), effort=TINY)
-    guessed: list[int] = []
-
-    def evolved(own: Population, fresh: Sequence[Candidate], *_: object) -> bool:
-        guessed.append(len(fresh))
-        own.elite = list(fresh)
-        return ends or len(guessed) == 1
-
-    monkeypatch.setattr(Population, "evolve", evolved)
-    monkeypatch.setattr(Population, "weak", weak)
-    closed = _Rounds(search, 5, SearchBudget())._candidates(2, 1.0)
-    assert closed is not None
-    assert len(closed.candidates) == 2
-    assert guessed == [8] + weak * [16] * (OTHERS if ends else 1)
-    assert search.cut == (weak and not ends), "a count does not repeat it"
 
 
 @pytest.mark.slow

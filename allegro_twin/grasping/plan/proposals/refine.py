@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
 from allegro_twin.grasping.plan.proposals.propose import Proposer
@@ -21,12 +19,8 @@ GENERATIONS, PATIENCE, PROGRESS = 32, 9, 0.05
 FRONT, EASY = 0.4, 0.30
 """Progress is that of the last in this part of the best: of the share of its limit that its worst motor needs. Where
 that is no more than the second, physics may decide."""
-WEAK = 1.2
-"""A share of which physics holds next to nothing."""
 NICHE = 4
-"""Candidates that are alike, at most: what is found has to differ."""
-ALIKE, ALIKE_DEGREES = 0.02, 20.0
-"""m and degrees between palms that are alike, at most."""
+"""Candidates within 2 cm and 20° of a better one, at most: what is found has to differ."""
 
 
 @dataclass(slots=True)
@@ -45,8 +39,6 @@ class Population:
     elite: list[Candidate] = field(default_factory=list)
     _closed: set[Candidate] = field(default_factory=set)
     """Those that physics has closed."""
-    _tried: _Outcomes | None = None
-    """What physics has told."""
 
     def evolve(self, fresh: Sequence[Candidate], over: Callable[[], bool] = lambda: False, part: float = 1.0) -> bool:
         """Let a round of generations pass, or a part of one, with some more candidates. `over`: whether time is up,
@@ -78,29 +70,10 @@ class Population:
         gone = set(candidates)
         self.elite = [each for each in self.elite if each not in gone]
 
-    def heed(self, candidates: Sequence[Candidate], held: Sequence[bool]) -> None:
-        """What physics made of some: where it has lost `NICHE` that are alike and held none, evolution goes elsewhere,
-        however good geometry finds it there."""
-        if candidates:
-            told = _Outcomes.of(candidates, held, self.symmetry)
-            self._tried = told if self._tried is None else self._tried.and_also(told)
-        self._select(self.elite)
-
-    def join(self, other: Population) -> None:
-        """Go on with the best of both."""
-        self._select([*self.elite, *other.elite])
-
-    @property
-    def weak(self) -> bool:
-        """Whether most of the best ask for clearly more than the motors have, or there are none."""
-        return self._share() > WEAK
-
     def _select(self, candidates: Sequence[Candidate]) -> None:
         """The best, of which no more than `NICHE` are alike."""
         found, leaders, members = list[Candidate](), list[Candidate](), list[int]()
         for candidate in sorted(candidates, key=lambda c: -c.score):
-            if self._tried is not None and self._tried.barren(candidate):
-                continue
             near = next((k for k, leader in enumerate(leaders) if _alike(candidate, leader, self.symmetry)), None)
             if near is None:
                 leaders.append(candidate)
@@ -117,36 +90,6 @@ class Population:
         return -self.elite[int(FRONT * (len(self.elite) - 1))].score if self.elite else float("inf")
 
 
-class _Outcomes(NamedTuple):
-    """Of candidates that physics closed, in all poses in which the object looks the same."""
-
-    position: Array
-    """(n, k, 3), m."""
-    rotation: Array
-    """(n, k, 3, 3)."""
-    held: NDArray[np.bool_]
-    """(n,)."""
-
-    @classmethod
-    def of(cls, candidates: Sequence[Candidate], held: Sequence[bool], symmetry: Array | None) -> _Outcomes:
-        turns = np.eye(3)[None] if symmetry is None else symmetry
-        return cls(
-            np.array([turns @ each.position for each in candidates]),
-            np.array([turns @ each.rotation for each in candidates]),
-            np.array(held),
-        )
-
-    def and_also(self, more: _Outcomes) -> _Outcomes:
-        return _Outcomes(*(np.concatenate(each) for each in zip(self, more, strict=True)))
-
-    def barren(self, candidate: Candidate) -> bool:
-        """Whether enough like it were tried, and none of them held."""
-        near = np.linalg.norm(self.position - candidate.position, axis=2) < ALIKE
-        cosine = (np.einsum("nkij,ij->nk", self.rotation, candidate.rotation) - 1.0) / 2.0
-        alike = (near & (cosine > np.cos(np.radians(ALIKE_DEGREES)))).any(axis=1)
-        return int(alike.sum()) >= NICHE and not self.held[alike].any()
-
-
 def _scale(number: int) -> float:
     """Of variations in a generation: wide, half as wide and a quarter, in turn."""
     return (1.0, 0.5, 0.25)[number % 3]
@@ -154,4 +97,4 @@ def _scale(number: int) -> float:
 
 def _alike(first: Candidate, second: Candidate, symmetry: Array | None) -> bool:
     far, turned = pose_distance(first, second, symmetry)
-    return far < ALIKE and turned < np.radians(ALIKE_DEGREES)
+    return far < 0.02 and turned < np.radians(20.0)
