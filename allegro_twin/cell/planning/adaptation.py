@@ -28,7 +28,7 @@ from allegro_twin.cell.planning.stored_grasps import (
 )
 from allegro_twin.cell.settings import GraspPlanningSettings
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import (
     Candidate,
     candidate_grasp,
@@ -201,7 +201,7 @@ class AdaptationSearch:
         self._protocol = load_protocol(_PROTOCOL)
         self._bench = GraspScene(self._spec, make_stage(self._scenario, self._protocol, "right", Path()))
         self._gains = load_gains(adapter.gains, self._spec)
-        self._runner = TrialRunner(self._spec, adapter.gains, self._protocol.period or 0.0)
+        self._runner = TrialRunner(self._spec, adapter.gains, self._protocol.period or PERIOD)
         reckoned = None if self._spec.followers else self._gains
         templates = list(self._templates.values())
         around = _beside(self._scenario, body, others)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.contact.contacts import contact_forces
+from allegro_twin.sim.model.contact_forces import contact_forces
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.parts import body_parts, part_names
 from allegro_twin.spec import HandSpec

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from allegro_twin.sim.contact.contacts import contact_forces
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.contact_forces import contact_forces
 from allegro_twin.types import Vector
 
 RADIUS = 0.012  # m, of the fingertip. models/allegro.yaml.
