@@ -120,6 +120,7 @@ def test_every_input_that_changes_changes_the_keys_of_its_trials_and_of_no_other
     assert data <= known, "a trial opens a file that no change above covers"
 
 
+@pytest.mark.slow
 def test_code_that_a_trial_can_reach_is_in_its_key_and_other_code_is_not(copied: Path) -> None:
     target, first = TARGETS[:1], "from __future__ import annotations\n"
     modules = ("allegro_twin/surfaces/panel/host.py", "allegro_twin/grasping/verdict.py")

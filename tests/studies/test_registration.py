@@ -93,6 +93,7 @@ def test_a_planned_grasp_that_differs_is_named(monkeypatch: pytest.MonkeyPatch, 
     assert differences(made, study, contents_of(study)) == ["grasps of allegro (small_ball)"]
 
 
+@pytest.mark.slow
 def test_another_protocol_and_other_code_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     study = small.study()
     made = registration.Registration(study.digest, "before", contents_of(study))

@@ -45,6 +45,7 @@ def wrist(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
         cell.close()
 
 
+@pytest.mark.slow
 def test_the_camera_is_found_from_the_folder_within_its_stated_error(wrist: tuple[Path, Pose]) -> None:
     folder, truth = wrist
     done = calibrate_folder(folder, at_the_wrist=True)

@@ -152,6 +152,7 @@ def test_what_is_known_estimated_and_assumed_is_said(made: Path, own: str, tmp_p
     assert list(branch_run.lines(slight, AT))[-1].endswith("hardly more than the model is off by, so nothing follows.")
 
 
+@pytest.mark.slow
 def test_a_push_at_the_instant_is_said_and_held_or_forgotten(hidden: RunConfig, own: str, tmp_path: Path) -> None:
     path, push = tmp_path / "pushed.arrow", np.zeros(16)
     push[9] = 0.15

@@ -376,6 +376,7 @@ def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> Non
     assert motion.good[1000, 1] == 1.0
 
 
+@pytest.mark.slow
 def test_a_weight_is_told_with_its_recording() -> None:
     weight = weight_of("tip=0.050@rec/side_1.arrow")
     assert (weight.at, weight.mass, weight.recording) == ("tip", 0.05, "side_1.arrow")
