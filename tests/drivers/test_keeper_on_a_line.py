@@ -75,7 +75,8 @@ def test_the_words_of_the_second_of_one_that_was_killed_are_said_to_the_end(line
     keeper = armed(line)
     second = second_of(keeper.process)
     os.kill(keeper.process, signal.SIGKILL)
-    keeper.bury()
+    assert comes_true(lambda: not keeper.alive)
+    keeper.dismiss()
     assert heard(line) == 25 * WORDS
     assert comes_true(lambda: not Path(f"/proc/{second}").exists())
 
@@ -86,7 +87,8 @@ def test_where_no_second_is_left_nobody_waits_for_its_words(line: tuple[int, int
     os.kill(keeper.process, signal.SIGSTOP)  # Or it would make another.
     os.kill(second, signal.SIGKILL)
     os.kill(keeper.process, signal.SIGKILL)
-    keeper.bury()
+    assert comes_true(lambda: not keeper.alive)
+    keeper.dismiss()
     assert heard(line) == b""
 
 

@@ -25,6 +25,7 @@ from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.model import compiled_scenes
+from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 
@@ -155,6 +156,14 @@ def test_trials_of_one_scene_are_compiled_once_and_share_nothing_that_is_changed
         gears.append(float(model.actuator_gear[model.actuator("joint_0.0").id, 0]))
     assert gears == [0.7, 1.0, 1.0, 1.0, 1.0]
     assert len(compiled) == 3
+    first = compiled[0]
+    for other in (
+        replace(first, position=first.position + 0.01), replace(first, quaternion=-first.quaternion),
+        replace(first, things=first.things[:0]), replace(first, physics=Physics(timestep=0.002)),
+        replace(first, table=False), replace(first, edge=0.2),
+    ):  # fmt: skip
+        scenes.model(other)
+        assert compiled[-1] is other
 
 
 def test_who_does_not_ask_for_the_type_gets_the_same_verdict_without_it(bench: TrialRunner) -> None:
@@ -164,7 +173,8 @@ def test_who_does_not_ask_for_the_type_gets_the_same_verdict_without_it(bench: T
     assert typed is not None
     assert plain is not None
     assert typed.observed is not None
-    assert plain == replace(typed, observed=None)
+    assert plain.observed is None
+    assert plain == typed, "but for the type, which does not count"
 
 
 @pytest.mark.long

@@ -182,7 +182,7 @@ class SerialBackend:
         elif slept := self._suspend.fault():
             raise self._stopped(slept)
         if self._driver.on and self._keeper is not None and not self._keeper.alive:
-            self._keeper.bury()  # Both would speak at once.
+            self._keeper.dismiss()  # What it left behind would speak while this program does.
             why = "the keeper of this hand has ended, and nobody would leave it limp; reset to go on"
             raise self._stopped(HandFault(why))
         silent = self._opened.now() - self._spoken

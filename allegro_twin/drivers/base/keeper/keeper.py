@@ -113,22 +113,21 @@ class Keeper:
         """Let it go: it ends when the hand is limp, at once where it is disarmed."""
         self._line.close()
 
-    def bury(self) -> None:
-        """It has ended: let its second, where it has one, say its words to the end, and let go of both. Silenced sooner
-        and with this program ended, nobody would say them."""
-        for cell, patience in ((ARMED, _HUSHED), (OWED, _END)):
-            deadline = time.monotonic() + patience
-            while self._cells[cell] and time.monotonic() < deadline:
-                threading.Event().wait(0.002)
-        self.dismiss()
-
     def dismiss(self) -> None:
-        """Silence it for good: the hand is limp, or this program speaks to it itself again."""
+        """Silence it for good: the hand is limp, or this program speaks to it itself again. Where it has ended, its
+        second first says its words to the end: silenced sooner and with this program ended, nobody would say them."""
+        if not self.alive:
+            self._await(ARMED, _HUSHED)
+            self._await(OWED, _END)
         self._cells[ARMED], self._cells[VOICE] = 0, HUSH
-        deadline = time.monotonic() + _HUSHED
-        while self._cells[OWED] and time.monotonic() < deadline:
-            threading.Event().wait(0.002)
+        self._await(OWED, _HUSHED)
         self._line.close()
+
+    def _await(self, cell: int, patience: float) -> None:
+        """Until a cell is 0, so many seconds at most."""
+        deadline = time.monotonic() + patience
+        while self._cells[cell] and time.monotonic() < deadline:
+            threading.Event().wait(0.002)
 
     def _wake(self) -> None:
         with suppress(OSError):
