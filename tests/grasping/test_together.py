@@ -12,18 +12,20 @@ from allegro_twin.app import assemble
 from allegro_twin.app.simulated import scenario_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.controller import Controller
+from allegro_twin.grasping.batch import trials
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
-from allegro_twin.grasping.scenario import Phase, TrialProtocol, load_protocol
+from allegro_twin.grasping.scenario import Phase, TrialProtocol, load_protocol, load_scenario, turn_pushes
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.library.entries import LatchGrip
+from allegro_twin.hands.library.entries import CentroidGrip, LatchGrip
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
+from allegro_twin.sim.batch.cpu import SimBatch
 from allegro_twin.sim.model import compiled_scenes
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -57,6 +59,19 @@ def alone(case: TrialCase, bench: TrialRunner) -> Trial:
 @pytest.fixture(scope="module")
 def bench() -> TrialRunner:
     return TrialRunner(load_spec())
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many trials each period of physics was for."""
+    counts, advance = list[int](), SimBatch.advance
+
+    def counted(sims: SimBatch, rows: Any, *others: Any) -> None:
+        counts.append(len(rows))
+        advance(sims, rows, *others)
+
+    monkeypatch.setattr(SimBatch, "advance", counted)
+    return counts
 
 
 @pytest.mark.slow
@@ -175,6 +190,113 @@ def test_who_does_not_ask_for_the_type_gets_the_same_verdict_without_it(bench: T
     assert typed.observed is not None
     assert plain.observed is None
     assert plain == typed, "but for the type, which does not count"
+
+
+def pushed(gravity: float = 0.0) -> TrialProtocol:
+    """Closed on an object that floats, which is pushed along each axis."""
+    return TrialProtocol.model_validate({
+        "version": 1, "floating": True, "reference": "start", "directions": 6,
+        "physics": {"timestep": 0.003, "gravity": (0.0, 0.0, gravity)}, "success": {"throughout": True},
+        "phases": [
+            {"name": "start", "seconds": 0.003}, {"name": "close", "seconds": 0.12, "hand": "close"},
+            {"name": "squeeze", "seconds": 0.06, "hand": "squeeze"},
+            {"name": "hold", "seconds": 0.03, "check": True},
+            {"name": "push", "seconds": 0.09, "push": (10.0, 0.0, 0.0), "check": True},
+        ],
+    })  # fmt: skip
+
+
+CENTROID = CentroidGrip(kind="centroid", fingers=("index", "middle", "thumb"))
+
+
+@pytest.mark.parametrize(
+    ("name", "grip"),
+    [("lemon", None), ("lemon", LatchGrip(kind="latch")), ("lemon", CENTROID),
+     ("sih_lemon", None)],
+)  # fmt: skip
+def test_pushes_of_one_grasp_share_their_beginning_and_are_what_each_is_alone(
+    name: str, grip: LatchGrip | CentroidGrip | None, steps: list[int]
+) -> None:
+    """To the bit, also where fingers latch or follow another law, and in hands that close their own loop; until the
+    first push, or the first check."""
+    bench = TrialRunner(load_spec(load_scenario(name)[0].hand))
+    case = load_case({"scenario": name}, bench.spec)
+    case = replace(case, grasp=replace(case.grasp, grip=grip), protocol=pushed(gravity=-0.5))
+    others = [
+        replace(case, protocol=pushed(gravity=-0.6)), replace(case, draw=Perturbation(mass=1.1)),
+        replace(case, scenario=case.scenario.model_copy()), replace(case, grasp=replace(case.grasp)),
+    ]  # fmt: skip
+    ways = case.directions()
+    first, *rest = (other.directions()[0] for other in others)
+    beside = [each for other in rest for each in (other, ways[0])]
+    together = list(bench.verdicts([first, *ways, *beside]))[1:7]
+    before, after = 60, 41  # Periods. All are told what is told in the last one before.
+    assert steps == [8] * before + [13] * after
+    steps.clear()
+    apart = [verdict.report for way in ways for verdict in bench.verdicts([way])]
+    assert steps == [1] * (6 * (before + after))
+    assert [verdict.report for verdict in together] == apart
+    assert len({report.phases[-1].drift for report in apart if report is not None}) == 6
+    seen = [report.observed for report in apart if report is not None]
+    assert [verdict.report.observed for verdict in together if verdict.report is not None] == seen
+
+
+def test_a_hand_that_goes_on_from_where_another_is_goes_on_with_its_timed_command() -> None:
+    spec = load_spec("sih")
+    case = load_case({"scenario": "sih_lemon"}, spec)
+    models = [TrialRunner(spec).trial(case).backend.model for _ in range(2)]
+    sims = SimBatch(spec, models)
+    first, second = np.array([[0], [1]])
+    sims.begin(np.zeros((2, 6)))
+    still = np.zeros((1, 1, 6))
+    sims.advance(
+        first, sims.servo_control(first, 0.5 * spec.upper[None], 0.5 * spec.actuation.torque_limit[None], 0.3), still, 1
+    )
+    sims.copy(second, first)
+    assert sims.servos is not None
+    assert (sims.servos.told(first) == sims.servos.told(second)).all()
+    assert (models[0].actuator_forcerange == models[1].actuator_forcerange).all()
+    assert (sims.position[0] == sims.position[1]).all()
+
+
+def test_what_stops_before_any_push_stops_for_all_of_them(bench: TrialRunner) -> None:
+    case = replace(load_case({"scenario": "lemon"}, bench.spec), protocol=pushed())
+    slow = TrialRunner(bench.spec)
+    slow.limits = replace(slow.limits, velocity=slow.limits.velocity * 1e-3)
+    found = list(slow.verdicts(case.directions()))
+    assert len({verdict.stopped for verdict in found}) == 1
+    assert "rad/s" in found[0].stopped
+    assert found[0].stopped == next(slow.verdicts(case.directions()[5:])).stopped
+
+
+def test_in_haste_the_first_push_that_takes_an_object_away_ends_the_others(
+    bench: TrialRunner, steps: list[int]
+) -> None:
+    """But those of no other grasp, and of this one only in haste."""
+    case = replace(load_case({"scenario": "lemon"}, bench.spec), protocol=pushed())
+    strong = turn_pushes(pushed(), 0, 100.0)
+    cases = [
+        replace(case, protocol=strong),
+        case.directions()[2],
+        replace(case.directions()[2], grasp=replace(case.grasp)),
+    ]
+    hasty, patient = list(bench.verdicts(cases, stop_early=True)), list(bench.verdicts(cases))
+    assert hasty[0].stopped.startswith("moved ")
+    assert [verdict.stopped for verdict in hasty[1:]] == ["lost under another push", ""]
+    assert [verdict.held for verdict in patient] == [False, True, True]
+    assert steps[60] == 3
+    assert steps[100] == 1
+
+
+def test_pushes_of_one_grasp_stay_side_by_side_where_there_are_more_than_go_side_by_side(
+    bench: TrialRunner, monkeypatch: pytest.MonkeyPatch, steps: list[int]
+) -> None:
+    monkeypatch.setattr(trials, "WIDTH", 8)
+    case = replace(load_case({"scenario": "lemon"}, bench.spec), protocol=pushed())
+    other = replace(case, grasp=replace(case.grasp))
+    found = list(bench.verdicts([*case.directions(), *other.directions()]))
+    assert set(steps) == {1, 6}
+    assert [verdict.report for verdict in found[:6]] == [verdict.report for verdict in found[6:]]
 
 
 @pytest.mark.long

@@ -67,6 +67,15 @@ class BatchedControllers:
         """What the motors of some rows are told at a time, s: (rows, joints), as of `SimBatch.advance`."""
         return (self._positions if self._sims.closes_loop else self._torques)(rows, t, state_of)
 
+    def copy(self, rows: Rows, of: Rows) -> None:
+        """Let some controllers remember what others do, (rows,) each."""
+        for row, other in zip(rows.tolist(), of.tolist(), strict=True):
+            self._memory[row] = self._memory[other]
+        self._effort[rows] = self._effort[of]
+        mine, theirs = self._latching[rows], self._latching[of]
+        for kept in self._latch:
+            kept[mine[mine >= 0]] = kept[theirs[mine >= 0]]
+
     def _torques(self, rows: Rows, t: float, state_of: Callable[[int], HandState]) -> Array:
         torque, sims = np.empty((len(rows), self._spec.n_joints)), self._sims
         latches = self._latching[rows] >= 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -39,6 +39,18 @@ class Verdict:
         return self.report is not None and self.report.held
 
 
+LOST_BEFORE = "lost under another push"
+"""Why a trial ends that would have gone on."""
+
+
+class _Fork(NamedTuple):
+    """Where a trial parts from one that it is like."""
+
+    tick: int
+    of: int
+    """Its row."""
+
+
 Measure: TypeAlias = Callable[[Trial, Any], Mapping[str, float]]
 """Told a trial and MuJoCo's data of it at the end of the first phase that checks."""
 
@@ -51,13 +63,18 @@ def run_trials(
     threads: int = 0,
     measure: Measure | None = None,
     stop_early: bool = False,
+    stems: Sequence[int] | None = None,
 ) -> list[Verdict]:
     """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
     contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits. `stop_early`: a trial
-    ends where its object has left the limits at a check, and has no report; for those who only want what holds."""
+    ends where its object has left the limits at a check, and has no report; for those who only want what holds.
+    `stems`: a number for each; trials of one number are alike but for what pushes the object, so that one of them is
+    simulated until the first push or check, and the others from there on. Of these `stop_early` ends all with the first
+    that is lost."""
+    stems = range(len(trials)) if stems is None else stems
 
     def of_layout(indices: list[int]) -> list[Verdict]:
-        group = [trials[i] for i in indices], [controllers[i] for i in indices]
+        group = [trials[i] for i in indices], [controllers[i] for i in indices], [stems[i] for i in indices]
         return _JudgedTrials(*group, limits, threads, measure, stop_early).verdicts()
 
     return in_layouts([trial.backend.model for trial in trials], of_layout)
@@ -70,6 +87,7 @@ class _JudgedTrials(TrialLoop):
         self,
         trials: list[Trial],
         controllers: list[Controller[Any]],
+        stems: list[int],
         limits: Limits,
         threads: int,
         measure: Measure | None,
@@ -100,6 +118,9 @@ class _JudgedTrials(TrialLoop):
         """Of palms and objects."""
         self._torque = np.empty((self.n, most, self.spec.n_joints))
         self._seen: list[list[dict[str, Array]]] = [[] for _ in trials]
+        self._stems, self._stop_early = np.array(stems), stop_early
+        self._waiting = self._forks()
+        self.running = np.array([row for row in self.running.tolist() if row not in self._waiting])
 
     def verdicts(self) -> list[Verdict]:
         self.run()
@@ -122,7 +143,17 @@ class _JudgedTrials(TrialLoop):
             self.stop({row: why for row, why in lost if why})
 
     def control(self) -> Array:
-        return self._controllers(self.running, self.tick * self.period, self._state)
+        told = self._controllers(self.running, self.tick * self.period, self._state)
+        joining = [row for row, fork in self._waiting.items() if fork.tick == self.tick]
+        return self._join(np.array(joining), told) if joining else told
+
+    def stop(self, reasons: Mapping[int, str]) -> None:
+        """What waits for one that is stopped would have been stopped as well."""
+        same = {row: reasons[fork.of] for row, fork in self._waiting.items() if fork.of in reasons}
+        tied = np.isin(self._stems, self._stems[list(reasons)]) if self._stop_early else np.zeros(self.n, dtype=bool)
+        others = dict.fromkeys(self.running[tied[self.running]].tolist(), LOST_BEFORE)
+        self._waiting = {row: fork for row, fork in self._waiting.items() if row not in same}
+        super().stop(others | same | dict(reasons))
 
     def set_points(self) -> Array:
         rows, first = self.running, self.tick * self.steps
@@ -137,6 +168,34 @@ class _JudgedTrials(TrialLoop):
             return
         fine = np.isfinite(position).all(axis=1) & (np.abs(velocity) <= self.limits.velocity).all(axis=1)
         self.stop({row: why for row in rows[~fine].tolist() if (why := self._stopped(row))})
+
+    def _forks(self) -> dict[int, _Fork]:
+        """Which trials join later."""
+        forks, first = dict[int, _Fork](), dict[int, int]()
+        for row, (stem, trial) in enumerate(zip(self._stems.tolist(), self.trials, strict=True)):
+            of = first.setdefault(stem, row)
+            begins = [round(window.begin / self.period) for window in trial.windows if window.check]
+            apart = np.flatnonzero((self._push[row] != self._push[of]).any(axis=1))
+            # What a body's place is in the world is known after a step: the last one before they differ is its own.
+            tick = min([int(self.periods[row]), *begins, *apart[:1].tolist()]) - 1
+            if of != row and tick > 0:
+                forks[row] = _Fork(tick, of)
+        return forks
+
+    def _join(self, rows: Rows, told: Array) -> Array:
+        """Let trials run on from where those are that they have been like so far; what all are told, (running,
+        joints)."""
+        of = np.array([self._waiting.pop(row).of for row in rows.tolist()])
+        self.sims.copy(rows, of)
+        self._controllers.copy(rows, of)
+        self._poses[:, rows], self._torque[rows] = self._poses[:, of], self._torque[of]
+        for row, other in zip(rows.tolist(), of.tolist(), strict=True):
+            self._seen[row] = list(self._seen[other])
+        told = np.concatenate([told, told[np.searchsorted(self.running, of)]])
+        running = np.concatenate([self.running, rows])
+        order = np.argsort(running)
+        self.running = running[order]
+        return told[order]
 
     def _look(self, row: int) -> None:
         self._seen[row].append(self.touch(row) | {"tick": np.array([self.tick])})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,15 +92,22 @@ class TrialRunner:
     def verdicts(
         self, cases: Sequence[TrialCase], measure: Measure | None = None, *, stop_early: bool = False
     ) -> Iterator[Verdict]:
-        """One a case, in order. `stop_early`: what is lost has no report. Raises ConfigError for a scene that cannot be
-        built."""
-        for first in range(0, len(cases), WIDTH):
+        """One a case, in order. `stop_early`: what is lost has no report, and neither have the other pushes of the same
+        grasp. Raises ConfigError for a scene that cannot be built."""
+        stems = _stems(cases)
+        first = 0
+        while first < len(cases):
+            end = first + WIDTH
+            while end < len(cases) and end > first + 1 and stems[end] == stems[end - 1]:
+                end -= 1  # What is pushed in several ways is tried together.
             scenes = CompiledScenes(self.spec)
-            trials = [self.trial(case, scenes) for case in cases[first : first + WIDTH]]
+            trials = [self.trial(case, scenes) for case in cases[first:end]]
             controllers = [self.controller(trial) for trial in trials]
             yield from run_trials(
-                trials, controllers, self.limits, threads=self._threads, measure=measure, stop_early=stop_early
-            )
+                trials, controllers, self.limits, threads=self._threads, measure=measure, stop_early=stop_early,
+                stems=stems[first:end],
+            )  # fmt: skip
+            first = end
 
     def trial(self, case: TrialCase, scenes: CompiledScenes | None = None) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
@@ -118,6 +126,15 @@ class TrialRunner:
             return PD(trial.reference, self.gains, self._gravity)
         timed = TimedGrasp(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
         return make_grasp_controller(trial.grasp, timed, self.spec, self.gains, self._gravity, self._model)
+
+
+def _stems(cases: Sequence[TrialCase]) -> list[int]:
+    """A number for each, the same for those beside each other that differ in nothing but their pushes."""
+    keys = [
+        (id(case.scenario), id(case.grasp), id(case.draw), case.folder, turn_pushes(case.ruled, 0, 0.0))
+        for case in cases
+    ]
+    return list(accumulate((one != other for one, other in pairwise(keys)), initial=0))[: len(cases)]
 
 
 _RUNNERS: dict[tuple[object, ...], TrialRunner] = {}

@@ -249,14 +249,13 @@ class GraspValidator:
                 option.sustained = verdict.report.hottest[1]
         self._spent("whole", len(cases), began)
 
-    def amiss(self, verdicts: Sequence[Verdict], *, typed: bool = True) -> str:
-        """What is wrong with something that held: `elsewhere`, or, if the first was `typed`, as an `other type`; empty
-        where nothing is."""
+    def amiss(self, verdicts: Sequence[Verdict]) -> str:
+        """What is wrong with something that held: `elsewhere`, or, as the first shows, an `other type`; empty where
+        nothing is."""
         if not all(holds_in_region(verdict) for verdict in verdicts):
             return "elsewhere"
         seen = [verdict.report.observed for verdict in verdicts if verdict.report is not None][:1]
-        asked = self.kind if typed else None
-        if asked is not None and not any(each is not None and is_of_type(each, asked) for each in seen):
+        if self.kind is not None and not any(each is not None and is_of_type(each, self.kind) for each in seen):
             return "other type"
         return ""
 
@@ -288,8 +287,7 @@ def best_grasps(options: Sequence[PlannedGrasp], n: int, turns: Array | None) ->
 
 
 def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> None:
-    """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
-    the others."""
+    """Add those that hold a floating object against a push along every axis."""
     protocol = load_protocol(prover.scenario.protocol)
     gains = protocol_gains(protocol.gains, prover.spec)
     runner = TrialRunner(prover.spec, gains, protocol.period or PERIOD, prover.threads)
@@ -297,22 +295,21 @@ def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> 
         PlannedGrasp(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0)
         for c in candidates
     ]
-    for first, ways in ((True, slice(0, 2)), (False, slice(2, None))):
-        cases = [
-            [replace(way, typed=first and number == 0) for number, way in enumerate(each.directions()[ways])]
-            for each in (TrialCase(o.scenario, o.grasp, folder=prover.folder) for o in options)
-        ]
-        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, stop_early=True)
-        for option, each in zip(options, cases, strict=True):
-            found = [next(verdicts) for _ in each]
-            held = [verdict.report for verdict in found if verdict.held and verdict.report is not None]
-            option.confirmed = len(held) == len(each) and not prover.amiss(found, typed=first)
-            if first and held:
-                option.show(held[0].observed)
-            option.margin = min([option.margin, *(report.margin for report in held)])
-            option.stall = max([option.stall, *(max(report.at_limit.values()) for report in held)])
-            option.sustained = max([0.0, *(report.hottest[1] for report in held)])
-        prover.ends["pushed out"] += sum(not option.confirmed for option in options)
-        options = [option for option in options if option.confirmed]
-    prover.ends["held"] += len(options)
-    prover.options += options
+    cases = [
+        [replace(way, typed=number == 0) for number, way in enumerate(each.directions())]
+        for each in (TrialCase(o.scenario, o.grasp, folder=prover.folder) for o in options)
+    ]
+    verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, stop_early=True)
+    for option, each in zip(options, cases, strict=True):
+        found = [next(verdicts) for _ in each]
+        reports = [verdict.report for verdict in found if verdict.held and verdict.report is not None]
+        option.confirmed = len(reports) == len(each) and not prover.amiss(found)
+        if option.confirmed:
+            option.show(reports[0].observed)
+            option.margin = min(report.margin for report in reports)
+            option.stall = max(max(report.at_limit.values()) for report in reports)
+            option.sustained = max(report.hottest[1] for report in reports)
+    held = [option for option in options if option.confirmed]
+    prover.ends["pushed out"] += len(options) - len(held)
+    prover.ends["held"] += len(held)
+    prover.options += held

@@ -251,6 +251,12 @@ class SimBatch:
             self._batch.set_models(self.models)
         return self.servos.told(rows)
 
+    def copy(self, rows: Rows, of: Rows) -> None:
+        """Make some what others are, (rows,) each; what is computed from that is theirs after the next step."""
+        self._batch.state[rows] = self._batch.state[of]
+        if self.servos is not None and self.servos.copy(rows, of):
+            self._batch.set_models(self.models)
+
     def advance(self, rows: Rows, control: Array, set_points: Array, steps: int) -> None:
         """Let physics steps pass in some simulations while their motors are told something, (rows, joints): torques,
         N·m, or a `servo_control`; with the wrist's set-points for each step, (rows, steps, 6)."""

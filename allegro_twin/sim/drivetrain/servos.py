@@ -54,6 +54,12 @@ class Servos:
         most = np.tile(self._limit, (len(rows), 1)) if effort is None else np.minimum(effort, self._limit)
         return self._let(rows, most / self._limit)
 
+    def copy(self, rows: Rows, of: Rows) -> bool:
+        """Make some what others are, (rows,) each. Whether a model has changed."""
+        for kept in (self._wish, self._from, self._ticks, self._passed):
+            kept[rows] = kept[of]
+        return self._let(rows, self._share[of])
+
     def told(self, rows: Rows) -> Array:
         """Before a period: what they are told so that they are where they should be at its end, (rows, n)."""
         self._passed[rows] += 1
