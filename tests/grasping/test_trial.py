@@ -109,7 +109,7 @@ def test_a_trial_repeats_bit_for_bit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("protocol", "period", "gains"), [("lift", 0.004, "default"), ("tabletop", 0.004, "dexgraspbench")]
+    ("protocol", "period", "gains"), [("lift", 0.003, "default"), ("tabletop", 0.004, "dexgraspbench")]
 )
 def test_a_scenario_runs_with_the_period_and_the_gains_of_its_protocol(
     protocol: str, period: float, gains: str, tmp_path: Path

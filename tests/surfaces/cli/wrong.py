@@ -277,7 +277,7 @@ def workspace(folder: Path, recording: Path) -> None:
     contents: dict[str, bytes] = {
         "full/something": b"x", "file": b"x", "text.txt": b"hello\n", "bad.yaml": b"x: [\n", "empty.yaml": b"",
         "bytes.onnx": b"\0\1\2", "bytes.zip": b"\0\1\2", "empty.arrow": b"", "r.arrow": data, "cut.arrow": data[:2000],
-        "coarse.yaml": (data_root() / "scenarios" / "demo" / "lemon.yaml").read_bytes() + b"\nprotocol: lift\n",
+        "coarse.yaml": (data_root() / "scenarios" / "demo" / "lemon.yaml").read_bytes() + b"\nprotocol: tabletop\n",
         "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
         "track.csv": (",".join(HEADER) + "\n0,1\n").encode(),
         "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, speed: 1.0e+9}\ntask: {posture: home}\n",
