@@ -97,6 +97,11 @@ class Trial:
         return [] if said is None else [said]
 
     @property
+    def typed(self) -> bool:
+        """Whether the type that its contacts show is asked for."""
+        return self._holding is not None
+
+    @property
     def begin(self) -> float:
         """From when on motion in the hand counts, s."""
         return next(window.end for window in self.windows if window.name == self.protocol.reference)

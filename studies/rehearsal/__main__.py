@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
 
 from allegro_twin import ConfigError
 from allegro_twin.files import atomic_file, fingerprint, read_yaml, source_fingerprint
-from studies.rehearsal.rehearse import rehearse
+from studies.rehearsal.films import PAGE, GraspFilm, film_grasps, write_page
+from studies.rehearsal.hidden_hand import draw_hand
+from studies.rehearsal.policies import try_policies
+from studies.rehearsal.rehearse import POLICY_SEED, rehearse
 from studies.rehearsal.report import policy_table, scores, table
 
 FOLDER = Path(__file__).parent
@@ -62,9 +67,7 @@ def report(
     ] = None,
 ) -> None:
     """Print the table of the results in a folder."""
-    rows: list[dict[str, Any]] = [json.loads(path.read_text()) for path in sorted(folder.glob("[0-9]*.json"))]
-    if not rows:
-        raise ConfigError(f"{folder} has no results: python -m studies.rehearsal run --out {folder} makes them")
+    rows = [row for _, row in _results(folder)]
     typer.echo(table(rows))
     typer.echo(f"\n{policy_table(rows)}".rstrip())
     if write_scores is None:
@@ -73,6 +76,58 @@ def report(
     about = f"{len(rows)} hidden hands ({how}; docs/results/rehearsal.md), of commit {commit or 'unknown'}."
     with atomic_file(write_scores) as temporary:
         temporary.write_text(json.dumps(scores(rows, about), indent=1) + "\n")
+
+
+@app.command("policies")
+def policies(
+    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
+    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+) -> None:
+    """Try shipped policies on the hands of the results in a folder that have none, with the files that were learnt."""
+    protocol = read_yaml(PROTOCOL)
+    for path, row in _results(folder, hands):
+        if "policies" in row or "\nidentified:" not in row.get("file", ""):
+            continue
+        with TemporaryDirectory() as name:
+            file = Path(name) / "hand.yaml"
+            file.write_text(row["file"])
+            hand = draw_hand(row["number"], protocol["seed"])
+            row["policies"] = try_policies(hand, file, POLICY_SEED + 1000 * row["number"])
+        with atomic_file(path) as temporary:
+            temporary.write_text(json.dumps(row, indent=1))
+        typer.echo(f"hand {row['number']}: done")
+
+
+@app.command("films")
+def films(
+    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
+    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+    lost: Annotated[bool, typer.Option("--lost", help="Only grasps that did not hold.")] = False,
+) -> None:
+    """Film the grasps of the results in a folder, performed again, with a page of all of them."""
+    protocol, made = read_yaml(PROTOCOL), dict[str, list[GraspFilm]]()
+    for _, row in _results(folder, hands):
+        name = f"Hand {row['number']}, {row['side']} {row['version']}: {', '.join(row['traits']) or 'as our drives'}"
+        for film in film_grasps(row, protocol, folder / "films", lost=lost):
+            made.setdefault(name, []).append(film)
+            typer.echo(f"{film.path}: {'held' if film.held else film.reason}")
+    if not made:
+        raise ConfigError(f"{folder} has no grasp to film{' that was lost' if lost else ''}")
+    write_page(folder / PAGE, made)
+    typer.echo(f"Page: {folder / PAGE}")
+
+
+def _results(folder: Path, hands: str | None = None) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Files of results and what they have; of some hands, by their numbers. Raises ConfigError where there is none."""
+    try:
+        chosen = None if hands is None else {int(each) for each in hands.split(",")}
+    except ValueError:
+        raise ConfigError(f"--hands are numbers, separated by commas, not {hands!r}") from None
+    rows = [(path, json.loads(path.read_text())) for path in sorted(folder.glob("[0-9]*.json"))]
+    found = [(path, row) for path, row in rows if chosen is None or row["number"] in chosen]
+    if not found:
+        raise ConfigError(f"{folder} has no such results: python -m studies.rehearsal run --out {folder} makes them")
+    yield from found
 
 
 def contents() -> dict[str, str]:

@@ -42,9 +42,10 @@ class PolicyTrial(NamedTuple):
 
 POLICIES = (
     PolicyTrial("grasp_right", "grasp_easy", 12, 96),
+    PolicyTrial("lift_right", "lift", 12, 96),
     PolicyTrial("rotate_hand_right", "rotate_on_palm_hand", 6, 48),
 )
-"""All are of right hands; a policy for Lift does not ship."""
+"""All are of right hands."""
 
 
 class HiddenEpisode(EpisodeBackend):

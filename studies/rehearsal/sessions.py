@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -53,7 +54,7 @@ class RehearsedHiddenHand(RehearsedHand):
     def true_position(self) -> Row | None:
         return None if self.hidden is None else self.hidden.true_position
 
-    def trial(self, scenario: str, serial: str) -> TrialReport:
+    def trial(self, scenario: str, serial: str, film: Path | None = None) -> TrialReport:
         """Judged as every trial is, with the hand's own contacts."""
         settings, path = load_scenario(scenario)
         own, spec = self.hand, nominal_spec(self.hand)
@@ -71,7 +72,7 @@ class RehearsedHiddenHand(RehearsedHand):
         config = self.config.changed(
             hand={"serial": serial}, backend=bus, task={"scenario": str(path)}, controller=control
         )
-        return grasp_trial(config, self.behind(trial.backend, trial))
+        return grasp_trial(config, self.behind(trial.backend, trial), film)
 
 
 def hidden_config(hand: HiddenHand) -> RunConfig:

@@ -21,6 +21,7 @@ from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
 from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
+from studies.rehearsal.films import film_grasps, write_page
 from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
 from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
 from studies.rehearsal.policies import POLICIES, HiddenEpisode, policy_file, predicted
@@ -141,6 +142,22 @@ def test_a_grasp_of_a_strong_hand_holds_and_one_of_a_hand_without_motors_does_no
     assert not RehearsedHiddenHand(hand(weak)).trial("foam_brick", "").held
 
 
+@pytest.mark.slow
+def test_grasps_of_a_result_are_performed_again_and_filmed_with_a_page_of_what_was_lost_first(tmp_path: Path) -> None:
+    protocol = read_yaml(PROTOCOL)
+    grasps = [{"scenario": "golf_ball", "held": True}, {"scenario": "mug", "held": False}]
+    row = {"number": 5, "file": "", "nominal": {"grasps": grasps}, "identified": {"grasps": grasps}}
+    (lost,) = film_grasps(row, protocol | {"twins": ["nominal"]}, tmp_path / "films", lost=True)
+    assert (lost.path.name, lost.held, lost.as_before) == ("05_nominal_mug.mp4", False, True)
+    held = lost._replace(path=tmp_path / "films" / "05_nominal_lemon.mp4", held=True, as_before=False)
+    write_page(tmp_path / "films.html", {"Hand 5": [held, lost]})
+    page = (tmp_path / "films.html").read_text()
+    assert page.index("films/05_nominal_mug.mp4") < page.index("films/05_nominal_lemon.mp4")
+    assert "held (otherwise than in the result)" in page
+    assert lost.reason in page
+    assert lost.path.stat().st_size > 10_000
+
+
 def test_a_hand_s_objects_are_its_own_and_the_same_again() -> None:
     protocol = read_yaml(PROTOCOL)
     first, again, other = (
@@ -194,7 +211,7 @@ def test_policies_stand_beside_what_was_foretold_of_them() -> None:
 
 def test_the_policies_that_are_tried_ship_with_their_recipes() -> None:
     tasks = [load_recipe(each.recipe).task for each in POLICIES]
-    assert tasks == ["Grasp", "Rotate"]
+    assert tasks == ["Grasp", "Lift", "Rotate"]
     assert all(policy_file(each).is_file() for each in POLICIES)
 
 

@@ -18,7 +18,8 @@ from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10
-"""Periods from one look at the contacts to the next, from the reference on; also at the end of every phase."""
+"""Periods from one look at the contacts to the next, from the reference on; also at the end of every phase, and only
+there in haste where nobody asks for the type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,7 @@ class _JudgedTrials(TrialLoop):
         self._moment = [round(end / self.period) for end in checks]
         self._begin = np.array([round(trial.begin / self.period) for trial in trials])
         self._judged = [_checked(trial, self.period) if stop_early else frozenset[int]() for trial in trials]
+        self._closely = [trial.typed or not stop_early for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         self._poses = np.empty((2, self.n, most, 7))
         """Of palms and objects."""
@@ -135,7 +137,7 @@ class _JudgedTrials(TrialLoop):
         self._poses[:, rows, tick] = self.poses(rows)
         self._torque[rows, tick] = self.sims.applied_torque[rows]
         for row in rows.tolist():
-            if tick in self._looks[row] or (tick % LOOK == 0 and tick >= self._begin[row]):
+            if tick in self._looks[row] or (self._closely[row] and tick % LOOK == 0 and tick >= self._begin[row]):
                 self._look(row)
         self.running = rows[self.periods[rows] > tick]
         if judged := [row for row in self.running.tolist() if tick in self._judged[row]]:

@@ -1,11 +1,11 @@
 """HTML page of a rehearsal: what was not done, the score beside the hidden hands', and every measurement.
 
-One file with nothing from elsewhere.
+One file, with nothing from elsewhere but the films of grasps, which are beside it where they were asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -112,10 +112,22 @@ def _measurements(result: Mapping[str, Any]) -> Iterator[str]:
     if rows:
         yield html_table(("twin", "grasp", "with", "outcome"), ([row["twin"], row["scenario"], row["with"],
                          grasp_text(row)] for row in rows), "Grasps")  # fmt: skip
+        yield _films([row for row in rows if "film" in row])
     lines = result["steps"].get("identify", {}).get("lines")
     if lines:
         yield "<h2>What the hand has</h2>" + "".join(f"<p>{escape(line)}</p>" for line in lines)
         yield "<p><a href='identification.html'>All values with intervals</a></p>"
+
+
+def _films(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Lost grasps first: they are what a person looks for."""
+    shown = [
+        f"<figure style='display:inline-block;margin:0 1em 1em 0'><video controls loop muted width='320' "
+        f"src='{escape(row['film'])}'></video><figcaption>{escape(row['scenario'])}, {escape(row['twin'])}: "
+        f"{'held' if row['held'] else 'not held'}</figcaption></figure>"
+        for row in sorted(rows, key=lambda row: row["held"])
+    ]
+    return "".join(shown)
 
 
 def grasp_text(row: Mapping[str, Any]) -> str:

@@ -44,6 +44,7 @@ from allegro_twin.twin.rehearsal.sessions import (
 from allegro_twin.version import __version__
 
 RESULT, HAND, PAGE, IDENTIFICATION = "result.json", "hand.yaml", "report.html", "identification.html"
+FILMS = "films"
 FORMAT = 1
 
 
@@ -69,14 +70,15 @@ class RehearsalStep(NamedTuple):
 
 
 class HandRehearsal:
-    """A rehearsal in a folder. What is done there already, by the same config and protocol, is not done again."""
+    """A rehearsal in a folder. What is done there already, by the same config and protocol, is not done again.
+    `films`: whether grasps on simulated objects are filmed, which takes EGL and PyAV."""
 
     def __init__(
         self, hand: RehearsedHand, protocol: RehearsalProtocol, folder: Path, day: str = "",
-        talk: Conversation | None = None,
+        talk: Conversation | None = None, *, films: bool = False,
     ) -> None:  # fmt: skip
         self.hand, self.protocol, self.folder, self.talk = hand, protocol, folder, talk or Conversation()
-        self._day, self._own, self._moved = day, hand.config.hand, 0.0
+        self._day, self._own, self._moved, self._films = day, hand.config.hand, 0.0, films
         self.spec: HandSpec = load_spec(self._own.model, self._own.side, self._own.serial, hand.settings.version)
         refuse_shipped(folder / HAND)
         self._about = {
@@ -234,9 +236,11 @@ class HandRehearsal:
     def _grasp(self, pose: str, twin: str, scenario: str, kind: str) -> dict[str, Any]:
         about = {"of": "grasps", "twin": twin, "scenario": scenario}
         if self.hand.simulated:
-            report = self.hand.trial(scenario, self._twin(twin).serial)
-            return about | {"with": "object", "held": report.held, "reason": report.reason}
-        name, own = f"{twin}_grasp_{scenario}", self._twin(twin)
+            film = f"{FILMS}/{twin}_{Path(scenario).stem}.mp4" if self._films else None
+            report = self.hand.trial(scenario, self._twin(twin).serial, None if film is None else self.folder / film)
+            shown = {} if film is None else {"film": film}
+            return about | {"with": "object", "held": report.held, "reason": report.reason} | shown
+        name, own = f"{twin}_grasp_{Path(scenario).stem}", self._twin(twin)
         found = close_in_air(self.hand, pose, own, scenario, kind, self._file(name), self._advance)
         error = steady_error(found, found.known)
         return about | {

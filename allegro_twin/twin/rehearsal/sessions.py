@@ -7,7 +7,7 @@ them, else of what the encoders say, corrected by the offsets that the ends of t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -103,8 +103,8 @@ class RehearsedHand:
         """Where the joints of the session's hand truly are, (n,), rad; None where nobody knows."""
         return None if self._sim is None else self._sim.true_position
 
-    def trial(self, scenario: str, serial: str) -> TrialReport:
-        """A whole trial of a scenario with its grasp. Raises HandError."""
+    def trial(self, scenario: str, serial: str, film: Path | None = None) -> TrialReport:
+        """A whole trial of a scenario with its grasp. `film`: where an .mp4 of it goes. Raises HandError."""
         settings, path = load_scenario(scenario)
         gains = load_protocol(settings.protocol).gains
         blocks = self.settings.model_dump(exclude_unset=True)
@@ -113,7 +113,7 @@ class RehearsedHand:
         config = self.config.changed(task={"scenario": str(path)}, controller=following(self.config.hand, gains),
                                      backend=blocks)  # fmt: skip
         config, physics = self._as_made(config)
-        return grasp_trial(config.changed(hand={"serial": serial}), physics)
+        return grasp_trial(config.changed(hand={"serial": serial}), physics, film)
 
     def _as_made(self, config: RunConfig) -> tuple[RunConfig, Physics | None]:
         """The config with a virtual hand that stays what it is by the rehearsal's own config, whatever the host then
@@ -136,14 +136,22 @@ class RehearsedHand:
         return config.changed(backend={"scene": content}), physics
 
 
-def grasp_trial(config: RunConfig, physics: Physics | None) -> TrialReport:
-    """Perform the trial of a config's scenario, which is simulated here. Raises HandError."""
+def grasp_trial(config: RunConfig, physics: Physics | None, film: Path | None = None) -> TrialReport:
+    """Perform the trial of a config's scenario, which is simulated here. `film`: where an .mp4 of it goes. Raises
+    HandError, ConfigError where nothing can be rendered, ImportError without PyAV."""
     rig = assemble(config, physics)
-    with closing(rig.backend):
+    with closing(rig.backend), ExitStack() as stack:
         trial = rig.trial
         if trial is None:
             raise ConfigError("only where its scene is simulated has a scenario a verdict")
-        for _ in trial.watched(until(trial.seconds, run(rig.backend, rig.controller))):
+        samples = trial.watched(until(trial.seconds, run(rig.backend, rig.controller)))
+        if film is not None:
+            from allegro_twin.viewing.camera import Camera
+            from allegro_twin.viewing.films import filmed
+
+            film.parent.mkdir(parents=True, exist_ok=True)
+            samples = filmed(samples, stack.enter_context(closing(Camera(trial.backend, shadows=False))), film)
+        for _ in samples:
             pass
         return trial.report()
 

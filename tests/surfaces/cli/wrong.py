@@ -52,6 +52,9 @@ TABLE = [
         ("teleop sim_right --from track.csv --tracked both", 2, "'both' is not one of 'right', 'left'"),
         ("teleop sim_right --from track.csv --speed 0", 2, "--speed must be positive"),
         ("teleop sim_right --from track.csv --view --web", 2, "choose one"),
+        # A rehearsal that is to be filmed.
+        ("rehearse can_virtual --film", 2, "--film films grasps on simulated objects: name --grasps"),
+        ("rehearse can_v4_right --film --grasps lemon --yes", 2, "motions of a real hand are in recordings/"),
         # What the parser does not know.
         ("nope", 2, "no such command 'nope'"),
         ("--nope", 2, "--nope"),

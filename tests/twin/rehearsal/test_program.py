@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, HandFault, RecordingError
+from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.twin.identify.joint_ends import JointEnds
 from allegro_twin.twin.identify.motions.limits import FoundLimits
@@ -205,6 +207,29 @@ def test_a_folder_of_another_config_or_protocol_is_refused(tmp_path: Path, sessi
     (tmp_path / "result.json").write_text("{}")
     with pytest.raises(RecordingError, match="no result of a rehearsal"):
         rehearsal(tmp_path)
+
+
+def test_films_of_grasps_stand_on_the_page_and_what_was_lost_comes_first(
+    tmp_path: Path, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    films = list[Path | None]()
+
+    def trial(own: RehearsedHand, scenario: str, serial: str, film: Path | None = None) -> TrialReport:
+        films.append(film)
+        return TrialReport(scenario != "mug", "", (), 0.0, 0.0, 0.0, {})
+
+    monkeypatch.setattr(RehearsedHand, "trial", trial)
+    wanted = replace(SHORT, grasps=("lemon", "mug"))
+    hand = RehearsedHand(load_config("can_virtual"))
+    result = HandRehearsal(hand, wanted, tmp_path / "filmed", films=True).run()
+    names = [f"films/{twin}_{what}.mp4" for twin in ("nominal", "identified") for what in ("lemon", "mug")]
+    assert films == [tmp_path / "filmed" / name for name in names]
+    assert [row["film"] for twin in ("nominal", "identified") for row in result[twin]["grasps"]] == names
+    page = (tmp_path / "filmed" / "report.html").read_text()
+    assert page.index("nominal_mug.mp4") < page.index("identified_mug.mp4") < page.index("identified_lemon.mp4")
+    HandRehearsal(hand, wanted, tmp_path / "plain").run()
+    assert films[4:] == [None] * 4
+    assert "<video" not in (tmp_path / "plain" / "report.html").read_text()
 
 
 def test_postures_are_held_in_poses_that_the_hand_can_have() -> None:

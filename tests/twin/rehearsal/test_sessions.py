@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import mujoco
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import yaml
 
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -171,6 +173,14 @@ def test_a_grasp_in_the_air_is_closed_and_not_squeezed() -> None:
     took = closing_time(found, found.position)
     assert took is not None
     assert 0.2 < took < found.begins[-1] - found.begins[-2] + 1.0
+
+
+@pytest.mark.slow
+def test_a_film_of_a_grasp_is_as_long_as_its_trial_and_changes_nothing(tmp_path: Path) -> None:
+    hand, path = RehearsedHand(hidden()), tmp_path / "films" / "lemon.mp4"
+    assert hand.trial("lemon", "", path) == hand.trial("lemon", "")
+    with av.open(str(path)) as film:
+        assert film.duration == pytest.approx(1e6 * make_trial("lemon", SPEC).seconds, abs=1e5)
 
 
 @pytest.mark.slow

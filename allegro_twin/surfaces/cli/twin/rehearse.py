@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +16,7 @@ from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
-    from allegro_twin.twin.rehearsal import HandRehearsal, RehearsalProtocol
+    from allegro_twin.twin.rehearsal import HandRehearsal, RehearsalProtocol, RehearsedHand
 
 CHANNEL = re.compile(r"v?s?l?can\d+")
 """A SocketCAN interface."""
@@ -43,6 +44,7 @@ def rehearse(
         typer.Option(help="Close these scenarios' grasps too, separated by commas; in the air, but for a simulation."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the excitations.")] = 0,
+    film: Annotated[bool, typer.Option("--film", help="Film grasps on simulated objects; in `films`.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether the hand lies in its poses.")] = False,
 ) -> None:
     """Rehearse on one hand what was made on its twin; 10 minutes.
@@ -58,6 +60,8 @@ def rehearse(
     identification.check_scipy()
     settings = on_hand(config_of(config, version, side.value), other)
     protocol, hand = protocol_of(poses, grasps, seed), RehearsedHand(settings)
+    if film:
+        check_films(hand, protocol)
     asks = not yes and not hand.simulated
     if asks and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise ConfigError(
@@ -65,7 +69,8 @@ def rehearse(
             "say --yes and --poses"
         )
     with console.progress() as bar:
-        rehearsal = HandRehearsal(hand, protocol, out, identification.today(), conversation(bar, asks=asks))
+        rehearsal = HandRehearsal(hand, protocol, out, identification.today(), conversation(bar, asks=asks),
+                                  films=film)  # fmt: skip
         try:
             result = rehearsal.run()
         finally:
@@ -137,6 +142,17 @@ def config_of(name: str, version: str | None, side: str) -> RunConfig:
     backend = {"kind": "can", "version": version, "interface": "socketcan", "channel": name}
     content = {"hand": {"side": side}, "backend": backend, "controller": {"kind": "pd", "gains": "v4"}}
     return parse_settings(RunConfig, content, name)
+
+
+def check_films(hand: RehearsedHand, protocol: RehearsalProtocol) -> None:
+    """Raise ConfigError where there is nothing to film, or nothing to film with."""
+    if not hand.simulated or not protocol.grasps:
+        raise ConfigError(
+            "--film films grasps on simulated objects: name --grasps and a config with a simulated scene; motions of a "
+            "real hand are in recordings/, and `allegro-twin view` shows them"
+        )
+    if find_spec("av") is None:
+        raise ConfigError("--film needs PyAV: pip install 'allegro-twin[view]'")
 
 
 def protocol_of(poses: str | None, grasps: str | None, seed: int) -> RehearsalProtocol:
