@@ -7,11 +7,13 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from scipy.stats import qmc  # type: ignore[import-untyped]  # Its types are a package of its own.
 
 from allegro_twin.app import assemble
 from allegro_twin.app.simulated import scenario_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.controller import Controller
+from allegro_twin.grasping import uncertainty
 from allegro_twin.grasping.batch import trials
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
@@ -115,6 +117,28 @@ def test_the_same_number_is_the_same_case_for_every_object_and_however_many_are_
     assert few == many[:3]
     assert sample_perturbations(Uncertainty(), 4, seed=7, first=3) == many[3:7]
     assert sample_perturbations(Uncertainty(), 3, seed=8) != few
+
+
+@pytest.mark.parametrize("count", [2, 4, 8, 16, 32])
+def test_the_first_draws_of_a_search_have_every_measure_once_in_each_part_of_its_range(count: int) -> None:
+    for seed in range(5):
+        found = sample_perturbations(Uncertainty(), count, seed, stream="search")
+        assert found[1:] == sample_perturbations(Uncertainty(), count - 1, seed, first=1, stream="search")
+        of = [(d.x / 0.02 + 0.5, d.yaw / np.radians(20.0) + 0.5, (d.size - 0.95) / 0.1, (d.mass - 0.8) / 0.4,
+               2.0 * ((d.friction or 0.0) - 0.5), (d.torque - 0.7) / 0.6) for d in found]  # fmt: skip
+        for measure in np.array(of).T:
+            assert sorted((measure * count).astype(int)) == list(range(count))
+
+
+def test_draws_of_a_search_are_sobol_s_but_for_a_shift_of_their_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unshifted:
+        def integers(self, low: int, high: int, size: int) -> Any:
+            return np.zeros(size, dtype=np.int64)
+
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Unshifted())
+    found = uncertainty._spread(0, 0, 256)
+    theirs = 2.0 * qmc.Sobol(7, scramble=False).random(256) - 1.0
+    np.testing.assert_allclose(found[np.lexsort(found.T)], theirs[np.lexsort(theirs.T)], atol=1e-5)
 
 
 def test_what_is_chosen_on_some_draws_is_never_judged_on_them() -> None:

@@ -238,7 +238,7 @@ class GraspValidator:
         """Try each in the whole trial."""
         began = time.process_time()
         cases = [TrialCase(option.scenario, option.grasp, folder=self.folder) for option in options]
-        verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure)
+        verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure, stop_early=True)
         for option, verdict in zip(options, verdicts, strict=True):
             where = "whole trial" if not verdict.held else self.amiss([verdict]) or "held"
             option.confirmed = where == "held"
