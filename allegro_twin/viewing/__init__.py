@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from allegro_twin.viewing.camera import Camera
     from allegro_twin.viewing.films import filmed
     from allegro_twin.viewing.plot import Line, plot
+    from allegro_twin.viewing.report.html import film_figure
     from allegro_twin.viewing.stills import pictured, save_png
 
 __all__ = [
     "Camera",
     "Line",
+    "film_figure",
     "filmed",
     "pictured",
     "plot",
@@ -29,6 +31,7 @@ __getattr__, __dir__ = exports(
     {
         "camera": ("Camera",),
         "films": ("filmed",),
+        "report.html": ("film_figure",),
         "plot": (
             "Line",
             "plot",

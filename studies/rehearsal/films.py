@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from allegro_twin.files import atomic_file
+from allegro_twin.viewing import film_figure
 from allegro_twin.viewing.report import html_page
 from studies.rehearsal.hidden_hand import draw_hand
 from studies.rehearsal.rehearse import drawn_objects
@@ -65,8 +66,5 @@ def write_page(path: Path, films: Mapping[str, Sequence[GraspFilm]]) -> None:
 def _figure(film: GraspFilm, folder: Path) -> str:
     end = "held" if film.held else film.reason
     other = "" if film.as_before else " (otherwise than in the result)"
-    return (
-        f"<figure style='display:inline-block;width:320px;margin:0 1em 1em 0'><video controls loop muted width='320' "
-        f"src='{escape(film.path.relative_to(folder).as_posix())}'></video>"
-        f"<figcaption>{escape(f'{film.scenario}, {film.twin}: {end}{other}')}</figcaption></figure>"
-    )
+    source = film.path.relative_to(folder).as_posix()
+    return film_figure(source, f"{film.scenario}, {film.twin}: {end}{other}")

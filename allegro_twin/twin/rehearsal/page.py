@@ -15,6 +15,7 @@ import numpy as np
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.twin.rehearsal.score import MEASURES, HiddenScores, hidden_scores, rank, score_of
 from allegro_twin.viewing.report import html_page, html_table, strip_chart
+from allegro_twin.viewing.report.html import film_figure
 
 NO_HANDS = "No results of hidden hands are in this version of the package, so the score stands alone."
 
@@ -121,13 +122,11 @@ def _measurements(result: Mapping[str, Any]) -> Iterator[str]:
 
 def _films(rows: Sequence[Mapping[str, Any]]) -> str:
     """Lost grasps first: they are what a person looks for."""
-    shown = [
-        f"<figure style='display:inline-block;margin:0 1em 1em 0'><video controls loop muted width='320' "
-        f"src='{escape(row['film'])}'></video><figcaption>{escape(row['scenario'])}, {escape(row['twin'])}: "
-        f"{'held' if row['held'] else 'not held'}</figcaption></figure>"
-        for row in sorted(rows, key=lambda row: row["held"])
-    ]
-    return "".join(shown)
+    found = sorted(rows, key=lambda row: row["held"])
+    return "".join(
+        film_figure(row["film"], f"{row['scenario']}, {row['twin']}: {'held' if row['held'] else 'not held'}")
+        for row in found
+    )
 
 
 def grasp_text(row: Mapping[str, Any]) -> str:

@@ -93,3 +93,12 @@ for (const table of document.querySelectorAll("table.sortable")) {
   }));
 }
 """
+
+
+def film_figure(source: str, caption: str) -> str:
+    """A film in a card with words under it. `source`: where it is from the page."""
+    return (
+        "<figure style='display:inline-block;width:320px;margin:0 1em 1em 0'>"
+        f"<video controls loop muted style='width:100%' src='{escape(source)}'></video>"
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
