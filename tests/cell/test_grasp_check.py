@@ -49,6 +49,7 @@ def test_more_samples_weigh_more_finely() -> None:
     assert scatter(100) == pytest.approx(scatter(1) / 10.0, rel=0.2)
 
 
+@pytest.mark.slow
 def test_an_empty_hand_that_is_weighed_for_long_hardly_ever_weighs_what_can_be_told() -> None:
     before, after = SETTINGS.tare, SETTINGS.long
     told = detectable_weight(before, after, SETTINGS)

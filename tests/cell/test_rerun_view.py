@@ -24,6 +24,7 @@ from tests.viewing.test_viewer import Rows, rows_of
 Run = tuple[CellRecording, LabReport]
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_before_the_arm_heads_for_anything_is_drawn_with_its_end(tmp_path: Path) -> None:
     cell = cell_of()
     assert isinstance(cell.camera, DepthCamera)

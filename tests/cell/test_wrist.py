@@ -63,6 +63,7 @@ def test_the_workspace_is_seen_past_the_hand(wrist: Cell) -> None:
     assert not mine[rows, columns].any()
 
 
+@pytest.mark.slow
 def test_without_the_hand_cut_out_a_finger_would_be_a_thing(wrist: Cell) -> None:
     wrist.arm.reset()
     wrist.hand.reset()

@@ -52,7 +52,8 @@ def test_the_demo_has_its_twelve_objects() -> None:
     assert len(DEMO) + len(MORE) == 22
 
 
-@pytest.mark.parametrize("side", ["right", pytest.param("left", marks=pytest.mark.slow)])
+@pytest.mark.slow  # Twelve objects of either hand are `make demo`.
+@pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize(
     "name", ["tennis_ball", *(pytest.param(n, marks=pytest.mark.long) for n in ("rubiks_cube", "tomato_soup_can"))]
 )

@@ -104,6 +104,7 @@ def test_another_protocol_and_other_code_differ(monkeypatch: pytest.MonkeyPatch)
     assert differences(made, study, contents_of(study)) == ["engine", *CODE]
 
 
+@pytest.mark.slow
 def test_trials_are_stamped_with_the_registration_in_force_or_as_exploratory(protocol: Path) -> None:
     study = load_study(str(protocol))
     assert stamp_of(study, str(protocol), exploratory=False) == EXPLORATORY

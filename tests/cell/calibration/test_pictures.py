@@ -65,6 +65,7 @@ def changed(folder: Path, into: Path, **keys: object) -> Path:
     return into
 
 
+@pytest.mark.slow
 def test_a_table_of_poses_says_the_same_as_a_list_of_views(wrist: tuple[Path, Pose], tmp_path: Path) -> None:
     views = yaml.safe_load((wrist[0] / FILE).read_text())["views"]
     folder = changed(wrist[0], tmp_path, views=None, poses="poses.csv")
