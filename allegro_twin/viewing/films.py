@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +27,18 @@ def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30)
             yield sample
 
 
+def check_av() -> None:
+    """Raise ConfigError without PyAV."""
+    if find_spec("av") is None:
+        raise ConfigError("a film needs PyAV: pip install 'allegro-twin[view]'")
+
+
 def film(pictures: Iterable[Picture], path: Path, fps: int) -> None:
     """An H.264 film of pictures, so many a second. Raises ConfigError without PyAV."""
-    try:
-        with open_film(path, fps) as add:
-            for picture in pictures:
-                add(picture)
-    except ImportError as error:
-        raise ConfigError(f"a film needs PyAV: pip install 'allegro-twin[view]' ({error})") from error
+    check_av()
+    with open_film(path, fps) as add:
+        for picture in pictures:
+            add(picture)
 
 
 @contextmanager

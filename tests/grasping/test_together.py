@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from itertools import pairwise
 from typing import Any, get_args
 
 import numpy as np
@@ -15,6 +16,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.controller import Controller
 from allegro_twin.grasping import uncertainty
 from allegro_twin.grasping.batch import trials
+from allegro_twin.grasping.batch.trial_loop import TrialLoop
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
 from allegro_twin.grasping.scenario import Phase, TrialProtocol, load_protocol, load_scenario, turn_pushes
@@ -310,6 +312,34 @@ def test_in_haste_the_first_push_that_takes_an_object_away_ends_the_others(
     assert [verdict.held for verdict in patient] == [False, True, True]
     assert steps[60] == 3
     assert steps[100] == 1
+
+
+def test_in_haste_contacts_are_looked_at_only_at_the_ends_of_phases_where_nobody_asks_for_the_type(
+    bench: TrialRunner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks, touch = list[int](), TrialLoop.touch
+
+    def counted(loop: TrialLoop, row: int) -> Any:
+        looks.append(loop.tick)
+        return touch(loop, row)
+
+    monkeypatch.setattr(TrialLoop, "touch", counted)
+    case = replace(load_case({"scenario": "lemon"}, bench.spec), protocol=pushed()).directions()[2]
+    found = []
+    for typed, haste in ((False, True), (True, True), (False, False)):
+        looks.append(-1)
+        found.append(next(bench.verdicts([replace(case, typed=typed)], stop_early=haste)).report)
+    few, many, patient = (list(each) for _, *each in _split(looks))
+    assert few == [1, 41, 61, 71, 101]
+    assert many == patient == sorted({*few, *range(10, 101, 10)})
+    reports = [report for report in found if report is not None]
+    assert len({(each.margin, each.lift, each.peak_torque, *each.sustained.values()) for each in reports}) == 1
+    assert len(reports) == 3
+
+
+def _split(looks: list[int]) -> list[list[int]]:
+    starts = [*(k for k, tick in enumerate(looks) if tick < 0), len(looks)]
+    return [looks[a:b] for a, b in pairwise(starts)]
 
 
 def test_pushes_of_one_grasp_stay_side_by_side_where_there_are_more_than_go_side_by_side(

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin import TorqueCommand
+from allegro_twin import ConfigError, TorqueCommand
 from allegro_twin.app import Rig, assemble
 from allegro_twin.files import read_yaml
 from allegro_twin.gym import EnvSettings
 from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
 from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
+from studies.rehearsal import __main__ as study
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
 from studies.rehearsal.films import film_grasps, write_page
 from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
@@ -156,6 +157,29 @@ def test_grasps_of_a_result_are_performed_again_and_filmed_with_a_page_of_what_w
     assert "held (otherwise than in the result)" in page
     assert lost.reason in page
     assert lost.path.stat().st_size > 10_000
+
+
+def test_policies_are_tried_once_on_hands_that_were_learnt_and_no_results_are_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = list[tuple[int, str]]()
+
+    def try_policies(hand: HiddenHand, file: Path, seed: int) -> list[Any]:
+        tried.append((hand.number, file.read_text()))
+        return []
+
+    monkeypatch.setattr(study, "try_policies", try_policies)
+    learnt, nothing = "wire: {}\nidentified: {}\n", "wire: {}\n"
+    for number, file in ((2, learnt), (4, nothing), (6, learnt)):
+        (tmp_path / f"{number:02d}.json").write_text(json.dumps({"number": number, "file": file}))
+    study.policies(tmp_path, "2,4")
+    study.policies(tmp_path)
+    assert tried == [(2, learnt), (6, learnt)]
+    assert json.loads((tmp_path / "02.json").read_text())["policies"] == []
+    for folder, hands, why in ((tmp_path / "none", None, "has no such results"), (tmp_path, "3", "has no such results"),
+                               (tmp_path, "two", "not 'two'")):  # fmt: skip
+        with pytest.raises(ConfigError, match=why):
+            study.policies(folder, hands)
 
 
 def test_a_hand_s_objects_are_its_own_and_the_same_again() -> None:

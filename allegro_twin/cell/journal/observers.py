@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -25,7 +24,7 @@ from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
 from allegro_twin.viewing.camera import Camera
-from allegro_twin.viewing.films import open_film
+from allegro_twin.viewing.films import check_av, open_film
 from allegro_twin.viewing.stills import save_png
 from allegro_twin.viewing.views import View
 
@@ -83,8 +82,7 @@ class StatePictures:
 def film_stage(cell: Cell, path: pathlib.Path, stage: SampleStage) -> Iterator[SampleStage]:
     """A stage of the hand that also makes a film of the cell, which is there when the block ends. Raises ConfigError
     where nothing can be rendered, or without PyAV."""
-    if importlib.util.find_spec("av") is None:
-        raise ConfigError("a film needs PyAV: pip install 'allegro-twin[view]'")
+    check_av()
     camera = Camera(cell.robot.hand_sim, width=_SIZE[0], height=_SIZE[1], view=_VIEW)
     with closing(camera), open_film(path, _FPS) as add:
 

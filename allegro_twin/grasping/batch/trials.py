@@ -131,9 +131,10 @@ class TrialRunner:
 def _stems(cases: Sequence[TrialCase]) -> list[int]:
     """A number for each, the same for those beside each other that differ in nothing but their pushes."""
     keys = [
-        (id(case.scenario), id(case.grasp), id(case.draw), case.folder, turn_pushes(case.ruled, 0, 0.0))
+        (id(case.scenario), id(case.grasp), id(case.draw), case.folder,
+         None if case.protocol is None else turn_pushes(case.protocol, 0, 0.0))
         for case in cases
-    ]
+    ]  # fmt: skip
     return list(accumulate((one != other for one, other in pairwise(keys)), initial=0))[: len(cases)]
 
 

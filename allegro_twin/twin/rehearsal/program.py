@@ -71,7 +71,8 @@ class RehearsalStep(NamedTuple):
 
 class HandRehearsal:
     """A rehearsal in a folder. What is done there already, by the same config and protocol, is not done again.
-    `films`: whether grasps on simulated objects are filmed, which takes EGL and PyAV."""
+    `films`: whether grasps on simulated objects are filmed, which takes EGL and PyAV; what was done without is done
+    again."""
 
     def __init__(
         self, hand: RehearsedHand, protocol: RehearsalProtocol, folder: Path, day: str = "",
@@ -102,7 +103,8 @@ class HandRehearsal:
         lies = ""
         for step in self._steps():
             before = self.steps.get(step.name, {})
-            if before.get("state") == "done" and step.name != "checkup":
+            unfilmed = self._films and before.get("with") == "object" and "film" not in before
+            if before.get("state") == "done" and step.name != "checkup" and not unfilmed:
                 continue
             missing = [name for name in step.needs if self.steps.get(name, {}).get("state") != "done"]
             if missing:

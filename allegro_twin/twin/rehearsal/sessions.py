@@ -138,7 +138,7 @@ class RehearsedHand:
 
 def grasp_trial(config: RunConfig, physics: Physics | None, film: Path | None = None) -> TrialReport:
     """Perform the trial of a config's scenario, which is simulated here. `film`: where an .mp4 of it goes. Raises
-    HandError, ConfigError where nothing can be rendered, ImportError without PyAV."""
+    HandError, ConfigError where nothing can be rendered, or without PyAV."""
     rig = assemble(config, physics)
     with closing(rig.backend), ExitStack() as stack:
         trial = rig.trial
@@ -147,8 +147,9 @@ def grasp_trial(config: RunConfig, physics: Physics | None, film: Path | None = 
         samples = trial.watched(until(trial.seconds, run(rig.backend, rig.controller)))
         if film is not None:
             from allegro_twin.viewing.camera import Camera
-            from allegro_twin.viewing.films import filmed
+            from allegro_twin.viewing.films import check_av, filmed
 
+            check_av()
             film.parent.mkdir(parents=True, exist_ok=True)
             samples = filmed(samples, stack.enter_context(closing(Camera(trial.backend, shadows=False))), film)
         for _ in samples:

@@ -230,6 +230,9 @@ def test_films_of_grasps_stand_on_the_page_and_what_was_lost_comes_first(
     HandRehearsal(hand, wanted, tmp_path / "plain").run()
     assert films[4:] == [None] * 4
     assert "<video" not in (tmp_path / "plain" / "report.html").read_text()
+    later = HandRehearsal(hand, wanted, tmp_path / "plain", films=True).run()
+    assert films[8:] == [tmp_path / "plain" / name for name in names], "what is done is done again for its film"
+    assert later["states"] == result["states"]
 
 
 def test_postures_are_held_in_poses_that_the_hand_can_have() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -146,13 +145,14 @@ def config_of(name: str, version: str | None, side: str) -> RunConfig:
 
 def check_films(hand: RehearsedHand, protocol: RehearsalProtocol) -> None:
     """Raise ConfigError where there is nothing to film, or nothing to film with."""
+    from allegro_twin.viewing.films import check_av
+
     if not hand.simulated or not protocol.grasps:
         raise ConfigError(
             "--film films grasps on simulated objects: name --grasps and a config with a simulated scene; motions of a "
             "real hand are in recordings/, and `allegro-twin view` shows them"
         )
-    if find_spec("av") is None:
-        raise ConfigError("--film needs PyAV: pip install 'allegro-twin[view]'")
+    check_av()
 
 
 def protocol_of(poses: str | None, grasps: str | None, seed: int) -> RehearsalProtocol:
