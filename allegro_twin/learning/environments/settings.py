@@ -23,7 +23,7 @@ TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts")
 """Settings that only some tasks have."""
 VARIATIONS = (
     "objects", "position_noise", "level", "farthest", "starts", "randomise", "timestep", "noslip", "coarse", "device",
-    "contacts", "constraints", "state",
+    "contacts", "constraints", "state", "reward",
 )  # fmt: skip
 """Settings that change neither what a policy sees, nor what its actions do, nor what is asked of it: how much differs
 from episode to episode, and how it is simulated."""
@@ -96,6 +96,9 @@ class EnvSettings(Settings):
     of other sizes."""
     level: Level = "default"
     """For tasks with a scripted grasp: `easy` varies little of the object."""
+    reward: dict[str, Annotated[float, Field(ge=0)]] = {}  # noqa: RUF012  # Pydantic copies it.
+    """Factors on terms of the reward, by the names that `info` reports; 1 where none is given. For tasks without
+    goals."""
 
     @model_validator(mode="before")
     @classmethod

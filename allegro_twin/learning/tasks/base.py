@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.learning.environments.posterior import load_posterior
@@ -67,6 +67,9 @@ class Task(ABC):
     count_term: ClassVar[str] = ""
     """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
     count_unit: ClassVar[str] = ""
+    reward_terms: ClassVar[tuple[str, ...]] = ()
+    """Terms of the outcome whose sum is the reward, which settings may weigh (`EnvSettings.reward`). None for a task
+    with goals, whose reward anybody can compute from a state and a goal."""
     share_terms: ClassVar[tuple[str, ...]] = ()
     """Terms of the outcome that are shares of the episode's time so far, from 0 to 1, which an evaluation reports."""
     goal_is_orientation: ClassVar[bool] = False
@@ -81,6 +84,11 @@ class Task(ABC):
         for name in TASK_SETTINGS:
             if name in settings.model_fields_set and name not in self.own_settings:
                 raise ConfigError(f"{self.name} has no {name} to choose")
+        if settings.reward and not self.reward_terms:
+            raise ConfigError(f"{self.name} has no terms of the reward to weigh: leave reward out")
+        for term in settings.reward:
+            if term not in self.reward_terms:
+                raise ConfigError(unknown(f"term of {self.name}'s reward", term, self.reward_terms))
         action = settings.period * settings.decimation
         if action > self.seconds / 2:
             raise ConfigError(

@@ -36,6 +36,7 @@ class LiftTask(ScriptedClosingTask):
 
     name = "Lift"
     purpose = "lift an object from a table; the wrist on a slide follows a timeline"
+    reward_terms = ("rise", "effort")
     seconds = 4.5
     after = UP + HOLD
     options = ("object", "size", "friction", "grasp", "posture", "position_noise")

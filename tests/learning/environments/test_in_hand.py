@@ -135,6 +135,22 @@ def test_turning_the_same_way_again_after_a_flick_back_earns_nothing() -> None:
     assert env.step(np.zeros(16, np.float32))[4]["speed"] == pytest.approx(1.0)  # However fast.
 
 
+def test_a_turn_back_costs_at_once_what_the_same_turn_forward_is_paid() -> None:
+    env = HandEnv("Rotate", timestep=0.003, palm="allowed")
+    env.reset(seed=0)
+    thing = env.engine.task.thing
+    assert thing is not None
+    env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
+    paid = []
+    for yaw in (0.0, 0.01, 0.02, 0.01, 0.0, 0.01):
+        thing.pose[0, :3] = ALOFT
+        thing.pose[0, 3:] = quaternion_from_vector((0.0, 0.0, yaw))
+        thing.velocity[0] = thing.spin[0] = 0.0
+        paid.append(env.step(np.zeros(16, np.float32))[4]["speed"])
+    worth = 0.01 / env.engine.task.interface.seconds / 0.6
+    assert paid[1:] == pytest.approx([worth, worth, -worth, -worth, worth], abs=0.02)
+
+
 @pytest.mark.parametrize("end", [0, -1])
 def test_the_smallest_and_the_largest_size_are_drawn_from_their_own_end(end: int) -> None:
     env = HandEnv("Rotate", timestep=0.003, palm="allowed")
