@@ -245,7 +245,8 @@ class EpisodeEngine:
         xp, position = self.worlds.xp, self.worlds.position
         outcome = self.task.outcome(self.memory.tick, action, observation)
         for term, factor in self.task.settings.reward.items():
-            outcome = outcome._replace(reward=outcome.reward + (factor - 1.0) * outcome.terms[term])
+            more = factor - self.task.reward_terms[term]
+            outcome = outcome._replace(reward=outcome.reward + more * outcome.terms[term])
         if _finite(position):
             return outcome, xp.zeros(self.n, bool)
         diverged = ~xp.isfinite(position).all(axis=-1)

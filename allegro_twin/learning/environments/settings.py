@@ -97,7 +97,7 @@ class EnvSettings(Settings):
     level: Level = "default"
     """For tasks with a scripted grasp: `easy` varies little of the object."""
     reward: dict[str, Annotated[float, Field(ge=0)]] = {}  # noqa: RUF012  # Pydantic copies it.
-    """Factors on terms of the reward, by the names that `info` reports; 1 where none is given. For tasks without
+    """Factors of terms in the reward, by the names that `info` reports, instead of the task's own. For tasks without
     goals."""
 
     @model_validator(mode="before")

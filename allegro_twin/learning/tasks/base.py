@@ -67,9 +67,9 @@ class Task(ABC):
     count_term: ClassVar[str] = ""
     """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
     count_unit: ClassVar[str] = ""
-    reward_terms: ClassVar[tuple[str, ...]] = ()
-    """Terms of the outcome whose sum is the reward, which settings may weigh (`EnvSettings.reward`). None for a task
-    with goals, whose reward anybody can compute from a state and a goal."""
+    reward_terms: ClassVar[dict[str, float]] = {}
+    """Terms of the outcome and their factors in the reward, which settings may change (`EnvSettings.reward`). None for
+    a task with goals, whose reward anybody can compute from a state and a goal."""
     share_terms: ClassVar[tuple[str, ...]] = ()
     """Terms of the outcome that are shares of the episode's time so far, from 0 to 1, which an evaluation reports."""
     goal_is_orientation: ClassVar[bool] = False

@@ -31,7 +31,7 @@ class GraspTask(ScriptedClosingTask):
 
     name = "Grasp"
     purpose = "close on a presented object and hold it through a push"
-    reward_terms = ("hold", "effort")
+    reward_terms: ClassVar[dict[str, float]] = {"hold": 1.0, "effort": 1.0}
     seconds = 4.3
     after = GRACE + CALM + PUSHED
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction", "grasp", "posture", "position_noise")

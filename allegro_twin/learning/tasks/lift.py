@@ -3,6 +3,8 @@ again."""
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,7 @@ class LiftTask(ScriptedClosingTask):
 
     name = "Lift"
     purpose = "lift an object from a table; the wrist on a slide follows a timeline"
-    reward_terms = ("rise", "effort")
+    reward_terms: ClassVar[dict[str, float]] = {"rise": 1.0, "effort": 1.0}
     seconds = 4.5
     after = UP + HOLD
     options = ("object", "size", "friction", "grasp", "posture", "position_noise")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from allegro_twin.learning.environments.random_streams import Draws
@@ -28,7 +30,9 @@ class RotateTask(InHandTask):
     purpose = "rotate an object in the hand about the vertical, continuously"
     seconds = 30.0
     count_term, count_unit = "turned", "rad"
-    reward_terms = ("speed", "slide", "posture", "torque", "work", "dropped")
+    reward_terms: ClassVar[dict[str, float]] = {
+        "speed": 1.0, "slide": 1.0, "posture": 1.0, "torque": 1.0, "work": 1.0, "dropped": 1.0, "back": 0.0,
+    }  # fmt: skip
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -38,12 +42,13 @@ class RotateTask(InHandTask):
         self._limit = xp.asarray(self.spec.actuation.torque_limit)
         self.turned = xp.zeros(n)
         """Net since the reset, rad."""
+        self._farthest = xp.zeros(n)
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self._before[rows] = twist(self.thing.pose[rows, 3:])
-        self.turned[rows] = 0.0
+        self.turned[rows] = self._farthest[rows] = 0.0
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
@@ -54,14 +59,19 @@ class RotateTask(InHandTask):
         leaning = tilt(now)
         self._before, self.turned = heading, self.turned + turn
         lost = self.lost() | (leaning > TOPPLED)
-        # Back is charged in full, forward paid up to a speed and while upright: over an episode no more is paid than
-        # the net turn is worth, so rocking earns nothing, and a stroke back costs at once.
-        paid = xp.minimum(turn / self.interface.seconds / FASTEST, 1.0)
+        # Only new angles are paid, otherwise rocking would pay: forward while upright and slow, and back while leaning,
+        # or fast. What is gained while leaning is not paid later either.
+        farthest = xp.maximum(self._farthest, self.turned)
+        gained = xp.minimum((farthest - self._farthest) / self.interface.seconds / FASTEST, 1.0)
+        self._farthest = farthest
+        speed = xp.where(leaning < UPRIGHT, gained, 0.0)
+        # With `back` every turn is paid, back in full: nothing for rocking either, and a stroke back costs at once.
+        every = xp.minimum(turn / self.interface.seconds / FASTEST, 1.0)
         away = self.worlds.position - self.start
         told = self.worlds.applied_torque if self.worlds.closes_loop else self.worlds.control
         torque = xp.minimum(xp.maximum(told, -self._limit), self._limit)
         terms = {
-            "speed": xp.where(leaning < UPRIGHT, paid, xp.minimum(paid, 0.0)),
+            "speed": speed,
             "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),
             "posture": -_POSTURE * (away * away).sum(axis=-1),
             "torque": -_TORQUE * (torque * torque).sum(axis=-1),
@@ -69,6 +79,7 @@ class RotateTask(InHandTask):
             "dropped": xp.where(lost, DROPPED, 0.0),
         }
         reward = xp.stack(list(terms.values())).sum(axis=0)
+        terms["back"] = xp.where(leaning < UPRIGHT, every, xp.minimum(every, 0.0)) - speed
         values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
         return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))

@@ -135,8 +135,8 @@ def test_turning_the_same_way_again_after_a_flick_back_earns_nothing() -> None:
     assert env.step(np.zeros(16, np.float32))[4]["speed"] == pytest.approx(1.0)  # However fast.
 
 
-def test_a_turn_back_costs_at_once_what_the_same_turn_forward_is_paid() -> None:
-    env = HandEnv("Rotate", timestep=0.003, palm="allowed")
+def test_with_back_a_turn_back_costs_at_once_what_the_same_turn_forward_is_paid() -> None:
+    env = HandEnv("Rotate", timestep=0.003, palm="allowed", reward={"back": 1.0})
     env.reset(seed=0)
     thing = env.engine.task.thing
     assert thing is not None
@@ -146,7 +146,8 @@ def test_a_turn_back_costs_at_once_what_the_same_turn_forward_is_paid() -> None:
         thing.pose[0, :3] = ALOFT
         thing.pose[0, 3:] = quaternion_from_vector((0.0, 0.0, yaw))
         thing.velocity[0] = thing.spin[0] = 0.0
-        paid.append(env.step(np.zeros(16, np.float32))[4]["speed"])
+        _, reward, _, _, info = env.step(np.zeros(16, np.float32))
+        paid.append(reward - sum(info[name] for name in ("slide", "posture", "torque", "work", "dropped")))
     worth = 0.01 / env.engine.task.interface.seconds / 0.6
     assert paid[1:] == pytest.approx([worth, worth, -worth, -worth, worth], abs=0.02)
 

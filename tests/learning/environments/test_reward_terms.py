@@ -38,14 +38,14 @@ def test_every_task_without_goals_has_terms() -> None:
 
 @pytest.mark.parametrize("task", WEIGHED)
 def test_a_reward_is_the_sum_of_its_terms_each_times_its_factor(task: str) -> None:
-    terms = task_type(task).reward_terms
-    factors = dict(zip(terms, (0.25, 3.0, 0.0, 2.0, 0.5, 7.0), strict=False))
+    own = task_type(task).reward_terms
+    factors = dict(zip(own, (0.25, 3.0, 0.0, 2.0, 0.5, 7.0, 1.0), strict=False))
     differ = False
     for (plain, info), (weighed, other) in zip(steps(task), steps(task, reward=factors), strict=True):
-        for name in terms:
+        for name in own:
             np.testing.assert_array_equal(info[name], other[name])
-        np.testing.assert_allclose(plain, sum(info[name] for name in terms), atol=1e-12)
-        np.testing.assert_allclose(weighed, sum(factors[name] * info[name] for name in terms), atol=1e-12)
+        for reward, by in ((plain, own), (weighed, factors)):
+            np.testing.assert_allclose(reward, sum(by[name] * info[name] for name in own), atol=1e-12)
         differ |= bool((plain != weighed).any())
     assert differ
 
