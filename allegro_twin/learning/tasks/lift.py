@@ -3,9 +3,8 @@ again."""
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
