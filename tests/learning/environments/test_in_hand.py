@@ -141,15 +141,27 @@ def test_with_back_a_turn_back_costs_at_once_what_the_same_turn_forward_is_paid(
     thing = env.engine.task.thing
     assert thing is not None
     env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
-    paid = []
-    for yaw in (0.0, 0.01, 0.02, 0.01, 0.0, 0.01):
+    upright, leaning = 0.0, np.radians(28.0)
+    worth = 0.01 / env.engine.task.interface.seconds / 0.6  # Of 0.01 rad.
+    course = [  # Heading, lean, and what is paid.
+        (1.00, upright, None),  # From wherever it was; farther than ever.
+        (1.01, upright, worth),
+        (1.02, upright, worth),
+        (1.01, upright, -worth),
+        (1.00, upright, -worth),
+        (1.01, upright, worth),  # Forward again, up to where it was.
+        (1.00, leaning, -worth),
+        (1.01, leaning, 0.0),
+        (1.90, upright, 1.0),  # However fast.
+        (1.00, upright, -90 * worth),
+    ]
+    for heading, lean, expected in course:
         thing.pose[0, :3] = ALOFT
-        thing.pose[0, 3:] = quaternion_from_vector((0.0, 0.0, yaw))
+        thing.pose[0, 3:] = rotate_quaternion(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, heading))
         thing.velocity[0] = thing.spin[0] = 0.0
         _, reward, _, _, info = env.step(np.zeros(16, np.float32))
-        paid.append(reward - sum(info[name] for name in ("slide", "posture", "torque", "work", "dropped")))
-    worth = 0.01 / env.engine.task.interface.seconds / 0.6
-    assert paid[1:] == pytest.approx([worth, worth, -worth, -worth, worth], abs=0.02)
+        paid = reward - sum(info[name] for name in ("slide", "posture", "torque", "work", "dropped"))
+        assert expected is None or paid == pytest.approx(expected, abs=0.02)
 
 
 @pytest.mark.parametrize("end", [0, -1])
