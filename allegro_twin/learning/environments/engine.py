@@ -245,6 +245,8 @@ class EpisodeEngine:
         xp, position = self.worlds.xp, self.worlds.position
         outcome = self.task.outcome(self.memory.tick, action, observation)
         for term, factor in self.task.settings.reward.items():
+            if term not in outcome.terms:
+                raise ConfigError(f"{self.task.name} reports no {term} to weigh: name its own terms in reward_terms")
             more = factor - self.task.reward_terms[term]
             outcome = outcome._replace(reward=outcome.reward + more * outcome.terms[term])
         if _finite(position):

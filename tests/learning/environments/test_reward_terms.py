@@ -10,7 +10,11 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.interface import Observation
 from allegro_twin.learning.tasks import TASKS, task_type
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.rotate import RotateTask
+from allegro_twin.types import Array
 
 N = 4
 FEW = {"HoldDisturbed": ("tennis_ball",), "Grasp": ("tennis_ball",), "Lift": ("foam_brick",)}
@@ -61,6 +65,20 @@ def test_a_term_that_the_reward_does_not_have_is_refused_with_the_nearest() -> N
 def test_the_reward_of_a_task_with_goals_stays_what_compute_reward_says(task: str) -> None:
     with pytest.raises(ConfigError, match=f"{task} has no terms of the reward"):
         HandEnv(task, reward={"dropped": 0.5})
+
+
+class Bare(RotateTask):
+    name = "Bare"
+
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
+        return super().outcome(tick, action, observation)._replace(terms={"slide": np.zeros(self.n)})
+
+
+def test_a_task_that_inherits_names_of_terms_which_it_does_not_report_is_told_so() -> None:
+    env = HandEnv(f"{__name__}:Bare", timestep=0.003, reward={"speed": 2.0})
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match="Bare reports no speed to weigh: name its own terms in reward_terms"):
+        env.step(np.zeros(16, np.float32))
 
 
 def test_a_factor_is_not_negative() -> None:
