@@ -21,6 +21,8 @@ import numpy as np
 SEEN = ("palm_right", "base", "proximal", "medial", "distal", "thumb_base", "thumb_proximal", "thumb_distal",
         "leap_mount")  # fmt: skip
 TOUCHING = ("tip", "thumb_tip")
+IN_HAND = 0.1  # m. One that lies on the floor of `caltech_leap_cube` is never counted as dropped by Judo.
+STATE = ("qpos", "qvel", "xpos", "xquat", "mocap_pos", "mocap_quat")
 BOX = "\n".join(
     [f"v {x} {y} {z}" for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (-0.01, 0.01)]
     + ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4", ""]
@@ -78,10 +80,6 @@ def measure(name: str, optimizer: str, seconds: float, seed: int) -> dict[str, A
         "in_hand": round(held * period / seconds, 3), "cpu_a_plan": round(used / plans, 3),
         "plans_a_second": planning.control_freq, "samples": settings.num_rollouts, "horizon": planning.horizon,
     }  # fmt: skip
-
-
-IN_HAND = 0.1  # m. One that lies on the floor of `caltech_leap_cube` is never counted as dropped by Judo.
-STATE = ("qpos", "qvel", "xpos", "xquat", "mocap_pos", "mocap_quat")
 
 
 def count_calls(task: Any, method: str, count: dict[str, int], name: str) -> None:

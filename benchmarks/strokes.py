@@ -1,6 +1,6 @@
 """How a policy turns things, 3 s by 3 s: `python -m benchmarks.strokes POLICY … [--episodes 48] [--seed 2000000000]`.
 
-Net speed, the range of headings within the 3 s, and what the task paid for turning, as a share of its most; of the
+Net speed, the range of headings within the 3 s, and what the task paid for new angles, as a share of its most; of the
 episodes that were in the hand to the end of the 3 s. A policy that rocks has a range and no net speed.
 """
 

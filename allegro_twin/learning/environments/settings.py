@@ -26,7 +26,7 @@ VARIATIONS = (
     "contacts", "constraints", "state", "reward",
 )  # fmt: skip
 """Settings that change neither what a policy sees, nor what its actions do, nor what is asked of it: how much differs
-from episode to episode, and how it is simulated."""
+from episode to episode, how it is simulated, and what the terms of its reward weigh."""
 
 
 class EnvSettings(Settings):

@@ -66,7 +66,7 @@ class RotateTask(InHandTask):
         self._farthest = farthest
         speed = xp.where(leaning < UPRIGHT, gained, 0.0)
         # With `back` every turn is paid, back in full: nothing for rocking either, and a stroke back costs at once.
-        every = xp.minimum(turn / self.interface.seconds / FASTEST, 1.0)
+        every_turn = xp.minimum(turn / self.interface.seconds / FASTEST, 1.0)
         away = self.worlds.position - self.start
         told = self.worlds.applied_torque if self.worlds.closes_loop else self.worlds.control
         torque = xp.minimum(xp.maximum(told, -self._limit), self._limit)
@@ -79,7 +79,7 @@ class RotateTask(InHandTask):
             "dropped": xp.where(lost, DROPPED, 0.0),
         }
         reward = xp.stack(list(terms.values())).sum(axis=0)
-        terms["back"] = xp.where(leaning < UPRIGHT, every, xp.minimum(every, 0.0)) - speed
+        terms["back"] = xp.where(leaning < UPRIGHT, every_turn, xp.minimum(every_turn, 0.0)) - speed
         values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
         return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))

@@ -85,9 +85,10 @@ def test_a_keyword_that_contradicts_the_policy_is_refused_with_both_values(
 
 
 def test_a_keyword_that_says_the_same_or_varies_episodes_may_stand_beside_it() -> None:
-    given = {"policy": "rotate_right", "palm": "allowed", "step": 0.08, "timestep": 0.001, "randomise": "off"}
+    given = {"policy": "rotate_right", "palm": "allowed", "step": 0.08, "timestep": 0.001, "randomise": "off",
+             "reward": {"back": 1.0}}  # fmt: skip
     settings = engine.read_keywords("Rotate", given)
-    assert (settings.palm, settings.timestep) == ("allowed", 0.001)
+    assert (settings.palm, settings.timestep, settings.reward) == ("allowed", 0.001, {"back": 1.0})
     assert settings.randomise == EnvSettings().randomise
     assert engine.read_keywords("Rotate", {"policy": "rotate_right"}).randomise.mass == (0.8, 1.2)
 
