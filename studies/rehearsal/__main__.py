@@ -15,9 +15,10 @@ from allegro_twin import ConfigError
 from allegro_twin.files import atomic_file, fingerprint, read_yaml, source_fingerprint
 from studies.rehearsal.films import PAGE, GraspFilm, film_grasps, write_page
 from studies.rehearsal.hidden_hand import draw_hand
+from studies.rehearsal.planned import try_planned
 from studies.rehearsal.policies import try_policies
 from studies.rehearsal.rehearse import POLICY_SEED, rehearse
-from studies.rehearsal.report import policy_table, scores, table
+from studies.rehearsal.report import planned_table, policy_table, scores, table
 
 FOLDER = Path(__file__).parent
 PROTOCOL, REGISTRATION = FOLDER / "rehearsal.yaml", FOLDER / "rehearsal.registration.json"
@@ -69,7 +70,9 @@ def report(
     """Print the table of the results in a folder."""
     rows = [row for _, row in _results(folder)]
     typer.echo(table(rows))
-    typer.echo(f"\n{policy_table(rows)}".rstrip())
+    for more in (policy_table(rows), planned_table(rows)):
+        if more:
+            typer.echo(f"\n{more}")
     if write_scores is None:
         return
     how = "registered" if all(row.get("registered") for row in rows) else "not all registered"
@@ -96,6 +99,22 @@ def policies(
         with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(row, indent=1))
         typer.echo(f"hand {row['number']}: done")
+
+
+@app.command("planned")
+def planned(
+    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
+    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+    candidates: Annotated[int, typer.Option(help="Budget of each plan.", min=1)] = 100,
+) -> None:
+    """Plan grasps for the nominal hand and for the learnt files of right hands, and perform the best."""
+    protocol = read_yaml(PROTOCOL)
+    for path, row in _results(folder, hands):
+        if "planned" in row or row["side"] != "right" or "\nidentified:" not in row.get("file", ""):
+            continue
+        row["planned"] = try_planned(row, protocol, folder / "plans", candidates, typer.echo)
+        with atomic_file(path) as temporary:
+            temporary.write_text(json.dumps(row, indent=1))
 
 
 @app.command("films")

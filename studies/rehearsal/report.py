@@ -54,6 +54,25 @@ def policy_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join([*lines, "", f"The posterior's 95 % covers {sum(known)} of {len(known)}."])
 
 
+def planned_table(rows: list[dict[str, Any]]) -> str:
+    """Markdown: of each twin the planned grasps that held and what their plans had said, and hand by hand."""
+    tried = [row for row in rows if row.get("planned")]
+    if not tried:
+        return ""
+    lines = ["| twin | planned grasps held | foretold by their plans |", "|---|---|---|"]
+    for twin in TWINS:
+        mine = [each for row in tried for each in row["planned"] if each["twin"] == twin]
+        told = sum(each.get("foretold", 0) for each in mine) / max(sum(each.get("of", 0) for each in mine), 1)
+        lines.append(f"| {twin} | {_rate([each['held'] for each in mine])} | {100 * told:.0f} % |")
+    lines += ["", "| hand | nominal | identified | lost |", "|---|---|---|---|"]
+    for row in tried:
+        by_twin = [[each for each in row["planned"] if each["twin"] == twin] for twin in TWINS]
+        cells = [f"{sum(each['held'] for each in mine)} of {len(mine)}" for mine in by_twin]
+        lost = [f"{each['object']}, {each['twin']}: {each['reason']}" for each in row["planned"] if not each["held"]]
+        lines.append(f"| {row['number']} | {' | '.join(cells)} | {'; '.join(lost).replace('|', '/') or '–'} |")
+    return "\n".join(lines)
+
+
 def _prediction(found: dict[str, Any]) -> str:
     if "error" in found:
         return str(found["error"]).replace("|", "/")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin import ConfigError, TorqueCommand
+from allegro_twin import ConfigError, HandFault, TorqueCommand
 from allegro_twin.app import Rig, assemble
 from allegro_twin.files import read_yaml
 from allegro_twin.gym import EnvSettings
@@ -21,13 +23,14 @@ from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
 from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
 from studies.rehearsal import __main__ as study
+from studies.rehearsal import planned
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
 from studies.rehearsal.films import film_grasps, write_page
 from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
 from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
 from studies.rehearsal.policies import POLICIES, HiddenEpisode, policy_file, predicted
 from studies.rehearsal.rehearse import drawn_objects
-from studies.rehearsal.report import policy_table, scores, table
+from studies.rehearsal.report import planned_table, policy_table, scores, table
 from studies.rehearsal.sessions import RehearsedHiddenHand
 
 SEED = 5  # Not that of the protocol.
@@ -180,6 +183,88 @@ def test_policies_are_tried_once_on_hands_that_were_learnt_and_no_results_are_an
                                (tmp_path, "two", "not 'two'")):  # fmt: skip
         with pytest.raises(ConfigError, match=why):
             study.policies(folder, hands)
+
+
+class FakePlan:
+    """Stands in for `allegro-twin plan`: writes a grasp, or ends with an exit code."""
+
+    def __init__(self, ends: int = 0) -> None:
+        self.ends = ends
+        self.commands = list[list[str]]()
+
+    def __call__(self, command: list[str], **_: Any) -> Any:
+        self.commands.append(command)
+        if not self.ends:
+            place, thing = Path(command[command.index("--out") + 1]), command[command.index("plan") + 1]
+            (place / "grasps").mkdir(parents=True)
+            (place / f"{thing}_1.yaml").write_text("")
+            proof = {"entries": {f"{thing}_1": {"planned": {"held": 19, "draws": 20}}}}
+            (place / "grasps" / f"{thing}_1.yaml").write_text(yaml.safe_dump(proof))
+        return subprocess.CompletedProcess(command, self.ends, "", "it is too large")
+
+
+def test_planned_grasps_are_made_once_for_all_nominal_hands_and_for_each_learnt_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, performed = FakePlan(), list[tuple[str, str, str]]()
+    monkeypatch.setattr(subprocess, "run", plan)
+
+    def trial(own: RehearsedHiddenHand, scenario: str, serial: str) -> Any:
+        learnt = Path(serial).read_text() if serial else ""
+        assert list(own._draws) == [scenario]  # What the host is not told of the object.
+        performed.append((Path(scenario).relative_to(tmp_path / "plans").as_posix(), own.hand.version, learnt))
+        if learnt:
+            raise HandFault("thumb_0 is too fast")
+        return SimpleNamespace(held=True, reason="")
+
+    monkeypatch.setattr(RehearsedHiddenHand, "trial", trial)
+    learnt = "wire: {}\nidentified: {}\n"
+    results = ((2, "right", learnt), (3, "left", learnt), (6, "right", learnt), (8, "right", ""))
+    for number, side, file in results:
+        (tmp_path / f"{number:02d}.json").write_text(json.dumps({"number": number, "side": side, "file": file}))
+    study.planned(tmp_path, None, 60)
+    study.planned(tmp_path, None, 60)
+    protocol = read_yaml(PROTOCOL)
+    things = [name for k in (2, 6) for name in drawn_objects(draw_hand(k, protocol["seed"]), protocol)]
+    serials = ["--twin" in command for command in plan.commands]
+    assert (serials.count(False), serials.count(True)) == (len(set(things)), 6)
+    assert performed[1] == (f"02/{things[0]}/{things[0]}_1.yaml", draw_hand(2, protocol["seed"]).version, learnt)
+    rows = json.loads((tmp_path / "06.json").read_text())["planned"]
+    about = {"object": things[3], "foretold": 19, "of": 20}
+    assert rows[:2] == [about | {"twin": "nominal", "held": True, "reason": ""},
+                        about | {"twin": "identified", "held": False, "reason": "thumb_0 is too fast"}]  # fmt: skip
+    assert all("planned" not in json.loads((tmp_path / f"{k:02d}.json").read_text()) for k in (3, 8))
+
+
+def test_a_plan_that_finds_nothing_is_a_grasp_that_does_not_hold_and_one_that_fails_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = FakePlan(planned.NOTHING_HOLDS)
+    monkeypatch.setattr(subprocess, "run", plan)
+    assert planned.plan_grasp("anvil", "", tmp_path / "anvil", 60) is None
+    assert planned.plan_grasp("anvil", "", tmp_path / "anvil", 60) is None
+    assert len(plan.commands) == 1
+    plan.ends = 2
+    with pytest.raises(ConfigError, match="plan piano failed with 2: it is too large"):
+        planned.plan_grasp("piano", "", tmp_path / "piano", 60)
+
+
+def test_planned_grasps_stand_beside_what_their_plans_foretold() -> None:
+    def row(twin: str, held: bool, foretold: int | None) -> dict[str, Any]:
+        told = {} if foretold is None else {"foretold": foretold, "of": 20}
+        return {"object": "mug", "twin": twin, "held": held, "reason": "" if held else "it fell"} | told
+
+    rows = [
+        row("nominal", True, 20),
+        row("nominal", False, 10),
+        row("identified", True, 20),
+        row("identified", False, None),
+    ]
+    told = planned_table([{"number": 4, "planned": rows}, {"number": 5}])
+    assert "| nominal | 1 of 2: 50 % (9–91 %) | 75 % |" in told
+    assert "| identified | 1 of 2: 50 % (9–91 %) | 100 % |" in told
+    assert "| 4 | 1 of 2 | 1 of 2 | mug, nominal: it fell; mug, identified: it fell |" in told
+    assert planned_table([{"number": 5}]) == ""
 
 
 def test_a_hand_s_objects_are_its_own_and_the_same_again() -> None:
