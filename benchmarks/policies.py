@@ -34,6 +34,7 @@ RECIPES = {
     "hold_disturbed_right": "holddisturbed",
     "lift_right": "lift",
     "reach_right": "reach",
+    "rotate_cradle_right": "rotate_cradle",
     "rotate_right": "rotate_on_palm",
     "rotate_hand_right": "rotate_on_palm_hand",
     "reorient_right": "reorient_on_palm",

@@ -10,6 +10,7 @@ from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, OF_PALM, in_
 from allegro_twin.learning.tasks.start_states import (
     ALL,
     ANYHOW,
+    CRADLE,
     FINGERTIPS,
     TEST,
     TRAIN,
@@ -26,8 +27,10 @@ OTHER_HANDS = ("leap",)
 if __name__ == "__main__":
     wanted: list[tuple[str, str, Search, StartSet]] = [("allegro", name, ANYHOW, ALL) for name in OF_PALM]
     wanted += [("allegro", name, FINGERTIPS, states) for name in (*OBJECTS, "hex_nut") for states in SETS]
+    wanted += [("allegro", name, CRADLE, states) for name in (*OBJECTS, "hex_nut") for states in SETS]
     opposed = OpposedSearch(tips=FINGERTIPS.tips)
-    wanted += [(hand, name, opposed, states) for hand in OTHER_HANDS for name in OF_OTHERS for states in SETS]
+    wanted += [(hand, name, search, states) for hand in OTHER_HANDS for name in OF_OTHERS
+               for search in (opposed, CRADLE) for states in SETS]  # fmt: skip
     for hand, name, search, states in wanted:
         thing, spec = in_hand_object(name), load_spec(hand)
         path = data_root() / "conf" / "starts" / file_name(thing, search, states, spec)

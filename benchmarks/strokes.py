@@ -1,7 +1,8 @@
 """How a policy turns things, 3 s by 3 s: `python -m benchmarks.strokes POLICY … [--episodes 48] [--seed 2000000000]`.
 
-Net speed, the range of headings within the 3 s, and what the task paid for new angles, as a share of its most; of the
-episodes that were in the hand to the end of the 3 s. A policy that rocks has a range and no net speed.
+Episodes begin in the policy's own grip. Net speed, the range of headings within the 3 s, and what the task paid for new
+angles, as a share of its most; of the episodes that were in the hand to the end of the 3 s. A policy that rocks has a
+range and no net speed.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ SETTINGS: dict[str, Any] = {"timestep": 0.003, "decimation": 20}
 
 
 def main(policy: str, episodes: int, seed: int) -> None:
-    act = load_policy(policy).policy
-    env = HandVectorEnv("Rotate", episodes, threads=1, autoreset_mode="disabled", **SETTINGS)
+    loaded = load_policy(policy)
+    act, grip = loaded.policy, (loaded.card.environment or {}).get("grip", "pinch")
+    env = HandVectorEnv("Rotate", episodes, threads=1, autoreset_mode="disabled", grip=grip, **SETTINGS)
     observation, _ = env.reset(seed=seed)
     period, running = env.engine.settings.period * env.engine.settings.decimation, np.ones(episodes, bool)
     turned, paid = [np.zeros(episodes)], [np.zeros(episodes)]

@@ -12,9 +12,17 @@ import numpy as np
 from allegro_twin import HandBackend, HandSpec
 from allegro_twin.app import RunConfig
 from allegro_twin.files import find_file, load_settings
-from allegro_twin.grasping import Perturbation, PhysicsSettings, Trial, TrialProtocol, TrialReport, load_scenario
+from allegro_twin.grasping import (
+    Perturbation,
+    PhysicsSettings,
+    Trial,
+    TrialProtocol,
+    TrialReport,
+    load_scenario,
+    make_stage,
+)
 from allegro_twin.hands import load_grasp, load_spec
-from allegro_twin.kinematics import quaternion_from_matrix
+from allegro_twin.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.sim import SimBackend
 from allegro_twin.sim.model import Stage, compile_scene
 from allegro_twin.twin.identify import ExcitationPose
@@ -62,13 +70,17 @@ class RehearsedHiddenHand(RehearsedHand):
         known = protocol.physics.model_dump(exclude_none=True)
         known |= {"timestep": STEP, "softness": own.softness, "torsional": own.torsional, "impratio": own.impratio}
         physics = PhysicsSettings(**known | {"friction": protocol.physics.friction * own.friction})
+        grasp = load_grasp(settings.grasp, spec)
         trial = Trial(
-            settings, spec, load_grasp(settings.grasp, spec), folder=path.parent,
+            settings, spec, grasp, folder=path.parent,
             protocol=protocol.model_copy(update={"physics": physics}), draw=self._draws.get(scenario, Perturbation()),
         )  # fmt: skip
         feels = own.version == "v4"  # The others' IMU, if they have one, is not published.
-        control = {"kind": "pd"} | ({} if feels else {"compensate": False})
-        bus = {"imu": 0.1} if feels else {"gravity": [0.0, 0.0, -9.81]}
+        stage = make_stage(settings, protocol, spec.side, path.parent)
+        begin = matrix_from_quaternion(stage.quaternion).T @ (0.0, 0.0, -9.81)
+        # Who controls force carries the hand's weight: without an IMU, that of the palm as the trial begins.
+        control = {"kind": "pd"} | ({} if feels or grasp.grip is not None else {"compensate": False})
+        bus = {"imu": 0.1} if feels else {"gravity": begin.tolist()}
         config = self.config.changed(
             hand={"serial": serial}, backend=bus, task={"scenario": str(path)}, controller=control
         )

@@ -19,11 +19,11 @@ from allegro_twin.spec import SIDES, HandSpec, Side
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
 Level: TypeAlias = Literal["default", "easy"]
-TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts")
+TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts", "grip")
 """Settings that only some tasks have."""
 VARIATIONS = (
-    "objects", "position_noise", "level", "farthest", "starts", "randomise", "timestep", "noslip", "coarse", "device",
-    "contacts", "constraints", "state", "reward",
+    "objects", "position_noise", "level", "farthest", "starts", "grip", "randomise", "timestep", "noslip", "coarse",
+    "device", "contacts", "constraints", "state", "reward",
 )  # fmt: skip
 """Settings that change neither what a policy sees, nor what its actions do, nor what is asked of it: how much differs
 from episode to episode, how it is simulated, and what the terms of its reward weigh."""
@@ -94,6 +94,8 @@ class EnvSettings(Settings):
     starts: Literal["train", "test"] = "train"
     """For tasks in the fingertips: states to begin in, those for trainings or those for tests, which are other states
     of other sizes."""
+    grip: Literal["pinch", "cradle"] = "pinch"
+    """For tasks in the fingertips: whether they press on the object's sides at the beginning, or it lies on them."""
     level: Level = "default"
     """For tasks with a scripted grasp: `easy` varies little of the object."""
     reward: dict[str, Annotated[float, Field(ge=0)]] = {}  # noqa: RUF012  # Pydantic copies it.

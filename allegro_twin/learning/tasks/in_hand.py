@@ -21,11 +21,13 @@ from allegro_twin.learning.tasks.scenes import THING, make_worlds, palm_height, 
 from allegro_twin.learning.tasks.start_states import (
     ALL,
     ANYHOW,
+    CRADLE,
     FINGERTIPS,
     NOISE_JOINT,
     NOISE_PLACE,
     TEST,
     TRAIN,
+    Search,
     StartStates,
     load_start_states,
 )
@@ -119,7 +121,7 @@ class InHandTask(Task):
     step: ClassVar[float] = 0.08
     """rad per action, where the settings name no other."""
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
-    own_settings: ClassVar[tuple[str, ...]] = ("observation", "palm", "starts")
+    own_settings: ClassVar[tuple[str, ...]] = ("observation", "palm", "starts", "grip")
     share_terms: ClassVar[tuple[str, ...]] = ("on_palm", "by_tips")
     in_fingertips: ClassVar[tuple[str, ...]] = OBJECTS
     """Objects, where the settings name none and the palm is forbidden."""
@@ -138,6 +140,8 @@ class InHandTask(Task):
         self._palm_ends = settings.palm == "forbidden"
         if settings.starts == "test" and not self._palm_ends:
             raise ConfigError("starts: test is of palm: forbidden; with the palm allowed there is one set of states")
+        if settings.grip == "cradle" and not self._palm_ends:
+            raise ConfigError("grip: cradle is of palm: forbidden; with the palm allowed an object is held anyhow")
         usual = (self.in_fingertips if self.spec.model == HAND else OF_OTHERS) if self._palm_ends else OF_PALM
         chosen = settings.objects or usual
         self._n_choices = len(chosen)
@@ -256,7 +260,8 @@ class InHandTask(Task):
                 f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
-        kind = (FINGERTIPS, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
+        search: Search = CRADLE if self.settings.grip == "cradle" else FINGERTIPS
+        kind = (search, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
         self._held.append(load_start_states(thing, self.settings.side, *kind, self.spec.model_reference))
         self._table = None
         self._things.append(thing)

@@ -39,7 +39,7 @@ class ReorientTask(InHandTask):
     purpose = "turn a cube in the hand to one goal orientation after another"
     seconds = 30.0
     count_term, count_unit = "reached", "goals"
-    own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest", "palm", "starts")
+    own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest", "palm", "starts", "grip")
     in_fingertips = ("cube",)
     goal_is_orientation = True
 

@@ -2,14 +2,15 @@
 stored.
 
 The search closes postures of the right hand around an object, lets it go, and keeps what holds; for tasks in the
-fingertips what fingertips alone hold, once for trainings and once for tests. For the Allegro Hand postures are drawn
-from ranges of its joints; for any other hand from around those in which fingertips oppose each other across a ball.
+fingertips what fingertips alone hold, once for trainings and once for tests. Fingertips press on an object's sides, or
+it lies on them. For the former postures of the Allegro Hand are drawn from ranges of its joints; all others from around
+those in which fingertips oppose each other across a ball.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -161,6 +162,32 @@ class OpposedSearch:
         return found
 
 
+@dataclass(frozen=True, slots=True)
+class CradleSearch(OpposedSearch):
+    """Candidates of any hand with the object's middle above the fingertips: it lies on them, and weight alone keeps it
+    there. Its repr is part of the name of the stored file."""
+
+    wider: tuple[float, float] = (0.6, 1.0)
+    opened: tuple[float, float] = (0.0, 0.1)
+    squeeze: tuple[float, float] = (0.0, 0.25)
+    raised: tuple[float, float] = (0.25, 0.8)
+    """Height of the object's middle over the ball's, in half sizes of the object."""
+    above: float = 0.008
+    """m, at least, of the object's middle over the mean of the fingertips, once it has come to rest."""
+
+    def tries(self, spec: HandSpec, sizes: Array, rng: np.random.Generator) -> StartCandidates:
+        found = OpposedSearch.tries(self, spec, sizes, rng)
+        place = found.place.copy()
+        place[:, 2] += sizes.mean(axis=1) / 2 * rng.uniform(*self.raised, len(sizes))
+        return found._replace(place=place)
+
+    def lies(self, spec: HandSpec, position: Array, place: Array) -> Flags:
+        """Whether objects with their middles at `place`, (n, 3), m, lie on the fingertips; joints (n, joints), rad."""
+        tips = hand_kinematics(spec).batch_fingertips()(position) @ matrix_from_quaternion(np.array(FACING)).T
+        found: Flags = place[:, 2] - tips[..., 2].mean(axis=1) > self.above
+        return found
+
+
 Search: TypeAlias = StartStateSearch | OpposedSearch
 
 
@@ -209,6 +236,8 @@ def try_candidates(
     if search.tips:
         good &= (contacts.touching("tips") >= search.tips)[still]
         good &= ((contacts.touching("middle") + contacts.touching("palm")) == 0)[still]
+    if isinstance(search, CradleSearch):
+        good &= search.lies(spec, worlds.position[still], body.pose[still, :3])
     kept = still[good]
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
 
@@ -286,6 +315,8 @@ ANYHOW = StartStateSearch()
 """Whatever holds, proximal links and palm's edge included: for tasks that allow the palm."""
 FINGERTIPS = StartStateSearch(below=(-0.02, 0.01), tips=3)
 """Three fingertips or four, the thumb's among them, and nothing else."""
+CRADLE = CradleSearch(tips=3)
+"""The same, with the object on them."""
 ALL = StartSet(20260101, 1024, ((0.9, 1.1),))
 """Of `ANYHOW`."""
 TRAIN = StartSet(20260101, 512, ((0.9, 1.1),))
@@ -319,13 +350,17 @@ class StartStates:
 
 
 def load_start_states(
-    thing: GraspObject, side: str, search: StartStateSearch = ANYHOW, wanted: StartSet = ALL, model: str = HAND
+    thing: GraspObject, side: str, search: Search = ANYHOW, wanted: StartSet = ALL, model: str = HAND
 ) -> StartStates:
     """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
     `model`: of hand, by name or card; another than ours is searched for as `OpposedSearch` says. Raises ConfigError
     without a cache, and for a hand whose fingertips hold nothing."""
     spec = load_spec(model, side="right")
-    kind = search if spec.model == HAND else OpposedSearch(tips=min(search.tips, len(spec.fingers)))
+    kind: Search = search
+    if isinstance(search, OpposedSearch):
+        kind = replace(search, tips=min(search.tips, len(spec.fingers)))
+    elif spec.model != HAND:
+        kind = OpposedSearch(tips=min(search.tips, len(spec.fingers)))
     name = file_name(thing, kind, wanted, spec)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():
@@ -354,7 +389,7 @@ def search_start_states(
     loose are left out. Raises ConfigError where it finds none."""
     rng, count, spec = np.random.default_rng(wanted.seed), wanted.most, spec or load_spec(side="right")
     parts: list[tuple[Array, ...]] = []
-    most, held = MOST if isinstance(search, StartStateSearch) else OPPOSED_MOST, 0
+    most, held = MOST if spec.model == HAND else OPPOSED_MOST, 0
     while held < count and len(parts) < (most if held else HOPELESS):
         parts.append(try_candidates(spec, thing, search, wanted, rng))
         held = sum(len(part[0]) for part in parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -15,22 +16,27 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks import start_states
-from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, in_hand_object, palm_clearance
-from allegro_twin.learning.tasks.scenes import palm_height
+from allegro_twin.learning.tasks.in_hand import OBJECTS, OF_OTHERS, InHandTask, in_hand_object, palm_clearance
+from allegro_twin.learning.tasks.scenes import FACING, palm_height
 from allegro_twin.learning.tasks.start_states import (
+    CRADLE,
     FINGERTIPS,
     TEST,
     TRAIN,
     OpposedSearch,
+    Search,
     StartStates,
     file_name,
     load_start_states,
 )
 from allegro_twin.learning.training.report import evaluation_sets
 from allegro_twin.learning.training.settings import load_recipe
+from allegro_twin.types import Array
 
 PALM, ROOT = palm_height(load_spec()), Path(__file__).resolve().parents[3]
 
@@ -45,11 +51,14 @@ def batch(task: str = "Rotate", **more: Any) -> HandVectorEnv:
     return env
 
 
-@pytest.mark.parametrize("starts", ["train", "test"])
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_fingertips_alone_hold_every_object_at_the_beginning(starts: str, side: str) -> None:
+@pytest.mark.parametrize(
+    ("starts", "side", "grip"),
+    [("train", "right", "pinch"), ("test", "right", "pinch"), ("train", "left", "pinch"), ("test", "left", "pinch"),
+     ("train", "left", "cradle"), ("test", "right", "cradle")],
+)  # fmt: skip
+def test_fingertips_alone_hold_every_object_at_the_beginning(starts: str, side: str, grip: str) -> None:
     for objects in (OBJECTS, ("hex_nut",)):
-        env = batch(starts=starts, side=side, objects=objects)
+        env = batch(starts=starts, side=side, objects=objects, grip=grip)
         _, report = env.reset(seed=11)
         assert {*report["object"]} == {*objects}
         inside = np.abs(report["randomised"]["size"] - 1.0) <= 0.1
@@ -63,10 +72,11 @@ def test_fingertips_alone_hold_every_object_at_the_beginning(starts: str, side: 
         assert (info["by_palm"][~failed] == 0.0).all()
 
 
-def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes() -> None:
+@pytest.mark.parametrize("search", [FINGERTIPS, CRADLE])
+def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes(search: Search) -> None:
     for name in ALL:
         thing = in_hand_object(name)
-        train, test = (load_start_states(thing, "right", FINGERTIPS, states) for states in (TRAIN, TEST))
+        train, test = (load_start_states(thing, "right", search, states) for states in (TRAIN, TEST))
         assert len(train.size) > 0.7 * TRAIN.most, name
         assert len(test.size) > 0.7 * TEST.most, name
         apart = np.abs(train.position[:, None] - test.position[None]).max(axis=-1)
@@ -78,16 +88,53 @@ def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes() -> N
 
 @pytest.mark.parametrize("hand", ["allegro", "leap"])
 def test_every_state_ships(hand: str) -> None:
-    search = FINGERTIPS if hand == "allegro" else OpposedSearch(tips=FINGERTIPS.tips)
+    pinch = FINGERTIPS if hand == "allegro" else OpposedSearch(tips=FINGERTIPS.tips)
     for name in ALL if hand == "allegro" else OF_OTHERS:
-        for states in (TRAIN, TEST):
+        for search, states in itertools.product((pinch, CRADLE), (TRAIN, TEST)):
             file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), search, states, load_spec(hand))
             assert file.is_file(), f"{hand}, {name}: python -m benchmarks.starts makes {file.name}"
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_another_hand_holds_a_cube_in_its_fingertips_too(side: str) -> None:
-    env = batch(hand="leap", side=side)
+def over_the_tips(env: HandVectorEnv) -> Array:
+    """Height of the object's middle over the mean of the fingertips, (N,), m, at rest."""
+    task = env.engine.task
+    assert isinstance(task, InHandTask)
+    assert task.thing is not None
+    upturned = matrix_from_quaternion(np.array(FACING)).T
+    tips = hand_kinematics(task.spec).batch_fingertips()(task.worlds.position) @ upturned
+    found: Array = task.thing.pose[:, 2] - tips[..., 2].mean(axis=1)
+    return found
+
+
+@pytest.mark.parametrize("hand", ["allegro", "leap"])
+def test_in_a_cradle_an_object_lies_on_the_fingertips_and_in_a_pinch_it_hangs_between_them(hand: str) -> None:
+    pinched, cradled = (batch(hand=hand, grip=grip) for grip in ("pinch", "cradle"))
+    assert (over_the_tips(cradled) > 0.006).all()  # The noise of a start moves both by some millimetres.
+    assert np.median(over_the_tips(pinched)) < 0.004
+
+
+def test_a_finger_that_steps_loses_a_cradled_object_less_often_than_a_pinched_one() -> None:
+    lost = {"pinch": 0, "cradle": 0}
+    for grip in lost:
+        for flexion in (1, 5, 9, 14):
+            env, opened, failed = batch(grip=grip), STILL.copy(), np.zeros(N, bool)
+            opened[:, flexion] = -1.0
+            for k in range(14):
+                failed |= env.step(opened if k < 6 else STILL)[2]
+            lost[grip] += int(failed.sum())
+    assert lost["cradle"] < 0.7 * lost["pinch"], lost
+
+
+def test_a_grip_is_of_what_the_fingertips_hold() -> None:
+    with pytest.raises(ConfigError, match="grip: cradle is of palm: forbidden"):
+        HandVectorEnv("Rotate", 1, grip="cradle", palm="allowed")
+    with pytest.raises(ConfigError, match="grip"):
+        HandVectorEnv("Lift", 1, grip="cradle")
+
+
+@pytest.mark.parametrize(("side", "grip"), [("right", "pinch"), ("left", "pinch"), ("left", "cradle")])
+def test_another_hand_holds_a_cube_in_its_fingertips_too(side: str, grip: str) -> None:
+    env = batch(hand="leap", side=side, grip=grip)
     failed = np.zeros(N, bool)
     for _ in range(10):
         *_, end, _, info = env.step(STILL)

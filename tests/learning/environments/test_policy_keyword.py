@@ -28,6 +28,7 @@ POLICIES = {
     "pinch_right": "pinch",
     "reach_right": "reach",
     "reorient_right": "reorient_on_palm",
+    "rotate_cradle_right": "rotate_cradle",
     "rotate_fingertips_right": "rotate",
     "rotate_hand_right": "rotate_on_palm_hand",
     "rotate_right": "rotate_on_palm",
