@@ -157,7 +157,16 @@ class HandKinematics:
         q, down = self._posture_and_gravity(position, gravity)
         if q.ndim == 1:
             return self._gravity_torque(q, down)
-        return np.array([self._gravity_torque(*each) for each in zip(q, down, strict=True)]).reshape(q.shape)
+        if not self._coupling.direct:
+            return np.array([self._gravity_torque(*each) for each in zip(q, down, strict=True)]).reshape(q.shape)
+        placed, torque = self._coupling.configuration(q), np.empty_like(q)
+        turned = np.ones(len(down), bool)  # Setting Pinocchio's gravity costs as much as the torques of a row.
+        turned[1:] = (down[1:] != down[:-1]).any(axis=1)
+        for row, (configuration, other) in enumerate(zip(placed, turned.tolist(), strict=True)):
+            if other:
+                self._set_gravity(down[row])
+            torque[row] = pin.computeGeneralizedGravity(self._model, self._data, configuration)
+        return self._coupling.driven(torque, q)
 
     def fingertip_force(self, position: ArrayLike, torque_limit: ArrayLike) -> dict[str, float]:
         """How hard each fingertip can press with its pad at a posture, N.
@@ -185,10 +194,13 @@ class HandKinematics:
         return {name: float(np.linalg.svd(j[:3], compute_uv=False).prod()) for name, j in found.items()}
 
     def _gravity_torque(self, position: Vector, gravity: Vector) -> Vector:
-        if not np.array_equal(gravity, self._gravity):
-            self._model.gravity.linear = self._gravity = gravity.copy()
+        self._set_gravity(gravity)
         torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, self._coupling.configuration(position))
         return self._coupling.driven(torque, position)
+
+    def _set_gravity(self, gravity: Vector) -> None:
+        if not np.array_equal(gravity, self._gravity):
+            self._model.gravity.linear = self._gravity = gravity.copy()
 
     def _posture_and_gravity(self, position: ArrayLike, gravity: ArrayLike) -> tuple[Vector, Vector]:
         """Both as arrays. Raises ConfigError where they do not belong together."""
@@ -230,19 +242,20 @@ class _Coupling:
         self._order = np.array([model.idx_vs[model.getJointId(name)] for name in names])
         self._place = np.argsort(self._order)
         self._known = known
-        self._direct = not spec.followers and len(known) == spec.n_joints
+        self.direct = not spec.followers and len(known) == spec.n_joints
+        """Whether the model's joints are the hand's."""
 
     def configuration(self, position: Vector) -> Vector:
-        """The model's configuration at a posture, (n,), rad."""
-        if self._direct:
-            return position[self._place]
+        """The model's configuration at a posture, (n,), rad; where it is direct, at many, (..., n)."""
+        if self.direct:
+            return position[..., self._place]
         return self._all(position)[self._place]
 
     def driven(self, columns: Array, position: Vector) -> Array:
         """Derivatives by the model's joints, (..., joints), as derivatives by those that are driven, (..., n): by the
         chain rule, Σ ∂q/∂qₖ over all that move with joint k."""
         ours: Array = columns[..., self._order]
-        return ours if self._direct else ours @ self._slope(position)
+        return ours if self.direct else ours @ self._slope(position)
 
     def _all(self, position: Vector) -> Vector:
         return np.concatenate([position[self._known], self._spec.coupled_positions(position)])
