@@ -3,8 +3,8 @@ stored.
 
 The search closes postures of the right hand around an object, lets it go, and keeps what holds; for tasks in the
 fingertips what fingertips alone hold, once for trainings and once for tests. Fingertips press on an object's sides, or
-it lies on them. For the former postures of the Allegro Hand are drawn from ranges of its joints; all others from around
-those in which fingertips oppose each other across a ball.
+it lies on them. Postures of the Allegro Hand that press are drawn from ranges of its joints; all others from around those
+in which fingertips oppose each other across a ball.
 """
 
 from __future__ import annotations
@@ -164,8 +164,8 @@ class OpposedSearch:
 
 @dataclass(frozen=True, slots=True)
 class CradleSearch(OpposedSearch):
-    """Candidates of any hand with the object's middle above the fingertips: it lies on them, and weight alone keeps it
-    there. Its repr is part of the name of the stored file."""
+    """Candidates of any hand with the object's middle above the fingertips: it lies on them. Its repr is part of the
+    name of the stored file."""
 
     wider: tuple[float, float] = (0.6, 1.0)
     opened: tuple[float, float] = (0.0, 0.1)
