@@ -3,8 +3,8 @@ stored.
 
 The search closes postures of the right hand around an object, lets it go, and keeps what holds; for tasks in the
 fingertips what fingertips alone hold, once for trainings and once for tests. Fingertips press on an object's sides, or
-it lies on them. Postures of the Allegro Hand that press are drawn from ranges of its joints; all others from around those
-in which fingertips oppose each other across a ball.
+it lies on them. Postures of the Allegro Hand that press are drawn from ranges of its joints; all others from around
+those in which fingertips oppose each other across a ball.
 """
 
 from __future__ import annotations
