@@ -143,6 +143,9 @@ def test_gravity_that_changes_in_place_is_felt_and_gravity_that_is_unknown_gives
     assert np.abs(lying - upright).max() > 0.01
     assert np.isnan(hand.gravity_torque(q, np.full(3, np.nan))).any()
     np.testing.assert_array_equal(hand.gravity_torque([q, q], [gravity.tolist(), [0.0, 0.0, -9.81]]), [lying, upright])
+    down = gravity.tolist()
+    found = hand.gravity_torque([q, q, q, q], [down, down, [0.0, 0.0, -9.81], down])  # The last was another's.
+    np.testing.assert_array_equal(found, [lying, lying, upright, lying])
     assert hand.gravity_torque(np.zeros((0, 16)), np.zeros((0, 3))).shape == (0, 16)
 
 
