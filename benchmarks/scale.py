@@ -22,7 +22,8 @@ from allegro_twin.grasping.evaluation.campaign import JUDGE
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import Local, core_count
+from allegro_twin.sweep.local import Local
+from allegro_twin.sweep.processors import core_count
 from allegro_twin.sweep.runner import run
 from allegro_twin.sweep.store import Store
 

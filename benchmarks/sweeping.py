@@ -20,7 +20,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sweep import Local, RayCluster, Sweep, run
-from allegro_twin.sweep.local import SweepEngine, core_count
+from allegro_twin.sweep.local import SweepEngine
+from allegro_twin.sweep.processors import core_count
 
 STEPS = 40
 """Of physics an item, some 4 ms of a core."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.sweep.jobs import Result, Sweep, Unit
+from allegro_twin.sweep.processors import core_count
 from allegro_twin.sweep.units import compute, unit_task
 from allegro_twin.sweep.workers import UnitDone, UnitFailed, WorkerLost, Workers
 
@@ -40,11 +40,6 @@ class Local:
             yield from _apart(sweep, units, min(self._count, len(units)))
         else:
             yield from ((number, compute(unit_task(sweep), unit.items)) for number, unit in enumerate(units))
-
-
-def core_count() -> int:
-    """How many processes can run at once here."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _apart(sweep: Sweep, units: Sequence[Unit], count: int) -> Iterator[tuple[int, list[Result]]]:

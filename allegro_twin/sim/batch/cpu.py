@@ -25,6 +25,7 @@ from allegro_twin.sim.model.contact_sensors import PREFIX
 from allegro_twin.sim.model.scene import PRESENTER
 from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.spec import HandSpec
+from allegro_twin.sweep.processors import core_count
 from allegro_twin.types import Array
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -90,7 +91,7 @@ class SimBatch:
 
     def _make(self, threads: int) -> None:
         """The simulations."""
-        self._batch = batch.Batch(self.model, self.n, threads, persistent=self._each)
+        self._batch = batch.Batch(self.model, self.n, threads or core_count(), persistent=self._each)
         self._starts = np.empty((0, self._batch.nstate))
         if self._each:
             self._batch.set_models(self.models)

@@ -30,7 +30,7 @@ from allegro_twin.hands.library.library import grasp_names, load_grasp
 from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.loop import run, until
 from allegro_twin.sweep.jobs import Sweep
-from allegro_twin.sweep.local import core_count
+from allegro_twin.sweep.processors import core_count
 from allegro_twin.sweep.runner import run as run_sweep
 from allegro_twin.viewing.camera import Camera, Picture
 from allegro_twin.viewing.views import View

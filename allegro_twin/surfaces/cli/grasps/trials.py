@@ -50,7 +50,8 @@ class Compute(NamedTuple):
 def engine_of(name: str, address: str | None, count: int | None) -> Compute:
     """The engine `local` or `ray`. Raises ConfigError without Ray, or for an address without it;
     LinkError if no cluster answers."""
-    from allegro_twin.sweep.local import Local, core_count
+    from allegro_twin.sweep.local import Local
+    from allegro_twin.sweep.processors import core_count
 
     if address is not None and name != "ray":
         raise ConfigError("--address is of a Ray cluster: say --engine ray, too")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from allegro_twin.surfaces.cli.machine.bus import may_open
 from allegro_twin.surfaces.cli.machine.finding import Diagnosis
+from allegro_twin.sweep.processors import core_count
 
 _RENDER = """
 import mujoco
@@ -80,7 +81,7 @@ def request_real_time() -> None:
 
 def scheduling(ask: Schedule = request_real_time) -> Iterator[Diagnosis]:
     """Number of cores, and whether `realtime: true` is permitted."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = core_count()
     yield Diagnosis("processor", "works" if cores > 1 else "absent", f"{cores} core{'s' if cores > 1 else ''} to use",
                   "" if cores > 1 else "a hand on a bus wants a second core for its keeper")  # fmt: skip
     try:

@@ -130,7 +130,7 @@ def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | N
     """Run everything and write the outputs. Returns whether every run reached its goal."""
     from allegro_twin.surfaces.cli.start.jobs import configs_of
     from allegro_twin.surfaces.cli.start.parallel import RunOutputs
-    from allegro_twin.sweep.local import core_count
+    from allegro_twin.sweep.processors import core_count
 
     jobs = configs_of(targets, chosen)
     single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
