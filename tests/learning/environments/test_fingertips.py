@@ -113,13 +113,14 @@ def test_in_a_cradle_an_object_lies_on_the_fingertips_and_in_a_pinch_it_hangs_be
     assert np.median(over_the_tips(pinched)) < 0.004
 
 
-def test_a_search_for_cradles_keeps_what_lies_on_the_fingertips() -> None:
+def test_a_search_for_cradles_keeps_what_lies_on_the_fingertips(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start_states, "AT_ONCE", 192)
     spec = load_spec()
     position, target, pose, _ = start_states.try_candidates(
         spec, in_hand_object("ball"), CRADLE, TRAIN, np.random.default_rng(4)
     )
     tips = hand_kinematics(spec).batch_fingertips()(position) @ matrix_from_quaternion(np.array(FACING)).T
-    assert len(position) >= 24  # Of 512; 11 without `raised`.
+    assert len(position) >= 9  # Of 192; few without `raised`.
     assert (pose[:, 2] - tips[..., 2].mean(axis=1) > CRADLE.above).all()
     assert ((target >= spec.lower) & (target <= spec.upper)).all()
 
@@ -127,7 +128,7 @@ def test_a_search_for_cradles_keeps_what_lies_on_the_fingertips() -> None:
 def test_a_finger_that_steps_loses_a_cradled_object_less_often_than_a_pinched_one() -> None:
     lost = {"pinch": 0, "cradle": 0}
     for grip in lost:
-        for flexion in (1, 5, 9, 14):
+        for flexion in (5, 14):  # The middle finger's, and the thumb's.
             env, opened, failed = batch(grip=grip), STILL.copy(), np.zeros(N, bool)
             opened[:, flexion] = -1.0
             for k in range(14):
