@@ -141,11 +141,12 @@ def best(truth: Mapping[str, Any], motion: RecordedMotion) -> Array:
     mine = load_spec(motion.spec.model, motion.spec.side)
     loose = truth["drive"]["backlash"] > 0.0
     player = OpenLoopPlayer(mine, motion.period, bristly="stiction" in truth["drive"], loose=loose)
-    found: Array = gap_errors(motion, player, _true(truth)).joint[-1]
+    found: Array = gap_errors(motion, player, true_parameters(truth)).joint[-1]
     return found
 
 
-def _true(truth: Mapping[str, Any]) -> DriveParameters:
+def true_parameters(truth: Mapping[str, Any]) -> DriveParameters:
+    """A hidden hand's drive, as the model that is fitted has it."""
     drive, usual = truth["drive"], {"stiction": 1.0, "stribeck_speed": 1.0, "bristle": 0.0, "load_friction": 0.0}
     every = {**truth["wire"], **truth["actuation"], **usual, **drive}
     rows = {name: np.broadcast_to(np.asarray(value, dtype=float), (_N,)).copy() for name, value in every.items()}

@@ -14,7 +14,6 @@ from allegro_twin.learning.tasks.start_states import (
     FINGERTIPS,
     TEST,
     TRAIN,
-    OpposedSearch,
     Search,
     StartSet,
     file_name,
@@ -28,11 +27,11 @@ if __name__ == "__main__":
     wanted: list[tuple[str, str, Search, StartSet]] = [("allegro", name, ANYHOW, ALL) for name in OF_PALM]
     wanted += [("allegro", name, FINGERTIPS, states) for name in (*OBJECTS, "hex_nut") for states in SETS]
     wanted += [("allegro", name, CRADLE, states) for name in (*OBJECTS, "hex_nut") for states in SETS]
-    opposed = OpposedSearch(tips=FINGERTIPS.tips)
     wanted += [(hand, name, search, states) for hand in OTHER_HANDS for name in OF_OTHERS
-               for search in (opposed, CRADLE) for states in SETS]  # fmt: skip
+               for search in (FINGERTIPS, CRADLE) for states in SETS]  # fmt: skip
     for hand, name, search, states in wanted:
         thing, spec = in_hand_object(name), load_spec(hand)
+        search = search.of(spec)
         path = data_root() / "conf" / "starts" / file_name(thing, search, states, spec)
         if sys.argv[1:] and name not in sys.argv[1:]:
             continue

@@ -31,7 +31,7 @@ from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.results.gap import gap_errors
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.types import Array
-from benchmarks.hidden_hands import POSES, TIMESTEP, UNSEEN, _true, drawn, excited
+from benchmarks.hidden_hands import POSES, TIMESTEP, UNSEEN, drawn, excited, true_parameters
 
 STEP = 0.001
 """s, of the toolbox's physics: that of `identify`."""
@@ -86,7 +86,7 @@ def side_by_side(seed: int, seconds: float, iterations: int) -> list[dict[str, A
     fitted = truth | {"wire": {"torque_constant": value["k"].tolist()}, "actuation": {
         "armature": value["armature"].tolist(), "damping": value["damping"].tolist(),
         "frictionloss": value["friction"].tolist()}}  # fmt: skip
-    ends = [gap_errors(unseen, player, _true(each)).joint[-1] for each in (fitted, truth)]
+    ends = [gap_errors(unseen, player, true_parameters(each)).joint[-1] for each in (fitted, truth)]
     by_k = {name: each if name == "k" else each / value["k"] for name, each in value.items()}
     rows.append({"program": "mujoco.sysid", "seed": seed, "cpu_s": cost, "open_loop_mrad": _mrad(ends[0]),
                  "true_drive_mrad": _mrad(ends[1])} | _errors(by_k, per_k)

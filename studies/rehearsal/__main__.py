@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -19,6 +18,7 @@ from studies.rehearsal.planned import try_planned
 from studies.rehearsal.policies import try_policies
 from studies.rehearsal.rehearse import POLICY_SEED, rehearse
 from studies.rehearsal.report import planned_table, policy_table, scores, table
+from studies.rehearsal.sessions import learnt_file
 
 FOLDER = Path(__file__).parent
 PROTOCOL, REGISTRATION = FOLDER / "rehearsal.yaml", FOLDER / "rehearsal.registration.json"
@@ -89,11 +89,9 @@ def policies(
     """Try shipped policies on the hands of the results in a folder that have none, with the files that were learnt."""
     protocol = read_yaml(PROTOCOL)
     for path, row in _results(folder, hands):
-        if "policies" in row or "\nidentified:" not in row.get("file", ""):
+        if "policies" in row or not _is_learnt(row):
             continue
-        with TemporaryDirectory() as name:
-            file = Path(name) / "hand.yaml"
-            file.write_text(row["file"])
+        with learnt_file(row) as file:
             hand = draw_hand(row["number"], protocol["seed"])
             row["policies"] = try_policies(hand, file, POLICY_SEED + 1000 * row["number"])
         with atomic_file(path) as temporary:
@@ -110,7 +108,7 @@ def planned(
     """Plan grasps for the nominal hand and for the learnt files of right hands, and perform the best."""
     protocol = read_yaml(PROTOCOL)
     for path, row in _results(folder, hands):
-        if "planned" in row or row["side"] != "right" or "\nidentified:" not in row.get("file", ""):
+        if "planned" in row or row["side"] != "right" or not _is_learnt(row):
             continue
         row["planned"] = try_planned(row, protocol, folder / "plans", candidates, typer.echo)
         with atomic_file(path) as temporary:
@@ -134,6 +132,10 @@ def films(
         raise ConfigError(f"{folder} has no grasp to film{' that was lost' if lost else ''}")
     write_page(folder / PAGE, made)
     typer.echo(f"Page: {folder / PAGE}")
+
+
+def _is_learnt(row: Mapping[str, Any]) -> bool:
+    return "\nidentified:" in row.get("file", "")
 
 
 def _results(folder: Path, hands: str | None = None) -> Iterator[tuple[Path, dict[str, Any]]]:

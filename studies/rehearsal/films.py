@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from allegro_twin.files import atomic_file
@@ -13,7 +12,7 @@ from allegro_twin.viewing import film_figure
 from allegro_twin.viewing.report import html_page
 from studies.rehearsal.hidden_hand import draw_hand
 from studies.rehearsal.rehearse import drawn_objects
-from studies.rehearsal.sessions import RehearsedHiddenHand
+from studies.rehearsal.sessions import RehearsedHiddenHand, learnt_file
 
 PAGE = "films.html"
 
@@ -37,9 +36,7 @@ def film_grasps(
     hold."""
     hand = draw_hand(row["number"], protocol["seed"])
     rehearsed = RehearsedHiddenHand(hand, drawn_objects(hand, protocol))
-    with TemporaryDirectory() as name:
-        file = Path(name) / "hand.yaml"
-        file.write_text(row["file"])
+    with learnt_file(row) as file:
         for twin in protocol["twins"]:
             serial = "" if twin == "nominal" else str(file)
             for grasp in row[twin]["grasps"]:

@@ -7,14 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from allegro_twin import ConfigError, HandError
 from allegro_twin.files import read_yaml
 from studies.rehearsal.hidden_hand import draw_hand
 from studies.rehearsal.rehearse import drawn_objects
-from studies.rehearsal.sessions import RehearsedHiddenHand
+from studies.rehearsal.sessions import RehearsedHiddenHand, learnt_file
 
 NOTHING_HOLDS = 5
 """Exit code of `plan` where no grasp holds."""
@@ -30,9 +29,7 @@ def try_planned(
     and in a folder of the hand's number; one that is there is not made again. Raises ConfigError where `plan` fails."""
     hand = draw_hand(row["number"], protocol["seed"])
     draws, rows = drawn_objects(hand, protocol), []
-    with TemporaryDirectory() as name:
-        file = Path(name) / "hand.yaml"
-        file.write_text(row["file"])
+    with learnt_file(row) as file:
         for thing, draw in draws.items():
             for twin in protocol["twins"]:
                 serial = "" if twin == "nominal" else str(file)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import mujoco
@@ -32,6 +34,15 @@ from studies.rehearsal.motor_laws import Row
 
 _AS_MADE = {"wire": {"encoder_offset": 0, "torque_constant": 1.0}}
 """What the hand's own electronics go by, whatever its host has found."""
+
+
+@contextmanager
+def learnt_file(row: Mapping[str, Any]) -> Iterator[Path]:
+    """The hand's file that a result has, written for a while."""
+    with TemporaryDirectory() as name:
+        file = Path(name) / "hand.yaml"
+        file.write_text(row["file"])
+        yield file
 
 
 class RehearsedHiddenHand(RehearsedHand):
@@ -77,10 +88,10 @@ class RehearsedHiddenHand(RehearsedHand):
         )  # fmt: skip
         feels = own.version == "v4"  # The others' IMU, if they have one, is not published.
         stage = make_stage(settings, protocol, spec.side, path.parent)
-        begin = matrix_from_quaternion(stage.quaternion).T @ (0.0, 0.0, -9.81)
+        down = matrix_from_quaternion(stage.quaternion).T @ (0.0, 0.0, -9.81)
         # Who controls force carries the hand's weight: without an IMU, that of the palm as the trial begins.
         control = {"kind": "pd"} | ({} if feels or grasp.grip is not None else {"compensate": False})
-        bus = {"imu": 0.1} if feels else {"gravity": begin.tolist()}
+        bus = {"imu": 0.1} if feels else {"gravity": down.tolist()}
         config = self.config.changed(
             hand={"serial": serial}, backend=bus, task={"scenario": str(path)}, controller=control
         )

@@ -17,13 +17,13 @@ import yaml
 
 from allegro_twin import ConfigError, HandFault, TorqueCommand
 from allegro_twin.app import Rig, assemble
-from allegro_twin.files import read_yaml
+from allegro_twin.files import find_file, read_yaml
 from allegro_twin.gym import EnvSettings
 from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
 from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
 from studies.rehearsal import __main__ as study
-from studies.rehearsal import planned
+from studies.rehearsal import planned, sessions
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
 from studies.rehearsal.films import film_grasps, write_page
 from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
@@ -234,6 +234,29 @@ def test_planned_grasps_are_made_once_for_all_nominal_hands_and_for_each_learnt_
     assert rows[:2] == [about | {"twin": "nominal", "held": True, "reason": ""},
                         about | {"twin": "identified", "held": False, "reason": "thumb_0 is too fast"}]  # fmt: skip
     assert all("planned" not in json.loads((tmp_path / f"{k:02d}.json").read_text()) for k in (3, 8))
+
+
+@pytest.mark.parametrize(("version", "scenario", "carried"), [
+    ("v3", "golf_ball", False), ("v4", "golf_ball", True), ("v3", "forceful", True), ("v4", "forceful", True),
+])  # fmt: skip
+def test_who_controls_force_carries_the_hand_s_weight_without_an_imu_that_of_the_palm_as_the_trial_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: str, scenario: str, carried: bool
+) -> None:
+    asked = list[Any]()
+    monkeypatch.setattr(sessions, "grasp_trial", lambda config, *_: asked.append(config))
+    content = read_yaml(find_file("golf_ball", "scenario", "scenarios", below=True)) | {"grasp": "pinch_index"}
+    (tmp_path / "forceful.yaml").write_text(yaml.safe_dump(content))
+    named = scenario if scenario == "golf_ball" else str(tmp_path / "forceful.yaml")
+    RehearsedHiddenHand(hand(plain(), version)).trial(named, "")
+    (config,) = asked
+    assert config.controller.compensate == carried
+    assert (config.backend.imu > 0.0) == (version == "v4")
+    if version == "v3":  # x where the palm looks, z along the fingers.
+        along, fingers = (content["wrist"][name][2] for name in ("facing", "fingers"))
+        np.testing.assert_allclose(
+            np.array(config.backend.gravity)[[0, 2]], [-9.81 * along, -9.81 * fingers], atol=0.05
+        )
+        assert np.linalg.norm(config.backend.gravity) == pytest.approx(9.81)
 
 
 def test_a_plan_that_finds_nothing_is_a_grasp_that_does_not_hold_and_one_that_fails_an_error(

@@ -107,6 +107,14 @@ class StartStateSearch:
         target = np.clip(posture + squeeze, spec.lower, spec.upper)
         return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
 
+    def of(self, spec: HandSpec) -> Search:
+        """The search for a hand: these ranges are of ours."""
+        return self if spec.model == HAND else OpposedSearch(tips=self.tips).of(spec)
+
+    def accepts(self, spec: HandSpec, position: Array, place: Array, height: Array) -> Flags:
+        """Whether an object that has come to rest may stay there: as `inside`; joints (n, joints), rad."""
+        return self.inside(spec, place, height)
+
     def inside(self, spec: HandSpec, place: Array, height: Array) -> Flags:
         """Where an object may be, with its middle at `place` (n, 3), m: above the palm, and neither high nor aside."""
         low = palm_height(spec) + height / 2 + _GAP
@@ -156,6 +164,14 @@ class OpposedSearch:
         place = middle + self.place * rng.normal(size=(n, 3))
         return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
 
+    def of(self, spec: HandSpec) -> Search:
+        """As above: no more tips than the hand has."""
+        return replace(self, tips=min(self.tips, len(spec.fingers)))
+
+    def accepts(self, spec: HandSpec, position: Array, place: Array, height: Array) -> Flags:
+        """As above."""
+        return self.inside(spec, place, height)
+
     def inside(self, spec: HandSpec, place: Array, height: Array) -> Flags:
         """Where an object may be, with its middle at `place` (n, 3), m: above the palm."""
         found: Flags = place[:, 2] > palm_height(spec) + height / 2 + _GAP
@@ -181,11 +197,11 @@ class CradleSearch(OpposedSearch):
         place[:, 2] += sizes.mean(axis=1) / 2 * rng.uniform(*self.raised, len(sizes))
         return found._replace(place=place)
 
-    def lies(self, spec: HandSpec, position: Array, place: Array) -> Flags:
-        """Whether objects with their middles at `place`, (n, 3), m, lie on the fingertips; joints (n, joints), rad."""
+    def accepts(self, spec: HandSpec, position: Array, place: Array, height: Array) -> Flags:
+        """As above, with its middle `above` the fingertips."""
         tips = hand_kinematics(spec).batch_fingertips()(position) @ matrix_from_quaternion(np.array(FACING)).T
         found: Flags = place[:, 2] - tips[..., 2].mean(axis=1) > self.above
-        return found
+        return found & self.inside(spec, place, height)
 
 
 Search: TypeAlias = StartStateSearch | OpposedSearch
@@ -232,12 +248,11 @@ def try_candidates(
         if k >= _WATCHED:
             contacts.add_period()
     still = np.intersect1d(going, _unmoved(body.pose[:, :3], watched, _STILL))
-    good = search.inside(spec, body.pose[still, :3], sizes[still, 2]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)
+    good = search.accepts(spec, worlds.position[still], body.pose[still, :3], sizes[still, 2])
+    good &= tilt(body.pose[still, 3:]) < _UPRIGHT
     if search.tips:
         good &= (contacts.touching("tips") >= search.tips)[still]
         good &= ((contacts.touching("middle") + contacts.touching("palm")) == 0)[still]
-    if isinstance(search, CradleSearch):
-        good &= search.lies(spec, worlds.position[still], body.pose[still, :3])
     kept = still[good]
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
 
@@ -353,14 +368,10 @@ def load_start_states(
     thing: GraspObject, side: str, search: Search = ANYHOW, wanted: StartSet = ALL, model: str = HAND
 ) -> StartStates:
     """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
-    `model`: of hand, by name or card; another than ours is searched for as `OpposedSearch` says. Raises ConfigError
+    `model`: of hand, by name or card. Raises ConfigError
     without a cache, and for a hand whose fingertips hold nothing."""
     spec = load_spec(model, side="right")
-    kind: Search = search
-    if isinstance(search, OpposedSearch):
-        kind = replace(search, tips=min(search.tips, len(spec.fingers)))
-    elif spec.model != HAND:
-        kind = OpposedSearch(tips=min(search.tips, len(spec.fingers)))
+    kind = search.of(spec)
     name = file_name(thing, kind, wanted, spec)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():

@@ -88,10 +88,10 @@ def test_states_of_tests_are_no_states_of_a_training_and_have_other_sizes(search
 
 @pytest.mark.parametrize("hand", ["allegro", "leap"])
 def test_every_state_ships(hand: str) -> None:
-    pinch = FINGERTIPS if hand == "allegro" else OpposedSearch(tips=FINGERTIPS.tips)
+    spec = load_spec(hand)
     for name in ALL if hand == "allegro" else OF_OTHERS:
-        for search, states in itertools.product((pinch, CRADLE), (TRAIN, TEST)):
-            file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), search, states, load_spec(hand))
+        for search, states in itertools.product((FINGERTIPS.of(spec), CRADLE.of(spec)), (TRAIN, TEST)):
+            file = data_root() / "conf" / "starts" / file_name(in_hand_object(name), search, states, spec)
             assert file.is_file(), f"{hand}, {name}: python -m benchmarks.starts makes {file.name}"
 
 
