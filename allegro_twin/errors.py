@@ -23,6 +23,10 @@ class SelfCollision(ConfigError):
     """Ask for another posture, or go there by another: the hand would meet itself. The message names the parts."""
 
 
+class WrongPose(ConfigError):
+    """Lay the hand as the message says, or name the pose that it has: its IMU shows another one."""
+
+
 class MotionStalled(HandError):
     """Free the fingers, or go another way: a motion met something. The hand holds where it was stopped."""
 

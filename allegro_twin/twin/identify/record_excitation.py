@@ -10,6 +10,8 @@ from pathlib import Path
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import Physics, Rig, assemble
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.polled.config import PolledSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
@@ -69,15 +71,23 @@ def pose_config(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
         )
     settings, change = config.backend, dict[str, object]()
     if settings.interface == VIRTUAL:
-        scene = {} if settings.scene is None else settings.scene.model_dump(exclude_unset=True)
-        scene |= {"kind": "sim", "facing": list(hand_pose.facing), "fingers": list(hand_pose.fingers)}
-        change["scene"] = scene
+        config = served_pose(config, hand_pose)
     reported = settings.imu > 0.0 and settings.gravity is None
     if not reported and settings.interface != VIRTUAL:
         change["gravity"] = list(hand_pose.gravity)
     elif not reported:
         change |= {"imu": _GRAVITY_FROM_IMU, "gravity": None}
     return config.model_copy(update={"task": TaskSettings()}).changed(backend=change)
+
+
+def served_pose(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
+    """The config of a virtual hand that stands in this pose, alone. Raises ConfigError for a hand without a bus or a
+    serial port."""
+    if not isinstance(config.backend, CanSettings | DynamixelSettings | PolledSettings):
+        raise ConfigError(f"a {config.backend.kind} hand is not served: only hands on a bus or a serial port are")
+    scene = {} if config.backend.scene is None else config.backend.scene.model_dump(exclude_unset=True)
+    scene |= {"kind": "sim", "facing": list(hand_pose.facing), "fingers": list(hand_pose.fingers)}
+    return config.model_copy(update={"task": TaskSettings()}).changed(backend={"scene": scene})
 
 
 def record_run(

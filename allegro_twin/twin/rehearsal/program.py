@@ -6,12 +6,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, RecordingError
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, RecordingError, WrongPose
 from allegro_twin.files.assets import find_file, refuse_shipped
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.yaml_edit import read_text
@@ -52,8 +53,10 @@ FORMAT = 1
 class Conversation:
     """How a rehearsal speaks with the person at the hand; the defaults say nothing and ask nothing."""
 
-    place: Callable[[ExcitationPose], None] = lambda pose: None
+    place: Callable[[ExcitationPose], object] = lambda pose: None
     """Called before the hand moves in another pose than before; returns when it lies so."""
+    again: Callable[[ExcitationPose], bool] = lambda pose: False
+    """Called where the hand's IMU shows another pose; returns whether it has been laid anew."""
     begin: Callable[[str], None] = lambda step: None
     """Called with the name of a step that begins."""
     advance: Advance = lambda t: None
@@ -80,6 +83,7 @@ class HandRehearsal:
     ) -> None:  # fmt: skip
         self.hand, self.protocol, self.folder, self.talk = hand, protocol, folder, talk or Conversation()
         self._day, self._own, self._moved, self._films = day, hand.config.hand, 0.0, films
+        self._not_had = set[str]()
         self.spec: HandSpec = load_spec(self._own.model, self._own.side, self._own.serial, hand.settings.version)
         refuse_shipped(folder / HAND)
         self._about = {
@@ -110,6 +114,9 @@ class HandRehearsal:
             if missing:
                 self._write(step.name, {"state": "skipped", "text": f"it needs: {', '.join(missing)}"})
                 continue
+            if step.pose in self._not_had:
+                self._write(step.name, {"state": "skipped", "text": f"the hand does not lie in the pose {step.pose!r}"})
+                continue
             if step.pose and step.pose != lies:
                 self.talk.place(find_pose(step.pose, self._own.side))
                 lies = step.pose
@@ -124,6 +131,13 @@ class HandRehearsal:
         except (LinkError, HandFault) as error:
             self._write(step.name, {"state": "failed", "text": str(error), "hand_s": self._moved})
             raise
+        except WrongPose as error:
+            self._write(step.name, {"state": "failed", "text": str(error), "hand_s": self._moved})
+            self.talk.say(f"{step.name}: {error}")
+            if self.talk.again(find_pose(step.pose, self._own.side)):
+                self._perform(step)
+            else:
+                self._not_had.add(step.pose)
         except HandError as error:
             self._write(step.name, {"state": "failed", "text": str(error), "hand_s": self._moved})
             self.talk.say(f"{step.name}: {error}")
@@ -291,14 +305,24 @@ class HandRehearsal:
 
 
 def problems_of(result: Mapping[str, Any]) -> list[str]:
-    """A line for every step that was not done, every posture that was not reached, every grasp that did not hold."""
-    lines = []
-    for name, state in result["states"].items():
-        row = result["steps"].get(name, {})
-        if state != "done":
-            lines.append(f"{name}: {state}: {row.get('text', 'the session ended before')}")
-        elif missed := row.get("missed"):
-            lines.append(f"{name}: not reached: rad off: {missed}")
-        elif row.get("held") is False:
-            lines.append(f"{name}: not held: {row['reason']}")
+    """A line for every posture that was not reached, every grasp that did not hold, and for steps that were not done,
+    together where they follow each other for the same reason."""
+    lines = list[str]()
+    problems = (
+        (_problem(state, result["steps"].get(name, {})), state, name) for name, state in result["states"].items()
+    )
+    for (problem, _), together in groupby(problems, key=lambda one: (one[0], one[2] if one[1] == "done" else "")):
+        names = [name for *_, name in together]
+        if problem:
+            named = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]} ({len(names)} steps)"
+            lines.append(f"{named}: {problem}")
     return lines
+
+
+def _problem(state: str, row: Mapping[str, Any]) -> str:
+    """What is wrong with a step; empty: nothing."""
+    if state != "done":
+        return f"{state}: {row.get('text', 'the session ended before')}"
+    if missed := row.get("missed"):
+        return f"not reached: rad off: {missed}"
+    return f"not held: {row['reason']}" if row.get("held") is False else ""

@@ -186,11 +186,12 @@ def lead_to_ends(
     hand: RehearsedHand, pose_name: str, serial: str, file: Path | None = None, advance: Advance = lambda t: None
 ) -> JointEnds:
     """Lead every joint to both its ends, as `calibrate limits` does. Raises ConfigError naming joints that did not
-    move, HandError."""
+    move, WrongPose, HandError."""
     pose = find_pose(pose_name, hand.config.hand.side)
     config, physics = hand.placed(pose)
     config = config.changed(hand={"serial": serial})
-    found = find_joint_ends(config, lambda t, total: advance(t), physics=physics, watched=_kept(config, file))
+    watched = _in_pose(pose, _kept(config, file))
+    found = find_joint_ends(config, lambda t, total: advance(t), physics=physics, watched=watched)
     span = found.limits.upper - found.limits.lower
     still = [found.model.joint_labels[k] for k in np.flatnonzero(~(span > IDLE))]
     if still:
@@ -334,7 +335,22 @@ def _follow(
     )
 
 
-def _kept(config: RunConfig, file: Path | None) -> Callable[[Iterator[Sample], Rig], Iterator[Sample]]:
+Stage = Callable[[Iterator[Sample], Rig], Iterator[Sample]]
+
+
+def _in_pose(pose: ExcitationPose, then: Stage) -> Stage:
+    """A stage that raises WrongPose at the first sample of a hand that lies otherwise."""
+
+    def checked(samples: Iterator[Sample]) -> Iterator[Sample]:
+        for number, sample in enumerate(samples):
+            if number == 0:
+                pose.check(sample.state.gravity)
+            yield sample
+
+    return lambda samples, rig: then(checked(samples), rig)
+
+
+def _kept(config: RunConfig, file: Path | None) -> Stage:
     """A stage that records a session, where it is to be recorded."""
 
     def stage(samples: Iterator[Sample], rig: Rig) -> Iterator[Sample]:

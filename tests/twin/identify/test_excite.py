@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from allegro_twin.app.config import load_config
+from allegro_twin.app.rig import SimulatedScene
+from allegro_twin.app.serve_can import virtual_hands
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.spec import Side
 from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
-from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
+from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run, served_pose
 from tests.surfaces.cli.conftest import Run
 from tests.twin.identify import hidden
 
@@ -87,6 +90,22 @@ def test_what_was_interrupted_goes_on_in_a_file_of_its_own(tmp_path: Path) -> No
 def test_only_a_hand_on_a_bus_has_a_drive() -> None:
     with pytest.raises(ConfigError, match="a sim hand has no drive to find"):
         pose_config(load_config("sim_right"), find_pose("up", "right"))
+
+
+@pytest.mark.parametrize("name", ["up", "side", "palm-up", "palm-down"])
+def test_a_served_hand_stands_alone_in_the_pose_that_is_asked_for(name: str) -> None:
+    scenes: list[SimulatedScene] = []
+    config = served_pose(load_config("can_pty"), find_pose(name, "right"))
+    hands = virtual_hands([config], step=None, scenes=scenes, restart=True)
+    with closing(hands):
+        measured = hands.firmwares[0].backend.reset().gravity
+    np.testing.assert_allclose(measured, find_pose(name, "right").gravity, atol=1e-9)
+    assert scenes[0].trial is None
+
+
+def test_a_hand_that_is_not_served_stands_in_no_pose() -> None:
+    with pytest.raises(ConfigError, match="a replay hand is not served"):
+        served_pose(load_config("replay"), find_pose("up", "right"))
 
 
 def test_the_commands_say_what_to_do(command: Run, tmp_path: Path, recording_path: Path) -> None:

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import load_config
-from allegro_twin.errors import ConfigError, HandFault, RecordingError
+from allegro_twin.errors import ConfigError, HandFault, RecordingError, WrongPose
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.twin.identify.joint_ends import JointEnds
+from allegro_twin.twin.identify.motions.excitation import ExcitationPose
 from allegro_twin.twin.identify.motions.limits import FoundLimits
 from allegro_twin.twin.rehearsal import Conversation, HandRehearsal, RehearsalProtocol, RehearsedHand
 from allegro_twin.twin.rehearsal import program as steps_of
@@ -175,10 +176,38 @@ def test_a_hand_that_cannot_be_learned_is_still_judged_as_it_is_believed_to_be(
     result = rehearsal(tmp_path, talk=Conversation(say=said.append)).run()
     assert said == ["ends: ring_0 did not move"]
     assert result["problems"][0] == "ends: failed: ring_0 did not move"
-    assert "excite up: skipped: it needs: ends" in result["problems"]
+    assert result["problems"][1] == "excite up to excite palm-up (2 steps): skipped: it needs: ends"
     assert len(result["nominal"]["postures"]) == 2
     assert result["identified"]["postures"] == []
     assert result["states"]["identified palm-up fist pd"] == "skipped"
+
+
+def test_a_hand_in_another_pose_moves_no_further_in_it(tmp_path: Path, sessions: Sessions) -> None:
+    said: list[str] = []
+    sessions.at["excite palm-up"] = stop(WrongPose("the hand's IMU is 90° off the pose 'palm-up'"))
+    result = rehearsal(tmp_path, talk=Conversation(say=said.append)).run()
+    assert said == ["excite palm-up: the hand's IMU is 90° off the pose 'palm-up'"]
+    assert sessions.done == ["checkup", "ends", "excite up"]
+    assert result["problems"][1:3] == [
+        "identify: skipped: it needs: excite palm-up",
+        "nominal palm-up ok pd to nominal palm-up trajectory fast pd (4 steps): "
+        "skipped: the hand does not lie in the pose 'palm-up'",
+    ]
+
+
+def test_a_person_is_asked_to_lay_the_hand_anew_until_its_imu_agrees(tmp_path: Path, sessions: Sessions) -> None:
+    asked: list[str] = []
+
+    def lay(pose: ExcitationPose) -> bool:
+        asked.append(pose.name)
+        if len(asked) == 2:
+            sessions.at.clear()
+        return True
+
+    sessions.at["ends"] = stop(WrongPose("the hand's IMU is 90° off the pose 'up'"))
+    assert rehearsal(tmp_path, talk=Conversation(again=lay)).run()["problems"] == []
+    assert asked == ["up", "up"]
+    assert sessions.done[:3] == ["checkup", "ends", "excite up"]
 
 
 def test_a_guard_that_trips_ends_the_session_and_is_named(tmp_path: Path, sessions: Sessions) -> None:

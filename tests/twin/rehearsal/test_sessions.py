@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from allegro_twin.app.config import RunConfig, load_config
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, WrongPose
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
@@ -183,7 +183,6 @@ def test_a_film_of_a_grasp_is_as_long_as_its_trial_and_changes_nothing(tmp_path:
         assert film.duration == pytest.approx(1e6 * make_trial("lemon", SPEC).seconds, abs=1e5)
 
 
-@pytest.mark.slow
 def test_a_hand_that_lies_otherwise_than_said_is_not_moved() -> None:
     hand = RehearsedHand(hidden())
     lies = find_pose("side", "right")
@@ -192,5 +191,9 @@ def test_a_hand_that_lies_otherwise_than_said_is_not_moved() -> None:
         def placed(self, pose):  # type: ignore[no-untyped-def]  # As its parent's.
             return super().placed(lies)
 
-    with pytest.raises(ConfigError, match="IMU is 90° off the pose 'palm-up'"):
-        hold_posture(Fallen(hand.config), "palm-up", NOBODY, "ok", "pd")
+    moved: list[float] = []
+    with pytest.raises(WrongPose, match="IMU is 90° off the pose 'palm-up'"):
+        hold_posture(Fallen(hand.config), "palm-up", NOBODY, "ok", "pd", advance=moved.append)
+    with pytest.raises(WrongPose, match="IMU is 90° off the pose 'up'"):
+        lead_to_ends(Fallen(hand.config), "up", "", advance=moved.append)
+    assert moved == []

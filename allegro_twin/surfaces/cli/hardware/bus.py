@@ -108,6 +108,9 @@ def firmware(
             callback=options.positive,
         ),
     ] = None,
+    pose: Annotated[
+        str | None, typer.Option(help="Stand it in this pose, alone: up, side, palm-up, palm-down.")
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(help="Write the verdict on a scenario to this .json.", callback=options.file(".json")),
@@ -129,10 +132,14 @@ def firmware(
     from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
+    from allegro_twin.twin.identify import find_pose
+    from allegro_twin.twin.identify.record_excitation import served_pose
 
     if hand is not None and len(configs) > 1:
         raise ConfigError(f"--hand is for one hand; these are {len(configs)} configs: say it in their `hand` blocks")
     loaded = [on_hand(load_config(name), hand) for name in configs]
+    if pose is not None:
+        loaded = [served_pose(each, find_pose(pose, each.hand.side)) for each in loaded]
     settings = loaded[0].backend
     if isinstance(settings, DynamixelSettings | PolledSettings):
         return _serve_serial(loaded, step, seconds, more=bool(report or wire_log))

@@ -88,21 +88,21 @@ def conversation(bar: Any, *, asks: bool) -> Any:
 
     task = bar.add_task("", total=None)
 
-    def place(pose: Any) -> None:
+    def place(pose: Any) -> bool:
         line = f"{pose.name}: {pose.instruction}. Every finger will move, step after step, for some minutes."
-        if not asks:
-            return
-        bar.stop()
-        console.errors.print(line, soft_wrap=True)
-        typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
-        bar.start()
+        if asks:
+            bar.stop()
+            console.errors.print(line, soft_wrap=True)
+            typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
+            bar.start()
+        return asks
 
     def begin(step: str) -> None:
         bar.update(task, description=step)
         if not console.errors.is_terminal:
             console.errors.print(step, highlight=False)
 
-    return Conversation(place, begin, lambda t: bar.update(task, completed=t), console.warn)
+    return Conversation(place, place, begin, lambda t: bar.update(task, completed=t), console.warn)
 
 
 def show(rehearsal: HandRehearsal, result: dict[str, Any], out: Path) -> None:
@@ -119,11 +119,13 @@ def show(rehearsal: HandRehearsal, result: dict[str, Any], out: Path) -> None:
         table.add_column(head, justify="left" if not head else "right")
     for row in score_rows(result, hidden):
         table.add_row(*row)
-    console.console.print(table)
+    if table.row_count:
+        console.console.print(table)
     console.console.print(NO_HANDS if hidden is None else hidden.about, highlight=False, soft_wrap=True)
     for line in result["problems"]:
         console.warn(line)
-    console.console.print(f"Page: {out / 'report.html'}; the hand's file: {out / 'hand.yaml'}", soft_wrap=True)
+    written = f"; the hand's file: {out / 'hand.yaml'}" if (out / "hand.yaml").exists() else ""
+    console.console.print(f"Page: {out / 'report.html'}{written}", soft_wrap=True)
 
 
 def config_of(name: str, version: str | None, side: str) -> RunConfig:

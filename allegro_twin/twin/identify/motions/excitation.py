@@ -14,7 +14,7 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import GravityFeedforward, ReferenceMemory
 from allegro_twin.control.time_scaling import minimum_jerk
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.errors import ConfigError, WrongPose, unknown
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
@@ -62,14 +62,14 @@ class ExcitationPose:
         return a, b, c
 
     def check(self, measured: Vector) -> None:
-        """Raise ConfigError where measured gravity in the palm frame, (3,), m/s², shows another pose."""
+        """Raise WrongPose where measured gravity in the palm frame, (3,), m/s², shows another pose."""
         known = np.array(self.gravity)
         length = float(np.linalg.norm(measured))
         if not np.isfinite(length) or length < 0.1 * G:
             return
         lean = float(np.arccos(np.clip(measured @ known / length / G, -1.0, 1.0)))
         if lean > TILT:
-            raise ConfigError(
+            raise WrongPose(
                 f"the hand's IMU is {np.degrees(lean):.0f}° off the pose {self.name!r}: {self.instruction}, or name "
                 "the pose that it has"
             )
