@@ -42,6 +42,8 @@ class PositionSettings(ControllerSettings):
     profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"
     compensate: bool = True
     """Carry the hand's weight by feed-forward."""
+    inverse_dynamics: bool = False
+    """Feed forward what the motion needs by the hand's own file: inertia, damping, friction, cables, at its delay."""
     gravity: Vector3 | None = None
     """m/s² in the palm frame; default: what the hand reports."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app.config import RunConfig
@@ -29,6 +30,7 @@ from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, GravityFeedforward
+    from allegro_twin.control.motion_feedforward import MotionFeedforward
     from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.hands.library.grasps import Grasp
@@ -163,11 +165,33 @@ def _position(settings: PositionSettings, context: ControllerContext) -> MadeCon
     spec, wanted = context.spec, wanted_of(settings, context)
     gains = load_gains(settings.gains, spec)
     gravity = _gravity(spec, settings.gravity) if settings.compensate else None
+    motion = _motion(spec, context.period) if settings.inverse_dynamics else None
     if wanted.grasp is not None and wanted.grasp.grip is not None:
         return MadeController(_gripping(settings, wanted.grasp, wanted.timed(), spec, gains), wanted.seconds)
     if settings.kind == "pd":
-        return MadeController(PD(wanted.reference, gains, gravity), wanted.seconds)
-    return MadeController(PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds)
+        return MadeController(PD(wanted.reference, gains, gravity, motion), wanted.seconds)
+    limit = spec.actuation.torque_limit
+    return MadeController(PID(wanted.reference, gains, limit, gravity, motion), wanted.seconds)
+
+
+def _motion(spec: HandSpec, period: float) -> MotionFeedforward:
+    """By the hand's own file where it has one. Raises ConfigError for a hand with coupled joints."""
+    from allegro_twin.control.motion_feedforward import MotionFeedforward
+    from allegro_twin.kinematics.hand import hand_kinematics
+
+    model, drive = hand_kinematics(spec), spec.drive
+    if not model.direct:
+        raise ConfigError(
+            f"controller.inverse_dynamics is for hands whose motors each turn one joint; {spec.name} has coupled "
+            "joints: leave it out"
+        )
+    stray = None
+    if drive is not None and drive.parasitic:
+        from allegro_twin.sim.drivetrain.parasitic_torque import torque
+
+        stray = partial(torque, drive)
+    lead = period / 2.0 + (0.0 if drive is None else drive.delay)
+    return MotionFeedforward(model.inverse_dynamics, spec.actuation, lead, stray)
 
 
 def _gripping(
@@ -177,8 +201,9 @@ def _gripping(
     from allegro_twin.grasping.controller import make_grasp_controller
     from allegro_twin.kinematics.hand import hand_kinematics
 
-    if settings.kind != "pd" or not settings.compensate:
-        key = "kind: pid" if settings.kind != "pd" else "compensate: false"
+    if settings.kind != "pd" or not settings.compensate or settings.inverse_dynamics:
+        key = "kind: pid" if settings.kind != "pd" else "inverse_dynamics"
+        key = key if settings.compensate else "compensate: false"
         raise ConfigError(
             f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
         )

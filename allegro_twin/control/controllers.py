@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from allegro_twin.control import laws
+from allegro_twin.control.motion_feedforward import MotionFeedforward
 from allegro_twin.control.trajectory import Path, Reference
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
@@ -89,6 +90,7 @@ class PD:
     reference: Reference
     gains: Gains
     gravity: GravityFeedforward | None = None
+    motion: MotionFeedforward | None = None
 
     def start(self, state: HandState) -> ReferenceMemory:
         if self.gravity is not None:
@@ -102,7 +104,7 @@ class PD:
             laws.known_rate(target.velocity - state.velocity),
             self.gains.kp,
             self.gains.kd,
-            0.0 if self.gravity is None else self.gravity(state),
+            _feedforward(self, state, memory),
         )
         return TorqueCommand(torque), memory
 
@@ -153,6 +155,7 @@ class PID:
     torque_limit: Vector
     """Beyond it the integral does not grow, shape (n,), N·m."""
     gravity: GravityFeedforward | None = None
+    motion: MotionFeedforward | None = None
 
     def start(self, state: HandState) -> PidMemory:
         if self.gravity is not None:
@@ -171,6 +174,12 @@ class PID:
             self.gains.kd,
             self.gains.clamp,
             self.torque_limit,
-            0.0 if self.gravity is None else self.gravity(state),
+            _feedforward(self, state, memory),
         )
         return TorqueCommand(torque), PidMemory(memory.path, memory.began, state.t, integral)
+
+
+def _feedforward(own: PD | PID, state: HandState, memory: ReferenceMemory | PidMemory) -> Vector | float:
+    """What a controller adds to its feedback, (n,), N·m."""
+    weight: Vector | float = 0.0 if own.gravity is None else own.gravity(state)
+    return weight if own.motion is None else weight + own.motion(memory.path, state.t - memory.began)

@@ -168,6 +168,26 @@ class HandKinematics:
             torque[row] = pin.computeGeneralizedGravity(self._model, self._data, configuration)
         return self._coupling.driven(torque, q)
 
+    @property
+    def direct(self) -> bool:
+        """Whether every motor turns a joint of its own."""
+        return self._coupling.direct
+
+    def inverse_dynamics(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> Vector:
+        """The torques with which links move so where nothing weighs: M(q) q̈ + C(q, q̇) q̇, shape (n,), N·m; of the links
+        alone, without rotors and friction. Recursive Newton–Euler.
+
+        `position`, rad, `velocity`, rad/s, `acceleration`, rad/s²: (n,) each. Raises ConfigError for a hand that is not
+        `direct`.
+        """
+        if not self.direct:
+            raise ConfigError(f"{self.spec.name} has coupled joints, for which inverse dynamics is not known")
+        named = {"position": position, "velocity": velocity, "acceleration": acceleration}
+        q, v, a = (self._coupling.configuration(finite(name, each, self._n)) for name, each in named.items())
+        self._set_gravity(np.zeros(3))
+        torque: Vector = pin.rnea(self._model, self._data, q, v, a)
+        return self._coupling.driven(torque, q)
+
     def fingertip_force(self, position: ArrayLike, torque_limit: ArrayLike) -> dict[str, float]:
         """How hard each fingertip can press with its pad at a posture, N.
 

@@ -19,6 +19,7 @@ from studies.rehearsal.policies import try_policies
 from studies.rehearsal.rehearse import POLICY_SEED, rehearse
 from studies.rehearsal.report import planned_table, policy_table, scores, table
 from studies.rehearsal.sessions import learnt_file
+from studies.rehearsal.trajectories import try_trajectories
 
 FOLDER = Path(__file__).parent
 PROTOCOL, REGISTRATION = FOLDER / "rehearsal.yaml", FOLDER / "rehearsal.registration.json"
@@ -113,6 +114,23 @@ def planned(
         row["planned"] = try_planned(row, protocol, folder / "plans", candidates, typer.echo)
         with atomic_file(path) as temporary:
             temporary.write_text(json.dumps(row, indent=1))
+
+
+@app.command("trajectories")
+def trajectories(
+    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
+    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+) -> None:
+    """Follow the trajectory on the hands of the results in a folder that have none, with the files that were learnt."""
+    protocol = read_yaml(PROTOCOL)
+    for path, row in _results(folder, hands):
+        if not _is_learnt(row) or all(row[twin].get("trajectories") for twin in protocol["twins"]):
+            continue
+        for twin, found in try_trajectories(row, protocol).items():
+            row[twin]["trajectories"] = found
+        with atomic_file(path) as temporary:
+            temporary.write_text(json.dumps(row, indent=1))
+        typer.echo(f"hand {row['number']}: done")
 
 
 @app.command("films")

@@ -13,6 +13,7 @@ from scipy.stats import qmc  # type: ignore[import-untyped]  # Its types are a p
 from allegro_twin.app import assemble
 from allegro_twin.app.simulated import scenario_config
 from allegro_twin.control.controllers import PD
+from allegro_twin.control.motion_feedforward import MotionFeedforward
 from allegro_twin.controller import Controller
 from allegro_twin.grasping import uncertainty
 from allegro_twin.grasping.batch import trials
@@ -34,6 +35,7 @@ from allegro_twin.sim.model import compiled_scenes
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
 
 SHORT = load_protocol("table_pick")
 SHORT = SHORT.model_copy(
@@ -92,6 +94,24 @@ def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Perturbation | N
         for ours, theirs in zip(report.phases, other.phases, strict=True):
             assert (ours.drift, ours.rotation, ours.margin) == (theirs.drift, theirs.rotation, theirs.margin)
         assert (report.lift, report.peak_torque, report.at_limit) == (other.lift, other.peak_torque, other.at_limit)
+
+
+def test_a_controller_that_feeds_inverse_dynamics_forward_does_so_beside_others(
+    bench: TrialRunner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[Array]()
+
+    def rigid(position: Array, velocity: Array, acceleration: Array) -> Array:
+        asked.append(position)
+        return np.zeros(16)
+
+    motion = MotionFeedforward(rigid, bench.spec.actuation)
+    usual = TrialRunner.controller
+    monkeypatch.setattr(TrialRunner, "controller", lambda own, trial: replace(usual(own, trial), motion=motion))
+    case = replace(load_case({"scenario": "lemon"}, bench.spec), protocol=SHORT)
+    (verdict,) = bench.verdicts([case])
+    assert verdict.report is not None
+    assert len(asked) > 500
 
 
 def test_a_push_moves_a_body_that_nothing_holds_as_newton_says(bench: TrialRunner) -> None:

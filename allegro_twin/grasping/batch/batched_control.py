@@ -41,6 +41,7 @@ class BatchedControllers:
                 if sims.closes_loop
                 else isinstance(each, PD | LatchGrasp) and each.gravity is self._gravity
             )
+            alike = alike and getattr(each, "motion", None) is None
             if not alike or not isinstance(memory.path, Trajectory):
                 continue
             self._place[row] = len(paths)

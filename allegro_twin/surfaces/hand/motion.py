@@ -25,6 +25,7 @@ from allegro_twin.control.controllers import (
     GravityFeedforward,
     PositionControl,
 )
+from allegro_twin.control.motion_feedforward import MotionFeedforward
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference
 from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
@@ -151,6 +152,7 @@ class MotionControl:
         self._watch: MotionMonitor | None = None
         self._sag = servo_sag(rig.spec, self.model)
         self._gravity = GravityFeedforward(self.model.gravity_torque)
+        self._motion: MotionFeedforward | None = getattr(rig.controller, "motion", None)  # As the config asks for it.
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)
         self.driver = LoopThread(self._samples(background), background=background)
@@ -285,8 +287,8 @@ class MotionControl:
         if kind == "position":
             return PositionControl(reference)
         if kind == "pd":
-            return PD(reference, self.gains, self.gravity)
-        return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
+            return PD(reference, self.gains, self.gravity, self._motion)
+        return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity, self._motion)
 
     def _watched(self, goal: Goal | None) -> MotionMonitor | None:
         if goal is None:

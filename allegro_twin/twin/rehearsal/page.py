@@ -104,9 +104,12 @@ def _measurements(result: Mapping[str, Any]) -> Iterator[str]:
     rows = [row for twin in twins for row in result[twin]["trajectories"]]
     if rows:
         yield html_table(
-            ("twin", "level", "peak, rad/s", "rms, mrad", "by encoders", "lag, ms", "at its end, mrad"),
-            ([row["twin"], row["level"], f"{row['speed']:g}", _rms(row["rms"]), _rms(row["by_encoders"]),
-              f"{1e3 * row['lag']:.1f}", _rms(row["steady"])] for row in rows),
+            ("twin", "level", "peak, rad/s", "inverse dynamics", "rms, mrad", "by encoders", "lag, ms",
+             "at its end, mrad", "asked for more than they have, % of the time"),
+            ([row["twin"], row["level"], f"{row['speed']:g}", "fed forward" if row.get("feedforward") else "",
+              _rms(row["rms"]), _rms(row["by_encoders"]), f"{1e3 * row['lag']:.1f}", _rms(row["steady"]),
+              ", ".join(f"{name} {100.0 * share:.0f}" for name, share in row.get("spent", {}).items())]
+             for row in rows),
             "A minimum-jerk trajectory of all joints",
         )  # fmt: skip
     rows = [row for twin in twins for row in result[twin]["grasps"]]

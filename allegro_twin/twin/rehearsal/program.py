@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +38,7 @@ from allegro_twin.twin.rehearsal.sessions import (
     follow_trajectory,
     hold_posture,
     lead_to_ends,
+    spent_joints,
     steady_error,
     tracking_error,
     tracking_lag,
@@ -186,9 +187,10 @@ class HandRehearsal:
         if pose != protocol.tracking_poses()[0]:
             return
         first = protocol.controllers[0]
-        for level, speed in protocol.speeds.items():
-            yield RehearsalStep(f"{twin} {pose} trajectory {level} {first}", pose, needs,
-                                lambda n=level, v=speed: self._trajectory(pose, twin, n, v, first))  # type: ignore[misc]  # fmt: skip
+        for fed, (level, speed) in product(protocol.feedforward, protocol.speeds.items()):
+            name = f"{twin} {pose} trajectory {level} {first}{' feedforward' if fed else ''}"
+            yield RehearsalStep(name, pose, needs,
+                                lambda n=level, v=speed, f=fed: self._trajectory(pose, twin, n, v, first, f))  # type: ignore[misc]  # fmt: skip
         for scenario in protocol.grasps:
             yield RehearsalStep(f"{twin} grasp {scenario}", "" if self.hand.simulated else pose, needs,
                                 lambda s=scenario: self._grasp(pose, twin, s, first))  # type: ignore[misc]  # fmt: skip
@@ -240,11 +242,13 @@ class HandRehearsal:
             "missed": far_joints(error, found),
         }  # fmt: skip
 
-    def _trajectory(self, pose: str, twin: str, level: str, speed: float, kind: str) -> dict[str, Any]:
-        name = f"{twin}_{pose}_trajectory_{level}_{kind}"
-        found = follow_trajectory(self.hand, pose, self._twin(twin), speed, kind, self._file(name), self._advance)
+    def _trajectory(self, pose: str, twin: str, level: str, speed: float, kind: str, fed: bool) -> dict[str, Any]:
+        name = f"{twin}_{pose}_trajectory_{level}_{kind}{'_feedforward' if fed else ''}"
+        found = follow_trajectory(self.hand, pose, self._twin(twin), speed, kind, self._file(name), self._advance,
+                                  feedforward=fed)  # fmt: skip
         return self._row("trajectories", twin, pose, kind, found) | {
-            "level": level, "speed": speed, "rms": tracking_error(found, found.known).tolist(),
+            "level": level, "speed": speed, "feedforward": fed, "spent": spent_joints(found),
+            "rms": tracking_error(found, found.known).tolist(),
             "by_encoders": tracking_error(found, found.position).tolist(), "lag": tracking_lag(found, found.known),
             "steady": steady_error(found, found.known).tolist(),
         }  # fmt: skip

@@ -33,6 +33,8 @@ class RehearsalProtocol:
     controllers: tuple[str, ...] = ("pd", "pid")
     speeds: Mapping[str, float] = field(default_factory=lambda: {"slow": 0.5, "fast": 3.0})
     """Peak speed of the trajectory, of the joint that travels furthest, rad/s, by the level's name."""
+    feedforward: tuple[bool, ...] = (False, True)
+    """Whether the trajectory is performed with inverse dynamics fed forward: `controller.inverse_dynamics`."""
     grasps: tuple[str, ...] = ()
     """Scenarios whose grasps are closed: in the air, or on their objects where a scene is simulated."""
     twins: tuple[str, ...] = ("nominal", "identified")

@@ -17,8 +17,11 @@ HIDDEN_HANDS = Path("conf/rehearsal/hidden_hands.json")
 Score = Mapping[str, float]
 MEASURES = {
     "pd": "postures under PD, mrad rms", "pid": "postures under PID, mrad rms",
-    "slow": "slow trajectory, mrad rms", "fast": "fast trajectory, mrad rms", "lag_slow": "lag, slow, ms",
-    "lag_fast": "lag, fast, ms", "held": "grasps held, %",
+    "slow": "slow trajectory, mrad rms", "slow_feedforward": "the same with inverse dynamics",
+    "fast": "fast trajectory, mrad rms", "fast_feedforward": "the same with inverse dynamics",
+    "lag_slow": "lag, slow, ms", "lag_slow_feedforward": "the same with inverse dynamics",
+    "lag_fast": "lag, fast, ms", "lag_fast_feedforward": "the same with inverse dynamics",
+    "held": "grasps held, %",
 }  # fmt: skip
 """What a score has, by key; `held`, of grasps on objects, is the only one of which more is better."""
 
@@ -39,8 +42,9 @@ def score_of(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, floa
         if errors := [row["error"] for row in found.get("postures", ()) if row["controller"] == kind]:
             score[kind] = 1e3 * float(np.sqrt(np.square(errors).mean()))
     for row in found.get("trajectories", ()):
-        score[row["level"]] = 1e3 * float(np.sqrt(np.square(row["rms"]).mean()))
-        score[f"lag_{row['level']}"] = 1e3 * float(row["lag"])
+        level = f"{row['level']}_feedforward" if row.get("feedforward") else row["level"]
+        score[level] = 1e3 * float(np.sqrt(np.square(row["rms"]).mean()))
+        score[f"lag_{level}"] = 1e3 * float(row["lag"])
     if held := [row["held"] for row in found.get("grasps", ()) if "held" in row]:
         score["held"] = 100.0 * float(np.mean(held))
     return score

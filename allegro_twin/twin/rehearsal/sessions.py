@@ -51,6 +51,8 @@ Advance = Callable[[float], None]
 """Called with the hand's time after every sample, s."""
 SPENT = 0.99
 """Of its torque limit, from which a motor gives all it has."""
+BRIEFLY = 0.01
+"""Of the time, in which a motor that gives all it has is no news."""
 IDLE = 0.1
 """rad. A joint that moves less while it is led to both its ends has no power, or is stuck."""
 
@@ -223,16 +225,17 @@ def hold_posture(
 ) -> Following:  # fmt: skip
     """Go to a posture of the library and stay there for REST s. Raises HandError."""
     pose = find_pose(pose_name, hand.config.hand.side)
-    return _follow(hand, pose, twin, {"posture": posture}, kind, None, REST, file, advance)
+    return _follow(hand, pose, twin, {"posture": posture}, {"kind": kind}, None, REST, file, advance)
 
 
 def follow_trajectory(
     hand: RehearsedHand, pose_name: str, twin: RehearsedTwin, speed: float, kind: str, file: Path | None = None,
-    advance: Advance = lambda t: None,
+    advance: Advance = lambda t: None, *, feedforward: bool = False,
 ) -> Following:  # fmt: skip
-    """Perform the rehearsal's trajectory at a peak speed, rad/s. Raises HandError."""
-    pose = find_pose(pose_name, hand.config.hand.side)
-    return _follow(hand, pose, twin, {}, kind, lambda spec: rehearsal_trajectory(spec, speed), 0.0, file, advance)
+    """Perform the rehearsal's trajectory at a peak speed, rad/s. `feedforward`: with inverse dynamics. Raises
+    HandError."""
+    pose, law = find_pose(pose_name, hand.config.hand.side), {"kind": kind, "inverse_dynamics": feedforward}
+    return _follow(hand, pose, twin, {}, law, lambda spec: rehearsal_trajectory(spec, speed), 0.0, file, advance)
 
 
 def close_in_air(
@@ -247,7 +250,7 @@ def close_in_air(
         return Moves([grasp.waypoint("preshape"), grasp.waypoint("close")])
 
     pose = find_pose(pose_name, hand.config.hand.side)
-    return _follow(hand, pose, twin, {}, kind, closing_moves, REST, file, advance)
+    return _follow(hand, pose, twin, {}, {"kind": kind}, closing_moves, REST, file, advance)
 
 
 def steady_error(found: Following, position: Array) -> Vector:
@@ -281,6 +284,14 @@ def closing_time(found: Following, position: Array) -> float | None:
     return float(max(found.t[first] - found.begins[-2], 0.0))
 
 
+def spent_joints(found: Following) -> dict[str, float]:
+    """Joints of which more was asked than their motors have, for more than BRIEFLY after the approach, and the share of
+    that time."""
+    spec = found.spec
+    spent = (np.abs(found.torque[_measured(found)]) >= SPENT * spec.actuation.torque_limit).mean(axis=0)
+    return {spec.joint_labels[k]: round(float(spent[k]), 3) for k in np.flatnonzero(spent > BRIEFLY)}
+
+
 def far_joints(error: Vector, found: Following) -> str:
     """Joints that are further than REACHED from where they were to be, furthest first, and which of them have a motor
     that gave all it has; empty for none."""
@@ -298,14 +309,15 @@ def _measured(found: Following) -> Any:
 
 
 def _follow(
-    hand: RehearsedHand, pose: ExcitationPose, twin: RehearsedTwin, task: Mapping[str, Any], kind: str,
+    hand: RehearsedHand, pose: ExcitationPose, twin: RehearsedTwin, task: Mapping[str, Any], law: Mapping[str, Any],
     moves: Callable[[HandSpec], Moves] | None, rest: float, file: Path | None, advance: Advance,
 ) -> Following:  # fmt: skip
-    """Follow what a task asks for, or moves in its place, and stay for `rest` s."""
+    """Follow what a task asks for, or moves in its place, and stay for `rest` s. `law`: what the rehearsal says of the
+    controller, whatever the config has."""
     own = hand.config.controller
     control = own.model_dump(exclude_unset=True) if isinstance(own, PositionSettings) else {}
     config, physics = hand.placed(pose)
-    config = config.changed(hand={"serial": twin.serial}, task=dict(task), controller=control | {"kind": kind})
+    config = config.changed(hand={"serial": twin.serial}, task=dict(task), controller=control | dict(law))
     rig = assemble(config, physics)
     with closing(rig.backend):
         controller, seconds = rig.controller, rig.seconds

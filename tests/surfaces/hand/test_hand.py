@@ -84,6 +84,21 @@ def test_it_moves_at_the_speed_that_was_asked_for(hand: Hand) -> None:
     assert speed.max() == pytest.approx(0.5, rel=0.15)
 
 
+def late(kind: Kind, *, fed: bool) -> float:
+    """How far joints of the first finger are from where they should be on the way to a posture, rms, rad."""
+    errors = list[float]()
+    with Hand.open(config(controller={"kind": "pid", "inverse_dynamics": fed})) as hand:
+        hand.set_controller(kind)
+        with hand.listening(lambda _: errors.append(float(np.square(hand.errors[:4]).mean()))):
+            hand.move_to("ok", 2.0)
+    return float(np.sqrt(np.mean(errors)))
+
+
+@pytest.mark.parametrize("kind", ["pd", "pid"])
+def test_motions_of_a_config_with_inverse_dynamics_are_followed_closer(kind: Kind) -> None:
+    assert late(kind, fed=True) < late(kind, fed=False) / 1.5
+
+
 def test_in_the_foreground_a_script_repeats_itself_bit_for_bit() -> None:
     def script() -> HandState:
         with Hand.open(config()) as hand:

@@ -30,7 +30,8 @@ SHORT = RehearsalProtocol(poses={"up": 4.0, "palm-up": 4.0}, postures=("ok", "fi
 NAMES = [
     "checkup", "ends", "excite up", "excite palm-up", "identify",
     *(f"{twin} palm-up {what}" for twin in ("nominal", "identified")
-      for what in ("ok pd", "fist pd", "trajectory slow pd", "trajectory fast pd")),
+      for what in ("ok pd", "fist pd", "trajectory slow pd", "trajectory fast pd", "trajectory slow pd feedforward",
+                   "trajectory fast pd feedforward")),
 ]  # fmt: skip
 
 
@@ -73,8 +74,10 @@ class Sessions:
         self.note(f"{twin.name} {pose} {posture}")
         return self._motion(twin)
 
-    def follow_trajectory(self, hand: RehearsedHand, pose: str, twin: RehearsedTwin, *rest: Any) -> Following:
-        self.note(f"{twin.name} trajectory {rest[0]:g}")
+    def follow_trajectory(
+        self, hand: RehearsedHand, pose: str, twin: RehearsedTwin, *rest: Any, feedforward: bool
+    ) -> Following:
+        self.note(f"{twin.name} trajectory {rest[0]:g}{' feedforward' if feedforward else ''}")
         return self._motion(twin)
 
     def _motion(self, twin: RehearsedTwin) -> Following:
@@ -190,7 +193,7 @@ def test_a_hand_in_another_pose_moves_no_further_in_it(tmp_path: Path, sessions:
     assert sessions.done == ["checkup", "ends", "excite up"]
     assert result["problems"][1:3] == [
         "identify: skipped: it needs: excite palm-up",
-        "nominal palm-up ok pd to nominal palm-up trajectory fast pd (4 steps): "
+        "nominal palm-up ok pd to nominal palm-up trajectory fast pd feedforward (6 steps): "
         "skipped: the hand does not lie in the pose 'palm-up'",
     ]
 
