@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         ProtocolError,
         RecordingError,
         SelfCollision,
+        WrongPose,
     )
     from allegro_twin.hands.library.library import Library
     from allegro_twin.loop import interleave, paced, run, until
@@ -55,6 +56,7 @@ __all__ = [
     "Sample",
     "SelfCollision",
     "TorqueCommand",
+    "WrongPose",
     "__version__",
     "interleave",
     "load_config",
@@ -80,6 +82,7 @@ __getattr__, __dir__ = exports(
             "ProtocolError",
             "RecordingError",
             "SelfCollision",
+            "WrongPose",
         ),
         "hands.library.library": ("Library",),
         "loop": ("interleave", "paced", "run", "until"),
