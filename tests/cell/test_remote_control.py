@@ -74,6 +74,7 @@ def test_the_palm_goes_where_it_is_led_in_a_bounded_step(cell: Cell) -> None:
     assert steps.max() < 1.3 * cell.settings.arm.speed * cell.settings.arm.period
 
 
+@pytest.mark.slow
 def test_a_palm_that_is_only_turned_turns_about_itself(cell: Cell) -> None:
     here = cell.security
     command = PalmCommand(Pose(here.position, rotate(here.rotation, np.array([0.0, 0.9, 0.0]))))
@@ -161,6 +162,7 @@ def test_fingers_that_cannot_are_refused(cell: Cell, command: Callable[[Cell], A
     assert said in seen.said[0]
 
 
+@pytest.mark.slow
 def test_fingers_that_would_meet_the_table_are_refused(cell: Cell) -> None:
     straight = np.clip(np.zeros(16), cell.hand.spec.lower, cell.hand.spec.upper)
     long = max(float(tip.position[2]) for tip in cell.model.fingertips(straight).values())  # The palm's z points down.

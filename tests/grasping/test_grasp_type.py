@@ -211,8 +211,10 @@ def test_the_mug_is_held_between_palm_and_thumb_and_says_so() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "leap_potted_meat_can",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("model_o_apple", "sih_lemon", "qb_softhand_tennis_ball")),
+        *(
+            pytest.param(n, marks=pytest.mark.slow)
+            for n in ("leap_potted_meat_can", "model_o_apple", "sih_lemon", "qb_softhand_tennis_ball")
+        ),
     ],
 )
 def test_other_hands_have_a_type_or_none(name: str) -> None:

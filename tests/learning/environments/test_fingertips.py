@@ -125,6 +125,7 @@ def test_a_search_for_cradles_keeps_what_lies_on_the_fingertips(monkeypatch: pyt
     assert ((target >= spec.lower) & (target <= spec.upper)).all()
 
 
+@pytest.mark.slow
 def test_a_finger_that_steps_loses_a_cradled_object_less_often_than_a_pinched_one() -> None:
     lost = {"pinch": 0, "cradle": 0}
     for grip in lost:

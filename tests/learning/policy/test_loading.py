@@ -56,8 +56,13 @@ WRONG_SIZES = pytest.mark.parametrize(
     ("name", "size", "message"),
     [
         ("observation", 64, "the network sees 65 numbers; its card says 64, for AllegroTwin/Lift-v0"),
-        ("observation", 66, "the network sees 65 numbers; its card says 66, for AllegroTwin/Lift-v0"),
-        ("action", 15, "the network gives 16 numbers; its card says 15, for AllegroTwin/Lift-v0"),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (
+                ("observation", 66, "the network sees 65 numbers; its card says 66, for AllegroTwin/Lift-v0"),
+                ("action", 15, "the network gives 16 numbers; its card says 15, for AllegroTwin/Lift-v0"),
+            )
+        ),
         ("action", 17, "the network gives 16 numbers; its card says 17, for AllegroTwin/Lift-v0"),
     ],
 )

@@ -42,6 +42,7 @@ def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_it_leaves_a_policy_that_a_real_hand_could_run_and_goes_on(tmp_path: Path, teacher: Path) -> None:
     told: list[int] = []
     trained = train(recipe(teacher=str(teacher)), tmp_path, lambda steps, mean, rate: told.append(steps))

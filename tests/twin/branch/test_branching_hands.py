@@ -90,6 +90,7 @@ def test_encoders_that_are_noisy_loosen_the_models_friction_as_they_did_the_hand
     assert rms(foretold - true) < 0.07 * rms(true)
 
 
+@pytest.mark.slow
 def test_the_host_of_the_model_hears_counts_and_speeds_as_it_did_of_the_hand(
     made: Path, own: str, tmp_path: Path
 ) -> None:
@@ -222,6 +223,7 @@ def test_periods_that_nobody_heard_of_pass_in_the_model_too(made: Path, own: str
     assert rms((found.branched - found.recorded)[after(found)]) < 2.0 * MRAD
 
 
+@pytest.mark.slow
 def test_servos_go_on_as_their_loop_does(make_sim: MakeSim, tmp_path: Path) -> None:
     spec, path = load_spec("leap"), tmp_path / "leap.arrow"
     begin: Vector = load_posture("home", spec) + 0.2

@@ -239,6 +239,7 @@ def test_an_error_in_speed_grows_in_a_gap_as_falling_friction_makes_it_grow(spec
     assert middle[-1, 1] / middle[7, 1] == pytest.approx(grew, rel=0.2)
 
 
+@pytest.mark.slow
 def test_after_a_long_gap_no_new_touch_is_told_for_as_long_again_and_one_that_lasts_is(
     spec: HandSpec, make_sim: MakeSim
 ) -> None:
