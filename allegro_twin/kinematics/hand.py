@@ -56,7 +56,7 @@ class HandKinematics:
         self._coupling = _Coupling(spec, self._model)
         self._tips = {finger.name: self._model.getFrameId(finger.tip) for finger in spec.fingers}
         self._links = {frame.name: index for index, frame in enumerate(self._model.frames) if _is_link(frame)}
-        self._n, self._gravity = spec.n_joints, np.full(3, np.nan)
+        self._n, self._gravity = spec.n_joints, b""
         self._fingers: dict[str, FingerKinematics] = {}
 
     def finger(self, name: str, posture: ArrayLike | None = None) -> FingerKinematics:
@@ -219,8 +219,8 @@ class HandKinematics:
         return self._coupling.driven(torque, position)
 
     def _set_gravity(self, gravity: Vector) -> None:
-        if not np.array_equal(gravity, self._gravity):
-            self._model.gravity.linear = self._gravity = gravity.copy()
+        if (asked := gravity.tobytes()) != self._gravity:
+            self._model.gravity.linear, self._gravity = gravity, asked
 
     def _posture_and_gravity(self, position: ArrayLike, gravity: ArrayLike) -> tuple[Vector, Vector]:
         """Both as arrays. Raises ConfigError where they do not belong together."""

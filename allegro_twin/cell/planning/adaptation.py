@@ -169,6 +169,9 @@ class GraspAdapter:
         found = list[tuple[AdaptedGrasp, P]]()
         for enough in [_GOOD] * (self.settings.rounds - 1) + [_ENOUGH]:
             search.round(lambda card: feasible(card) is not None)
+            while (option := search.draw_more()) is not None:
+                if option.held == option.tried and (plan := feasible(option.card)) is not None and prefer(plan):
+                    return option, plan  # Nothing that is left can be better.
             plans = ((option, feasible(option.card)) for option in search.options if option.share >= enough)
             found = [(option, plan) for option, plan in plans if plan is not None]
             found.sort(key=lambda each: -each[0].share)
@@ -211,6 +214,7 @@ class AdaptationSearch:
         self._turns = [_symmetric_turns(target, self._random) if every else (0.0,) for target in targets]
         self._proposer = Proposer(free, templates, _FRICTION, (0.0,), self._random, COARSE, None, reckoned, _GAP)
         self._round, self._shown, self.options = 0, list[Candidate](), list[AdaptedGrasp]()
+        self._standing = list[tuple[int, Candidate, Grasp]]()
         self.mass = self._bench.mass
         self.grown = self.looked = self.reached = self.lifted = 0
         """Candidates that closed in geometry; those of them that the arm looked at, that it gets to, and that held
@@ -226,7 +230,8 @@ class AdaptationSearch:
         )
 
     def round(self, reaches: Callable[[StoredGrasp], bool]) -> None:
-        """Some more variations; what holds comes to the options. `reaches`: whether the arm gets to one."""
+        """Some more variations; `draw_more` draws for the best that hold. `reaches`: whether the arm gets to one."""
+        self._standing = []
         seeds = [
             self._seed(card, target, turn)
             for target, cards, turns in zip(self._targets, self._cards, self._turns, strict=True)
@@ -246,7 +251,7 @@ class AdaptationSearch:
         outcomes = close_candidates(self._bench, chosen, performer, _FRICTION, self._random, self._proposer.preload)
         lifted = [each.candidate for each in outcomes if each.passed or each.where == "turn"]
         self.lifted += len(lifted)
-        self.options += self._drawn(lifted)
+        self._standing = self._drawn(lifted)
 
     def _seed(self, card: StoredGrasp, target: TableObject, turn: float) -> Candidate:
         """A stored grasp beside what was seen, or a part of it, the target: as far from its surface as it was from that
@@ -278,21 +283,22 @@ class AdaptationSearch:
                 self.reached += 1
                 yield candidate
 
-    def _drawn(self, candidates: Sequence[Candidate]) -> list[AdaptedGrasp]:
-        """Each with how often it holds in draws: a few for all, more for the best."""
+    def _drawn(self, candidates: Sequence[Candidate]) -> list[tuple[int, Candidate, Grasp]]:
+        """The best in a few draws for all, those that held most last: how many held, candidate, and grasp."""
         grasps = [self._squeezed(candidate) for candidate in candidates]
         held = self._held(candidates, grasps, 0, _FIRST)
         best = sorted(range(len(held)), key=lambda k: (-held[k], -candidates[k].score))[:_LEFT]
-        best = [k for k in best if held[k] > 0]
-        more = self._held([candidates[k] for k in best], [grasps[k] for k in best], _FIRST, _MORE)
-        return [
-            AdaptedGrasp(
-                replace(self._card(candidates[k], grasps[k]), rest=self._rest(candidates[k])),
-                held[k] + extra,
-                _FIRST + _MORE,
-            )
-            for k, extra in zip(best, more, strict=True)
-        ]
+        return [(held[k], candidates[k], grasps[k]) for k in reversed(best) if held[k] > 0]
+
+    def draw_more(self) -> AdaptedGrasp | None:
+        """More draws for the next best of the round; it comes to the options. None where none is left."""
+        if not self._standing:
+            return None
+        held, candidate, grasp = self._standing.pop()
+        held += self._held([candidate], [grasp], _FIRST, _MORE)[0]
+        card = replace(self._card(candidate, grasp), rest=self._rest(candidate))
+        self.options.append(AdaptedGrasp(card, held, _FIRST + _MORE))
+        return self.options[-1]
 
     def _held(self, candidates: Sequence[Candidate], grasps: Sequence[Grasp], first: int, count: int) -> list[int]:
         draws = sample_perturbations(self._settings.uncertainty, count, self._draws, first, stream="search")
