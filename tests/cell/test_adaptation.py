@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, detected_scenario
-from allegro_twin.cell.planning.stored_grasps import MIRROR, StoredGrasp
+from allegro_twin.cell.planning.stored_grasps import MIRROR, StoredGrasp, stored_grasps
 from allegro_twin.cell.settings import GraspPlanningSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.timeline import place_object
@@ -106,3 +108,28 @@ def test_the_trial_s_object_reaches_as_far_as_what_was_seen(kind: str, extents: 
     np.testing.assert_allclose(2.0 * reach, extents, atol=1e-9)
     part = {"box": 1.0, "cylinder": np.pi / 4.0}.get(kind.removeprefix("lying "), np.pi / 6.0)
     assert placed.thing.mass == pytest.approx(500.0 * part * np.prod(extents))
+
+
+@pytest.mark.parametrize(
+    ("more", "drawn", "chosen"),
+    [([5], 1, 0), ([4, 5], 2, 1), ([4, 3, 4], 3, 0), ([5, 5, 5], 3, 2)],
+    ids=["the first holds in all", "the second does", "none does", "the arm does not get to the first two"],
+)
+def test_draws_end_with_the_first_grasp_that_holds_in_all_and_that_the_arm_gets_to(
+    more: list[int], drawn: int, chosen: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cards, counts = [card for card in stored_grasps("allegro") if card.grasp.grip is None][:3], list[int]()
+    wanted = f"adapted {cards[chosen].name}"
+
+    def round_(own: AdaptationSearch, reaches: object) -> None:
+        own._templates |= {card.name: replace(card.grasp, name=card.name) for card in cards}
+        own._standing = [(3, own._seed(card, own._targets[-1], 0.0), card.grasp) for card in reversed(cards)]
+
+    def held(own: AdaptationSearch, candidates: object, grasps: object, first: int, count: int) -> list[int]:
+        counts.append(more[len(counts)])
+        return counts[-1:]
+
+    monkeypatch.setattr(AdaptationSearch, "round", round_)
+    monkeypatch.setattr(AdaptationSearch, "_held", held)
+    found = adapter().plan(BOX, lambda card: card if sum(more) < 15 or card.name == wanted else None)
+    assert (found.name, len(counts)) == (wanted, drawn)

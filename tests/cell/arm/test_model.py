@@ -119,3 +119,23 @@ def test_an_arm_is_a_spec_like_a_hands_and_a_typo_is_answered() -> None:
         load_spec("fer", "left")
     with pytest.raises(ConfigError, match="no arm named 'fr2'; did you mean 'fr3'"):
         arms.load_arm_spec("fr2")
+
+
+def test_a_goal_that_comes_no_nearer_is_given_up_and_one_that_does_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = arms.load_arm_spec("fer")
+    model, steps, step = ArmModel(spec), list[int](), ArmModel._motion
+    draws = np.random.default_rng(3)
+
+    def counted(own: ArmModel, position: Array) -> tuple[Array, Array, Array]:
+        steps.append(1)
+        return step(own, position)
+
+    monkeypatch.setattr(ArmModel, "_motion", counted)
+    for _ in range(40):
+        there = np.clip(spec.ready + draws.normal(0.0, 0.2, 7), spec.lower + 0.1, spec.upper - 0.1)
+        model.reach(model.pose(there), spec.ready)
+    steps.clear()
+    home = model.pose(spec.ready)
+    with pytest.raises(ConfigError, match="fer does not reach"):
+        model.reach(Pose(home.position + np.array([1.0, 0.0, 0.0]), home.rotation), spec.ready)
+    assert len(steps) < 100
