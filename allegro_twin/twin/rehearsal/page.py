@@ -96,9 +96,12 @@ def _measurements(result: Mapping[str, Any]) -> Iterator[str]:
         judges = {row["judged_by"] for row in rows}
         how = "by the simulation" if judges == {"simulation"} else "by the encoders, with the offsets of the ends"
         yield html_table(
-            ("twin", "pose", "posture", "controller", "rms, mrad", "by encoders", "worst joint, mrad", "not reached"),
+            ("twin", "pose", "posture", "controller", "rms, mrad", "by encoders", "worst joint, mrad", "not reached",
+             "oscillates"),
             ([row["twin"], row["pose"], row["posture"], row["controller"], _rms(row["error"]),
-              _rms(row["by_encoders"]), f"{1e3 * max(map(abs, row['error'])):.1f}", row["missed"]] for row in rows),
+              _rms(row["by_encoders"]), f"{1e3 * max(map(abs, row['error'])):.1f}", row["missed"],
+              row.get("oscillates", "")]
+             for row in rows),
             f"Postures: error of the last half second, judged {how}",
         )  # fmt: skip
     rows = [row for twin in twins for row in result[twin]["trajectories"]]

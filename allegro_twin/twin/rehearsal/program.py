@@ -38,6 +38,7 @@ from allegro_twin.twin.rehearsal.sessions import (
     follow_trajectory,
     hold_posture,
     lead_to_ends,
+    oscillating_joints,
     spent_joints,
     steady_error,
     tracking_error,
@@ -148,8 +149,8 @@ class HandRehearsal:
             raise
         else:
             self._write(step.name, {"state": "done", "text": found.pop("text", ""), "hand_s": self._moved, **found})
-            if missed := found.get("missed"):
-                self.talk.say(f"{step.name}: not reached: rad off: {missed}")
+            if problem := _problem("done", found):
+                self.talk.say(f"{step.name}: {problem}")
 
     def result(self) -> dict[str, Any]:
         """What RESULT has: the steps, and by twin what was measured."""
@@ -239,7 +240,7 @@ class HandRehearsal:
         error = steady_error(found, found.known)
         return self._row("postures", twin, pose, kind, found) | {
             "posture": posture, "error": error.tolist(), "by_encoders": steady_error(found, found.position).tolist(),
-            "missed": far_joints(error, found),
+            "missed": far_joints(error, found), "oscillates": oscillating_joints(found, found.known),
         }  # fmt: skip
 
     def _trajectory(self, pose: str, twin: str, level: str, speed: float, kind: str, fed: bool) -> dict[str, Any]:
@@ -327,6 +328,11 @@ def _problem(state: str, row: Mapping[str, Any]) -> str:
     """What is wrong with a step; empty: nothing."""
     if state != "done":
         return f"{state}: {row.get('text', 'the session ended before')}"
-    if missed := row.get("missed"):
-        return f"not reached: rad off: {missed}"
-    return f"not held: {row['reason']}" if row.get("held") is False else ""
+    wrong = [
+        f"not reached: rad off: {missed}" if (missed := row.get("missed")) else "",
+        f"oscillates: {shaken}; softer gains (controller.gains) may calm it"
+        if (shaken := row.get("oscillates"))
+        else "",
+        f"not held: {row['reason']}" if row.get("held") is False else "",
+    ]
+    return "; ".join(filter(None, wrong))

@@ -41,7 +41,7 @@ class Sessions:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.done: list[str] = []
         self.at: dict[str, Callable[[], None]] = {}
-        self.error = {"nominal": 0.006, "identified": 0.002}
+        self.error, self.shaken = {"nominal": 0.006, "identified": 0.002}, 0.0
         for name in ("lead_to_ends", "excite_in_pose", "hold_posture", "follow_trajectory"):
             monkeypatch.setattr(steps_of, name, getattr(self, name))
         monkeypatch.setattr(HandRehearsal, "_identify", lambda own: self.identify())
@@ -83,8 +83,9 @@ class Sessions:
     def _motion(self, twin: RehearsedTwin) -> Following:
         t = np.arange(0.0, 1.0, 0.003)
         rows = np.repeat(t[:, None], 16, axis=1)
-        begins = np.array([0.0, 0.1, 1.0])
-        return Following(SPEC, t, rows, np.ones_like(rows), rows + self.error[twin.name], None, begins, 0.0 * rows)
+        begins, found = np.array([0.0, 0.1, 1.0]), rows + self.error[twin.name]
+        found[:, 0] += self.shaken * np.sin(2.0 * np.pi * 30.0 * t)
+        return Following(SPEC, t, rows, np.ones_like(rows), found, None, begins, 0.0 * rows)
 
 
 def steps_of_codec() -> Any:
@@ -228,6 +229,18 @@ def test_a_posture_that_is_not_reached_is_named_with_its_joints(tmp_path: Path, 
     problems = rehearsal(tmp_path).run()["problems"]
     assert len(problems) == 2
     assert problems[0].startswith("nominal palm-up ok pd: not reached: rad off: index_0 +0.05, ")
+
+
+def test_a_posture_in_which_a_joint_oscillates_is_named_though_it_is_reached_on_average(
+    tmp_path: Path, sessions: Sessions
+) -> None:
+    sessions.shaken = 0.01
+    problems = rehearsal(tmp_path).run()["problems"]
+    assert (
+        "nominal palm-up ok pd: oscillates: index_0 ±10.0 mrad at 30 Hz; softer gains (controller.gains) may calm it"
+        in (problems)
+    )
+    assert "±10.0 mrad at 30 Hz" in (tmp_path / "report.html").read_text()
 
 
 def test_a_folder_of_another_config_or_protocol_is_refused(tmp_path: Path, sessions: Sessions) -> None:

@@ -26,6 +26,7 @@ from allegro_twin.twin.rehearsal.sessions import (
     far_joints,
     follow_trajectory,
     lead_to_ends,
+    oscillating_joints,
     tracking_error,
     tracking_lag,
 )
@@ -93,6 +94,30 @@ def test_the_steady_error_is_of_the_last_half_second() -> None:
     astray[found.t < 4.4] += 1.0
     astray[found.t > 4.6] += 0.02
     assert 0.01 < steady_error(found, astray)[0] < 0.02
+
+
+def test_joints_that_oscillate_where_they_should_rest_are_named_with_amplitude_and_frequency() -> None:
+    rest, noise = following(), np.random.default_rng(0).normal(0.0, 2e-4, (1667, 16))
+    target = np.zeros_like(rest.target)
+    assert not oscillating_joints(rest._replace(target=target), target + noise)
+    shaken = target + noise
+    shaken[:, 12] += 0.02 * np.sin(2.0 * np.pi * 24.0 * rest.t)
+    shaken[:, 3] += 0.005 * np.sin(2.0 * np.pi * 40.0 * rest.t)
+    assert oscillating_joints(rest._replace(target=target), shaken) == (
+        "thumb_0 ±20.0 mrad at 24 Hz, index_3 ±5.0 mrad at 40 Hz"
+    )
+
+
+@pytest.mark.slow
+def test_a_hand_with_play_behind_stiff_gains_is_said_to_oscillate_and_one_without_is_not() -> None:
+    loose = {"backlash": [0.005] * 16, "gear_compliance": [1.0 / 30.0] * 16, "delay": 0.003}
+    said = {}
+    for name, drive in (("loose", loose), ("tight", {"delay": 0.003})):
+        found = hold_posture(RehearsedHand(hidden(scene={"kind": "sim", "truth": {"drive": drive}})), "palm-up", NOBODY,
+                             "ok", "pd")  # fmt: skip
+        said[name] = oscillating_joints(found, found.known)
+    assert "thumb_0" in said["loose"]
+    assert not said["tight"]
 
 
 def test_a_grasp_is_closed_when_all_joints_are_there_for_good() -> None:
