@@ -17,7 +17,7 @@ from studies.rehearsal.hidden_hand import draw_hand
 from studies.rehearsal.planned import try_planned
 from studies.rehearsal.policies import try_policies
 from studies.rehearsal.rehearse import POLICY_SEED, rehearse
-from studies.rehearsal.report import planned_table, policy_table, scores, table
+from studies.rehearsal.report import planned_table, policy_table, scores, table, trajectory_table
 from studies.rehearsal.sessions import learnt_file
 from studies.rehearsal.trajectories import try_trajectories
 
@@ -71,7 +71,7 @@ def report(
     """Print the table of the results in a folder."""
     rows = [row for _, row in _results(folder)]
     typer.echo(table(rows))
-    for more in (policy_table(rows), planned_table(rows)):
+    for more in (trajectory_table(rows), policy_table(rows), planned_table(rows)):
         if more:
             typer.echo(f"\n{more}")
     if write_scores is None:

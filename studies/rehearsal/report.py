@@ -54,6 +54,28 @@ def policy_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join([*lines, "", f"The posterior's 95 % covers {sum(known)} of {len(known)}."])
 
 
+def trajectory_table(rows: list[dict[str, Any]]) -> str:
+    """Markdown: how close the trajectory was followed by each twin at each peak speed, without and with inverse
+    dynamics."""
+    head = "| twin | peak | without: mrad rms, median of hands (worst); within 3 mrad; lag | with inverse dynamics |"
+    lines = [head, "|---|---|---|---|"]
+    for twin in TWINS:
+        scores = [score_of(row[twin]) for row in rows]
+        for level in ("slow", "fast"):
+            cells = [_followed(scores, name) for name in (level, f"{level}_feedforward")]
+            lines.append(f"| {twin} | {level} | {' | '.join(cells)} |")
+    tried = any(row[twin].get("trajectories") for row in rows for twin in TWINS)
+    return "\n".join(lines) if tried else ""
+
+
+def _followed(scores: list[dict[str, float]], level: str) -> str:
+    error, lag = _column(scores, level), _column(scores, f"lag_{level}")
+    if not len(error):
+        return "–"
+    return (f"{np.median(error):.1f} ({error.max():.1f}); {(error < WANTED_RMS).sum()} of {len(error)}; "
+            f"{np.median(lag):.1f} ms")  # fmt: skip
+
+
 def planned_table(rows: list[dict[str, Any]]) -> str:
     """Markdown: of each twin the planned grasps that held and what their plans had said, and hand by hand."""
     tried = [row for row in rows if row.get("planned")]

@@ -19,9 +19,11 @@ from allegro_twin import ConfigError, HandFault, TorqueCommand
 from allegro_twin.app import Rig, assemble
 from allegro_twin.files import find_file, read_yaml
 from allegro_twin.gym import EnvSettings
+from allegro_twin.hands import load_spec
 from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
-from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, steady_error
+from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, program, steady_error
+from allegro_twin.twin.rehearsal.sessions import Following
 from studies.rehearsal import __main__ as study
 from studies.rehearsal import planned, sessions
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents
@@ -30,7 +32,7 @@ from studies.rehearsal.hidden_hand import STEP, VERSIONS, HiddenHand, draw_hand
 from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
 from studies.rehearsal.policies import POLICIES, HiddenEpisode, policy_file, predicted
 from studies.rehearsal.rehearse import drawn_objects
-from studies.rehearsal.report import planned_table, policy_table, scores, table
+from studies.rehearsal.report import planned_table, policy_table, scores, table, trajectory_table
 from studies.rehearsal.sessions import RehearsedHiddenHand
 
 SEED = 5  # Not that of the protocol.
@@ -183,6 +185,35 @@ def test_policies_are_tried_once_on_hands_that_were_learnt_and_no_results_are_an
                                (tmp_path, "two", "not 'two'")):  # fmt: skip
         with pytest.raises(ConfigError, match=why):
             study.policies(folder, hands)
+
+
+def test_trajectories_are_followed_with_the_learnt_file_where_a_result_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, learnt = list[tuple[str, str, float, bool]](), "wire: {}\nidentified: {}\n"
+
+    def follow(hand: Any, pose: str, twin: Any, speed: float, kind: str, *_: Any, feedforward: bool) -> Following:
+        file = Path(twin.serial).read_text() if twin.serial else ""
+        asked.append((twin.name, file, speed, feedforward))
+        t = np.arange(0.0, 1.0, 0.003)
+        rows = np.repeat(t[:, None], 16, axis=1)
+        return Following(load_spec(), t, rows, 1.0 + 0.0 * rows, rows, None, np.array([0.0, 0.1, 1.0]), 0.0 * rows)
+
+    monkeypatch.setattr(program, "follow_trajectory", follow)
+    empty: dict[str, Any] = {"postures": [], "grasps": []}
+    path = tmp_path / "02.json"
+    path.write_text(json.dumps({"number": 2, "file": learnt, "nominal": empty, "identified": empty}))
+    study.trajectories(tmp_path)
+    study.trajectories(tmp_path)
+    ways = [(speed, fed) for fed in (False, True) for speed in (0.5, 3.0)]
+    assert asked == [(twin, file, *way) for twin, file in (("nominal", ""), ("identified", learnt)) for way in ways]
+    row = json.loads(path.read_text())
+    assert [(each["level"], each["feedforward"]) for each in row["identified"]["trajectories"]] == [
+        ("slow", False), ("fast", False), ("slow", True), ("fast", True),
+    ]  # fmt: skip
+    told = trajectory_table([row])
+    assert "| identified | slow | 0.0 (0.0); 1 of 1; 0.0 ms | 0.0 (0.0); 1 of 1; 0.0 ms |" in told
+    assert trajectory_table([{"nominal": empty, "identified": empty}]) == ""
 
 
 class FakePlan:

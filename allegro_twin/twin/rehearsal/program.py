@@ -330,7 +330,7 @@ def _problem(state: str, row: Mapping[str, Any]) -> str:
         return f"{state}: {row.get('text', 'the session ended before')}"
     wrong = [
         f"not reached: rad off: {missed}" if (missed := row.get("missed")) else "",
-        f"oscillates: {shaken}; softer gains (controller.gains) may calm it"
+        f"oscillates: {shaken}; less damping may calm it, as of `gains: loose`"
         if (shaken := row.get("oscillates"))
         else "",
         f"not held: {row['reason']}" if row.get("held") is False else "",

@@ -53,6 +53,8 @@ SPENT = 0.99
 """Of its torque limit, from which a motor gives all it has."""
 STILL = 5e-4
 """rad, standard deviation of a joint that rests: the noise of the worst encoder here is 0.2 mrad."""
+SWINGS = 2.0
+"""Periods in that time; what has fewer creeps."""
 BRIEFLY = 0.01
 """Of the time, in which a motor that gives all it has is no news."""
 IDLE = 0.1
@@ -287,16 +289,18 @@ def closing_time(found: Following, position: Array) -> float | None:
 
 
 def oscillating_joints(found: Following, position: Array) -> str:
-    """Joints that do not come to rest in the time over which a steady error is averaged, the widest first, with
-    amplitude √2 σ and frequency; empty for none. Play behind a motor and a stiff controller make such limit cycles."""
+    """Joints that swing in the time over which a steady error is averaged, the widest first, with amplitude √2 σ and
+    frequency; empty for none. Play behind a motor and much damping make such limit cycles. What creeps is no swing."""
     late = found.t > found.t[-1] - AVERAGED
-    error, step = position[late] - found.target[late], float(np.diff(found.t[late]).mean())
-    spread, power = error.std(axis=0), np.square(np.abs(np.fft.rfft(error - error.mean(axis=0), axis=0)))
-    frequency = np.fft.rfftfreq(len(error), step)[power.argmax(axis=0)]
+    t, error = found.t[late], position[late] - found.target[late]
+    error = error - np.stack([np.polyval(line, t) for line in np.polyfit(t, error, 1).T], axis=1)
+    spread, power = error.std(axis=0), np.square(np.abs(np.fft.rfft(error, axis=0)))
+    frequency = np.fft.rfftfreq(len(t), float(np.diff(t).mean()))[power.argmax(axis=0)]
+    swings = (spread > STILL) & (frequency * AVERAGED >= SWINGS)
     return ", ".join(
         f"{found.spec.joint_labels[k]} ±{1e3 * np.sqrt(2.0) * spread[k]:.1f} mrad at {frequency[k]:.0f} Hz"
         for k in np.argsort(-spread)
-        if spread[k] > STILL
+        if swings[k]
     )
 
 

@@ -237,7 +237,7 @@ def test_a_posture_in_which_a_joint_oscillates_is_named_though_it_is_reached_on_
     sessions.shaken = 0.01
     problems = rehearsal(tmp_path).run()["problems"]
     assert (
-        "nominal palm-up ok pd: oscillates: index_0 ±10.0 mrad at 30 Hz; softer gains (controller.gains) may calm it"
+        "nominal palm-up ok pd: oscillates: index_0 ±10.0 mrad at 30 Hz; less damping may calm it, as of `gains: loose`"
         in (problems)
     )
     assert "±10.0 mrad at 30 Hz" in (tmp_path / "report.html").read_text()
