@@ -70,7 +70,7 @@ def begin(
     else:
         controller = PositionControl(motion.moves)
     path = motion.moves.begin(state.position)
-    mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
+    mover.drive(what, controller, Goal(path, mover.soon, path.seconds, what, motion.close_at))
 
 
 def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> TimedGrasp:

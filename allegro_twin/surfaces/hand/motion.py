@@ -58,16 +58,16 @@ class Goal(NamedTuple):
 
     def at(self, t: float) -> Vector:
         """Where the joints should be, (n,), rad."""
-        return self.path(t - self.began).position
+        return self.path(max(t - self.began, 0.0)).position
 
 
 class MotionMonitor:
     """Follows a motion sample by sample until it has arrived or is stuck."""
 
-    def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, period: float, sag: Vector | float = 0.0) -> None:
+    def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, sag: Vector | float = 0.0) -> None:
         """`sag`: how far the hand's own weight may keep a soft servo from its set-point, (n,), rad."""
         self.goal, self.arrived = goal, False
-        self._spec, self._over = spec, goal.began + goal.seconds + period
+        self._spec, self._over = spec, goal.began + goal.seconds
         # What dry friction and weight alone keep from its place is not stuck.
         friction = 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9)
         self._short = np.maximum(_SHORT, friction + _SAG * sag)
@@ -162,6 +162,11 @@ class MotionControl:
         return self.driver.latest.state
 
     @property
+    def soon(self) -> float:
+        """When a controller begins that is handed over now: at the next state, s."""
+        return self.state.t + self._rig.backend.period
+
+    @property
     def goal(self) -> Goal | None:
         """What the joints are asked to do."""
         return None if self._watch is None else self._watch.goal
@@ -242,7 +247,7 @@ class MotionControl:
                 return  # Somebody wanted something else in the meantime.
             path, began = watch.goal.path, watch.goal.began
             assert isinstance(path, SmoothSetpoint)
-            seconds = path.head_for(self.state.t - began, posture, speed)
+            seconds = path.head_for(max(self.state.t - began, 0.0), posture, speed)
             self._watch = self._watched(Goal(path, began, seconds, what))
 
     def hold(self, kind: Kind) -> None:
@@ -254,7 +259,7 @@ class MotionControl:
         controller, state = self._position(kind, reference), self.state
         path = reference.begin(state.position)
         seconds = float(getattr(path, "seconds", 0.0))
-        self.drive(kind, controller, Goal(path, state.t, seconds, what, math.inf if seconds else 0.0))
+        self.drive(kind, controller, Goal(path, self.soon, seconds, what, math.inf if seconds else 0.0))
 
     def planned(self, plan: Callable[[Vector], T]) -> T:
         """What is planned from where the joints are, (n,), rad. A hand that moved on meanwhile stops first."""
@@ -293,7 +298,7 @@ class MotionControl:
     def _watched(self, goal: Goal | None) -> MotionMonitor | None:
         if goal is None:
             return None
-        return MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period, self._sag)
+        return MotionMonitor(goal, self._rig.spec, self.gains, self._sag)
 
     def _look(self, sample: Sample) -> None:
         """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""

@@ -96,7 +96,7 @@ def late(kind: Kind, *, fed: bool) -> float:
 
 @pytest.mark.parametrize("kind", ["pd", "pid"])
 def test_motions_of_a_config_with_inverse_dynamics_are_followed_closer(kind: Kind) -> None:
-    assert late(kind, fed=True) < late(kind, fed=False) / 1.5
+    assert late(kind, fed=True) < late(kind, fed=False) / 5.0
 
 
 def test_in_the_foreground_a_script_repeats_itself_bit_for_bit() -> None:

@@ -183,7 +183,7 @@ def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> No
 
 def watched(goal: Goal, gains: str, positions: Callable[[float], Vector], spec: HandSpec, seconds: float) -> list[bool]:
     """What a watch says of a hand that is in such positions, a sample every 3 ms, until it has arrived."""
-    watch, said = MotionMonitor(goal, spec, load_gains(gains, spec), 0.003), list[bool]()
+    watch, said = MotionMonitor(goal, spec, load_gains(gains, spec)), list[bool]()
     for tick in range(1, int(seconds / 0.003)):
         said.append(watch(Sample(state(tick, position=positions(0.003 * tick)), TorqueCommand(np.zeros(16)))))
         if watch.arrived or said[-1]:
