@@ -22,6 +22,8 @@ from allegro_twin.types import Sample
 from allegro_twin.version import __version__
 
 SHORTEST = 4.0  # s. Less is not worth an approach.
+_WITHOUT_IMU = ("v1", "v2", "v3")
+"""Versions whose firmware reports none."""
 _GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that tells the hand's pose.
 
 
@@ -73,10 +75,10 @@ def pose_config(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
     if settings.interface == VIRTUAL:
         config = served_pose(config, hand_pose)
     reported = settings.imu > 0.0 and settings.gravity is None
-    if not reported and settings.interface != VIRTUAL:
-        change["gravity"] = list(hand_pose.gravity)
-    elif not reported:
+    if not reported and settings.interface == VIRTUAL and settings.version not in _WITHOUT_IMU:
         change |= {"imu": _GRAVITY_FROM_IMU, "gravity": None}
+    elif not reported:
+        change["gravity"] = list(hand_pose.gravity)
     return config.model_copy(update={"task": TaskSettings()}).changed(backend=change)
 
 

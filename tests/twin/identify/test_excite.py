@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
 from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_hands
@@ -101,6 +102,15 @@ def test_a_served_hand_stands_alone_in_the_pose_that_is_asked_for(name: str) -> 
         measured = hands.firmwares[0].backend.reset().gravity
     np.testing.assert_allclose(measured, find_pose(name, "right").gravity, atol=1e-9)
     assert scenes[0].trial is None
+
+
+@pytest.mark.parametrize("version", ["v1", "v2", "v3", "v4", "v5", "v5plus"])
+def test_a_virtual_hand_of_any_version_is_put_into_a_pose_and_knows_where_down_is(version: str) -> None:
+    pose = find_pose("side", "right")
+    config = load_config("can_virtual").changed(backend={"version": version, "imu": 0.0})
+    rig = assemble(pose_config(config, pose))
+    with closing(rig.backend):
+        np.testing.assert_allclose(rig.backend.reset().gravity, pose.gravity, atol=1e-3)
 
 
 def test_a_hand_that_is_not_served_stands_in_no_pose() -> None:

@@ -1,0 +1,58 @@
+"""What a hand's own twin says of gains: which of them let it come to rest. Play and much damping make limit cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from allegro_twin.app.config import RunConfig
+from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
+from allegro_twin.errors import HandError
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.twin.rehearsal.sessions import RehearsedHand, RehearsedTwin, hold_posture, oscillating_joints
+
+POSE, STEP = "palm-up", 0.0005
+"""s, of the simulation."""
+CALMER = "loose"
+"""Gains of the library for hands with play."""
+
+
+def foretell_oscillation(
+    config: RunConfig, file: str, names: Iterable[str], postures: Sequence[str] = ("ok", "fist")
+) -> dict[str, str]:
+    """Joints that oscillate under PD in simulations of a hand's file, by the name of gains; empty text for none.
+    Nothing for a file without play. `config`: of a hand on CAN. Raises HandError."""
+    own, settings = config.hand, config.backend
+    assert isinstance(settings, CanSettings)
+    spec = load_spec(own.model, own.side, file, settings.version)
+    if spec.drive is None or not spec.drive.backlash.any():
+        return {}
+    found = {}
+    for name in names:
+        bus = {"kind": "can", "version": settings.version, "interface": VIRTUAL,
+               "scene": {"kind": "sim", "timestep": STEP}}  # fmt: skip
+        hand = {"model": own.model, "side": own.side, "serial": file}
+        made = RunConfig.model_validate({"hand": hand, "backend": bus, "controller": {"kind": "pd", "gains": name}})
+        twin = RehearsedTwin("own", file, np.zeros(spec.n_joints))
+        said = [_swings(RehearsedHand(made), twin, posture) for posture in postures]
+        found[name] = max(said, key=len)
+    return found
+
+
+def _swings(hand: RehearsedHand, twin: RehearsedTwin, posture: str) -> str:
+    try:
+        found = hold_posture(hand, POSE, twin, posture, "pd")
+    except HandError as error:  # The guard's: it swings too fast.
+        return str(error)
+    return oscillating_joints(found, found.known)
+
+
+def gain_advice(foretold: Mapping[str, str]) -> str:
+    """One sentence about gains, the first of which are the hand's; empty where these let it rest."""
+    (own, swings), *others = foretold.items() or [("", "")]
+    if not swings:
+        return ""
+    calm = [f"`{name}`" for name, said in others if not said]
+    rest = f"with {', '.join(calm)} it rests: set controller.gains" if calm else "take gains with less damping"
+    return f"Its twin foretells that with the gains `{own}` it oscillates ({swings}); {rest}."

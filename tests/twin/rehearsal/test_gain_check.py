@@ -1,0 +1,41 @@
+"""What a hand's own twin foretells of gains is what the hand does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from allegro_twin.app.config import load_config
+from allegro_twin.twin.rehearsal.gain_check import foretell_oscillation, gain_advice
+
+PLAY = {"backlash": [0.005] * 16, "gear_compliance": [1.0 / 30.0] * 16, "delay": 0.003}
+
+
+def own_file(folder: Path, drive: dict[str, Any]) -> str:
+    path = folder / "own.yaml"
+    path.write_text(yaml.safe_dump({"model": "allegro", "drive": drive}))
+    return str(path)
+
+
+@pytest.mark.parametrize("version", ["v3", pytest.param("v4", marks=pytest.mark.slow)])
+def test_a_file_with_play_foretells_which_gains_oscillate(version: str, tmp_path: Path) -> None:
+    config = load_config("can_virtual").changed(backend={"version": version})
+    found = foretell_oscillation(config, own_file(tmp_path, PLAY), ["default", "loose"], ["ok"])
+    assert "thumb_0 ±" in found["default"]
+    assert found["loose"] == ""
+
+
+def test_a_file_without_play_foretells_nothing(tmp_path: Path) -> None:
+    assert foretell_oscillation(load_config("can_virtual"), own_file(tmp_path, {"delay": 0.003}), ["default"]) == {}
+
+
+def test_the_advice_names_gains_that_calm_or_says_what_to_change() -> None:
+    swings = "thumb_0 ±9.0 mrad at 23 Hz"
+    assert gain_advice({}) == gain_advice({"default": "", "loose": swings}) == ""
+    calm = gain_advice({"default": swings, "loose": ""})
+    assert calm.startswith(f"Its twin foretells that with the gains `default` it oscillates ({swings})")
+    assert calm.endswith("with `loose` it rests: set controller.gains.")
+    assert gain_advice({"default": swings, "loose": swings}).endswith("; take gains with less damping.")
