@@ -235,8 +235,8 @@ class HandRehearsal:
             self.talk.say(advice)
         return {
             "text": text, "swings": swings, "lines": [line for line in lines if line],
-            "constant": constant.value.tolist(), "constant_half": constant.half.tolist(), "written": [str(each) for each in found.written.source],
-            "residual": found.fit.spread.residual.tolist(),
+            "constant": constant.value.tolist(), "constant_half": constant.half.tolist(),
+            "written": [str(each) for each in found.written.source], "residual": found.fit.spread.residual.tolist(),
         }  # fmt: skip
 
     def _posture(self, pose: str, twin: str, posture: str, kind: str) -> dict[str, Any]:
