@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
-from allegro_twin.errors import HandError
+from allegro_twin.errors import HandFault
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.twin.rehearsal.sessions import RehearsedHand, RehearsedTwin, hold_posture, oscillating_joints
 
@@ -19,10 +20,17 @@ CALMER = "loose"
 
 
 def foretell_oscillation(
-    config: RunConfig, file: str, names: Iterable[str], postures: Sequence[str] = ("ok", "fist")
-) -> dict[str, str]:
+    hand: Mapping[str, Any], version: str | None, file: str, names: Iterable[str],
+    postures: Sequence[str] = ("ok", "fist"),
+) -> dict[str, str]:  # fmt: skip
     """Joints that oscillate under PD in simulations of a hand's file, by the name of gains; empty text for none.
-    Nothing for a file without play. `config`: of a hand on CAN. Raises HandError."""
+    Nothing for a file without play. `hand`: its block in a config, of which `model` and `side` count. Raises
+    HandError."""
+    block = {"model": hand["model"], "side": hand["side"], "serial": file}
+    bus = {"kind": "can", "interface": VIRTUAL, "scene": {"kind": "sim", "timestep": STEP}} | (
+        {} if version is None else {"version": version}
+    )
+    config = RunConfig.model_validate({"hand": block, "backend": bus, "controller": {"kind": "pd"}})
     own, settings = config.hand, config.backend
     assert isinstance(settings, CanSettings)
     spec = load_spec(own.model, own.side, file, settings.version)
@@ -30,10 +38,7 @@ def foretell_oscillation(
         return {}
     found = {}
     for name in names:
-        bus = {"kind": "can", "version": settings.version, "interface": VIRTUAL,
-               "scene": {"kind": "sim", "timestep": STEP}}  # fmt: skip
-        hand = {"model": own.model, "side": own.side, "serial": file}
-        made = RunConfig.model_validate({"hand": hand, "backend": bus, "controller": {"kind": "pd", "gains": name}})
+        made = config.changed(controller={"gains": name})
         twin = RehearsedTwin("own", file, np.zeros(spec.n_joints))
         said = [_swings(RehearsedHand(made), twin, posture) for posture in postures]
         found[name] = max(said, key=len)
@@ -43,7 +48,7 @@ def foretell_oscillation(
 def _swings(hand: RehearsedHand, twin: RehearsedTwin, posture: str) -> str:
     try:
         found = hold_posture(hand, POSE, twin, posture, "pd")
-    except HandError as error:  # The guard's: it swings too fast.
+    except HandFault as error:  # It swings too fast for the guard.
         return str(error)
     return oscillating_joints(found, found.known)
 

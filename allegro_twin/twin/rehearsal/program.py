@@ -228,7 +228,8 @@ class HandRehearsal:
             temporary.write_text(report_page(found), encoding="utf-8")
         labels, constant = self.spec.joint_labels, found.values["torque_constant"]
         gains = getattr(self.hand.config.controller, "gains", "default")
-        swings = foretell_oscillation(self.hand.config, str(file), dict.fromkeys((gains, CALMER)))
+        names, about = dict.fromkeys((gains, CALMER)), self._about["hand"]
+        swings = foretell_oscillation(about, self.hand.settings.version, str(file), names)
         lines = [*describe_terms(found.fit, found.values, found.motions), describe_prediction(found.written),
                  describe_rest(found.fit, labels), advice := gain_advice(swings)]  # fmt: skip
         if advice:
