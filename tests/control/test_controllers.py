@@ -76,6 +76,21 @@ def test_a_step_settles_in_time_without_overshoot_error_or_limit_cycle(
     assert late.std(axis=0).max() <= 0.0005
 
 
+@pytest.mark.parametrize("kind", ["pd", "pid"])
+def test_gains_for_hands_with_play_settle_a_hand_without_as_fast_with_a_little_overshoot(
+    kind: str, spec: HandSpec, make_sim: MakeSim
+) -> None:
+    start, gains, gravity = step_start(spec, 1.0), load_gains("loose", spec), gravity_of(spec)
+    hold = Hold(spec.posture(start + 0.5))
+    controller = PD(hold, gains, gravity) if kind == "pd" else PID(hold, gains, spec.actuation.torque_limit, gravity)
+    limits = Limits(spec.actuation.torque_limit, frozen(np.full(16, 12.0)), spec.lower, spec.upper)
+    t, position = settle(Guard(make_sim(spec, posture=start), limits), controller, 1.5)
+    error = position - hold.posture
+    assert np.abs(error[t >= 0.3]).max() <= 0.05 * 0.5
+    assert error.max() <= 0.1 * 0.5
+    assert error[t > 1.1].std(axis=0).max() <= 0.0005
+
+
 @pytest.mark.parametrize("facing", ORIENTATIONS)
 def test_gravity_compensation_lets_no_finger_sink(
     facing: tuple[float, float, float], side: Side, make_sim: MakeSim
