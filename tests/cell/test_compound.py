@@ -132,6 +132,7 @@ def test_a_compound_is_read_as_several_things_after_it_is_read_as_one(tmp_path: 
     assert [len(each.beside) for each in readings] == [0, 1, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lifted", ["nothing", "leg", "foot"])
 def test_the_part_of_a_compound_that_is_gone_alone_was_an_object_of_its_own(lifted: str) -> None:
     cell = cell_of(objects=LEG_AND_FOOT, tray=TraySettings().model_dump())

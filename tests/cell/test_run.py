@@ -147,6 +147,7 @@ def test_a_hand_that_falls_silent_is_named_and_the_arm_stands_still(at: float) -
     assert still(cell)
 
 
+@pytest.mark.slow
 def test_an_arm_that_falls_silent_is_named_and_holds_itself() -> None:
     cell = cell_of()
     report = perform(replace(cell, arm=SilentBackend(cell.arm, 3.0)))

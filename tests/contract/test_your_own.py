@@ -120,6 +120,7 @@ def test_run_drives_it_with_its_own_controller_and_records_it(installed: Path) -
     assert json.loads(json.dumps(recording.meta["config"]))["backend"]["mass"] == 0.02
 
 
+@pytest.mark.slow
 def test_a_policy_drives_it(installed: Path) -> None:
     pytest.importorskip("onnxruntime")
     done = ran(installed, "run", "friendly.yaml", "--policy", "reach_right", "--goal", "home", "--seconds", "0.3")
@@ -141,6 +142,7 @@ print("went on")
     assert done.stdout == "went on\n", done.stderr
 
 
+@pytest.mark.slow
 def test_the_panels_host_drives_it(installed: Path) -> None:
     program = """
 from pathlib import Path

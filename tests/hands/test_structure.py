@@ -352,6 +352,7 @@ def test_a_mesh_that_touches_and_is_not_there_is_named(tmp_path: Path) -> None:
         card(tmp_path, text)
 
 
+@pytest.mark.slow
 def test_meshes_of_a_urdf_are_found_wherever_its_card_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -383,6 +384,7 @@ def radial(count: int) -> str:
       </worldbody><actuator>{motors}</actuator></mujoco>"""
 
 
+@pytest.mark.slow
 def test_a_palm_whose_fingers_close_on_each_other_faces_along_them(tmp_path: Path) -> None:
     path = tmp_path / "three.xml"
     path.write_text(radial(3))

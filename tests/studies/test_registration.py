@@ -128,10 +128,11 @@ def test_the_shipped_study_no_longer_fits_what_was_there_when_its_protocol_was_r
     said = str(raised.value)
     assert "no longer fits: " in said
     assert "\n" not in said
-    mended = ["model of model_o", "model of qb_softhand", "grasps of model_o (", "code of trials"]
+    # Of the Allegro Hand its gains have had one more set since, which no trial uses.
+    mended = ["model of allegro", "model of model_o", "model of qb_softhand", "grasps of model_o (", "code of trials"]
     for part in [*mended, "grasps of qb_softhand (tomato_soup_can, tennis_ball, lemon and 8 more)"]:
         assert part in said
-    assert "allegro" not in said.partition("no longer fits")[2]
+    assert "leap" not in said.partition("no longer fits")[2]
 
 
 def test_a_registration_that_cannot_be_read_is_a_line(protocol: Path) -> None:

@@ -113,6 +113,7 @@ def test_in_a_cradle_an_object_lies_on_the_fingertips_and_in_a_pinch_it_hangs_be
     assert np.median(over_the_tips(pinched)) < 0.004
 
 
+@pytest.mark.slow
 def test_a_search_for_cradles_keeps_what_lies_on_the_fingertips(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(start_states, "AT_ONCE", 192)
     spec = load_spec()

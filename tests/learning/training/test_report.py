@@ -41,6 +41,7 @@ def recipe(**changes: Any) -> Recipe:
     return load_recipe("Reach").model_copy(update=changes)
 
 
+@pytest.mark.slow
 def test_an_evaluation_is_the_single_environments_episodes_to_their_end() -> None:
     few = EnvSettings(objects=("tennis_ball", "golf_ball"), position_noise=0.03)
     found = evaluate(ZeroPolicy(16), "Grasp", few, 6, seed=40)

@@ -87,6 +87,7 @@ def test_what_is_in_the_folder_is_not_tried_again_and_more_draws_go_on(
     assert len(tried) == 2
 
 
+@pytest.mark.slow
 def test_what_changed_since_is_tried_again_in_the_same_folder_and_a_line_says_so(command: Run, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("--protocol", short(tmp_path), "--jobs", 1, "--out", out)

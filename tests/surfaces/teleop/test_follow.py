@@ -129,6 +129,7 @@ def test_frames_without_a_hand_are_not_followed() -> None:
         assert it.hand.fingertips()["middle"].position[2] > 0.12
 
 
+@pytest.mark.slow
 def test_a_frame_that_jumps_is_not_followed_and_what_stays_there_is() -> None:
     times, frames = still(3.0)
     frames[30] = hand(CLOSED)
@@ -140,6 +141,7 @@ def test_a_frame_that_jumps_is_not_followed_and_what_stays_there_is() -> None:
         assert it.hand.fingertips()["middle"].position[2] < 0.09
 
 
+@pytest.mark.slow
 def test_no_joint_is_led_faster_than_the_speed() -> None:
     times, frames = still(3.0)
     frames[30:] = hand(CLOSED)

@@ -107,6 +107,7 @@ def test_the_host_of_the_model_hears_counts_and_speeds_as_it_did_of_the_hand(
     np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_where_another_than_its_config_drove_the_recorded_commands_go_on(
     hidden: RunConfig, own: str, tmp_path: Path
 ) -> None:
@@ -194,6 +195,7 @@ def test_parts_that_would_meet_and_did_not_are_named() -> None:
     assert not list(list_collisions(spec, t, closing_, closing_))
 
 
+@pytest.mark.slow
 def test_the_guard_stops_the_model_as_it_would_have_stopped_the_hand(
     hidden: RunConfig, own: str, tmp_path: Path
 ) -> None:
@@ -216,6 +218,7 @@ def test_the_guard_stops_the_model_as_it_would_have_stopped_the_hand(
     assert thin[-20:-12].all()
 
 
+@pytest.mark.slow
 def test_periods_that_nobody_heard_of_pass_in_the_model_too(made: Path, own: str, tmp_path: Path) -> None:
     holed = as_real(made, tmp_path / "holed.arrow", slice(500, 520))
     found = branch_recording(holed, AT, {}, options=BranchOptions(own, open_loop=True))

@@ -113,6 +113,7 @@ def test_a_period_of_which_a_host_heard_nothing_is_no_touch_before_its_clock_cou
     assert each.fault is None
 
 
+@pytest.mark.slow
 def test_rows_that_a_recording_lacks_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim) -> None:
     rng = np.random.default_rng(2)
     whole = [sample for sample in motion(spec, make_sim, {}) if sample.state.tick == 0 or rng.random() > 0.1]
@@ -128,6 +129,7 @@ def test_a_lost_period_moves_what_is_expected_on_by_two(spec: HandSpec, make_sim
     assert np.abs(np.array(off)[350:]).max() < 2e-4  # At 1 rad/s a period is 3 mrad.
 
 
+@pytest.mark.slow
 def test_a_finger_whose_report_alone_is_lost_is_expected_where_it_went(spec: HandSpec, make_sim: MakeSim) -> None:
     def without(samples: Iterator[Sample]) -> Iterator[Sample]:
         for state, command in samples:

@@ -83,6 +83,7 @@ def test_a_free_hand_moves_as_expected_and_nothing_pushes_it(spec: HandSpec, han
     )
 
 
+@pytest.mark.slow
 def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBackend) -> None:
     push = np.zeros(N)
     push[[5, 6]] = 0.05, -0.03
@@ -200,6 +201,7 @@ def test_heavier_joints_are_corrected_no_faster() -> None:
     assert (light > 0).all()
 
 
+@pytest.mark.slow
 def test_the_left_hand_has_a_mirror_too(make_sim: MakeSim, tmp_path: Path) -> None:
     left = load_spec(side="left")
     backend = make_sim(left, posture=(left.lower + left.upper) / 2.0)
