@@ -201,11 +201,12 @@ def _gripping(
     from allegro_twin.grasping.controller import make_grasp_controller
     from allegro_twin.kinematics.hand import hand_kinematics
 
-    if settings.kind != "pd" or not settings.compensate or settings.inverse_dynamics:
-        key = "kind: pid" if settings.kind != "pd" else "inverse_dynamics"
-        key = key if settings.compensate else "compensate: false"
+    wrong = {"kind: pid": settings.kind != "pd", "compensate: false": not settings.compensate,
+             "inverse_dynamics": settings.inverse_dynamics}  # fmt: skip
+    if keys := [key for key, said in wrong.items() if said]:
         raise ConfigError(
-            f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
+            f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out "
+            f"{' and '.join(keys)}"
         )
     return make_grasp_controller(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_kinematics(spec))
 

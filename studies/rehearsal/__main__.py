@@ -27,6 +27,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
     help="What grasps and motions lose on hands that nobody has seen.",
 )  # fmt: skip
+Results = Annotated[Path, typer.Argument(help="Of `run`.")]
+Hands = Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder of the results; what is there goes on.")]
 
 
@@ -62,7 +64,7 @@ def run_all(
 
 @app.command("report")
 def report(
-    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
+    folder: Results = Path("out/rehearsal"),
     commit: Annotated[str, typer.Option(help="That the results are of.")] = "",
     write_scores: Annotated[
         Path | None, typer.Option("--scores", help="Write what `allegro-twin rehearse` compares with: a .json.")
@@ -84,8 +86,8 @@ def report(
 
 @app.command("policies")
 def policies(
-    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
-    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+    folder: Results = Path("out/rehearsal"),
+    hands: Hands = None,
 ) -> None:
     """Try shipped policies on the hands of the results in a folder that have none, with the files that were learnt."""
     protocol = read_yaml(PROTOCOL)
@@ -102,8 +104,8 @@ def policies(
 
 @app.command("planned")
 def planned(
-    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
-    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+    folder: Results = Path("out/rehearsal"),
+    hands: Hands = None,
     candidates: Annotated[int, typer.Option(help="Budget of each plan.", min=1)] = 100,
 ) -> None:
     """Plan grasps for the nominal hand and for the learnt files of right hands, and perform the best."""
@@ -118,8 +120,8 @@ def planned(
 
 @app.command("trajectories")
 def trajectories(
-    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
-    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+    folder: Results = Path("out/rehearsal"),
+    hands: Hands = None,
 ) -> None:
     """Follow the trajectory on the hands of the results in a folder that have none, with the files that were learnt."""
     protocol = read_yaml(PROTOCOL)
@@ -135,8 +137,8 @@ def trajectories(
 
 @app.command("films")
 def films(
-    folder: Annotated[Path, typer.Argument(help="Of `run`.")] = Path("out/rehearsal"),
-    hands: Annotated[str | None, typer.Option(help="Numbers, separated by commas; default: all.")] = None,
+    folder: Results = Path("out/rehearsal"),
+    hands: Hands = None,
     lost: Annotated[bool, typer.Option("--lost", help="Only grasps that did not hold.")] = False,
 ) -> None:
     """Film the grasps of the results in a folder, performed again, with a page of all of them."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
-from allegro_twin.errors import HandFault
+from allegro_twin.errors import HandError, HandFault
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.twin.rehearsal.sessions import RehearsedHand, RehearsedTwin, hold_posture, oscillating_joints
 
@@ -30,7 +31,7 @@ def foretell_oscillation(
     bus = {"kind": "can", "interface": VIRTUAL, "scene": {"kind": "sim", "timestep": STEP}} | (
         {} if version is None else {"version": version}
     )
-    config = RunConfig.model_validate({"hand": block, "backend": bus, "controller": {"kind": "pd"}})
+    config = parse_settings(RunConfig, {"hand": block, "backend": bus, "controller": {"kind": "pd"}}, file)
     own, settings = config.hand, config.backend
     assert isinstance(settings, CanSettings)
     spec = load_spec(own.model, own.side, file, settings.version)
@@ -51,6 +52,15 @@ def _swings(hand: RehearsedHand, twin: RehearsedTwin, posture: str) -> str:
     except HandFault as error:  # It swings too fast for the guard.
         return str(error)
     return oscillating_joints(found, found.known)
+
+
+def advice_on_gains(hand: Mapping[str, Any], version: str | None, file: str, gains: str) -> str:
+    """What simulations of a hand's file say of gains, and of those that are calmer; empty where these let it rest."""
+    try:
+        foretold = foretell_oscillation(hand, version, file, dict.fromkeys((gains, CALMER)))
+    except HandError as error:
+        return f"Whether the gains `{gains}` let it rest could not be simulated: {error}"
+    return gain_advice(foretold)
 
 
 def gain_advice(foretold: Mapping[str, str]) -> str:

@@ -24,7 +24,7 @@ from allegro_twin.twin.identify.pipeline import identify_hand
 from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results.findings import describe_prediction, describe_rest, describe_terms
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
-from allegro_twin.twin.rehearsal.gain_check import CALMER, foretell_oscillation, gain_advice
+from allegro_twin.twin.rehearsal.gain_check import advice_on_gains
 from allegro_twin.twin.rehearsal.page import write_page
 from allegro_twin.twin.rehearsal.protocol import RehearsalProtocol
 from allegro_twin.twin.rehearsal.sessions import (
@@ -228,14 +228,13 @@ class HandRehearsal:
             temporary.write_text(report_page(found), encoding="utf-8")
         labels, constant = self.spec.joint_labels, found.values["torque_constant"]
         gains = getattr(self.hand.config.controller, "gains", "default")
-        names, about = dict.fromkeys((gains, CALMER)), self._about["hand"]
-        swings = foretell_oscillation(about, self.hand.settings.version, str(file), names)
+        advice = advice_on_gains(self._about["hand"], self.hand.settings.version, str(file), gains)
         lines = [*describe_terms(found.fit, found.values, found.motions), describe_prediction(found.written),
-                 describe_rest(found.fit, labels), advice := gain_advice(swings)]  # fmt: skip
+                 describe_rest(found.fit, labels), advice]  # fmt: skip
         if advice:
             self.talk.say(advice)
         return {
-            "text": text, "swings": swings, "lines": [line for line in lines if line],
+            "text": text, "lines": [line for line in lines if line],
             "constant": constant.value.tolist(), "constant_half": constant.half.tolist(),
             "written": [str(each) for each in found.written.source], "residual": found.fit.spread.residual.tolist(),
         }  # fmt: skip

@@ -14,8 +14,8 @@ from allegro_twin.app.config import load_config
 from allegro_twin.app.session import recording_meta
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record
-from allegro_twin.surfaces.cli.twin.identification import advice_on_gains
-from allegro_twin.twin.rehearsal.gain_check import foretell_oscillation, gain_advice
+from allegro_twin.surfaces.cli.twin.identification import gain_lines
+from allegro_twin.twin.rehearsal.gain_check import advice_on_gains, foretell_oscillation, gain_advice
 
 HAND = {"model": "allegro", "side": "right"}
 PLAY = {"backlash": [0.005] * 16, "gear_compliance": [1.0 / 30.0] * 16, "delay": 0.003}
@@ -47,6 +47,12 @@ def test_the_advice_names_gains_that_calm_or_says_what_to_change() -> None:
     assert gain_advice({"default": swings, "loose": swings}).endswith("; take gains with less damping.")
 
 
+def test_gains_that_are_not_in_the_library_are_said_not_to_be_tried(tmp_path: Path) -> None:
+    said = advice_on_gains(HAND, "v4", own_file(tmp_path, PLAY), "mine")
+    assert said.startswith("Whether the gains `mine` let it rest could not be simulated: ")
+    assert "mine" in said.partition(": ")[2]
+
+
 @pytest.mark.slow
 def test_identify_says_it_of_the_gains_that_a_hand_was_recorded_with(tmp_path: Path) -> None:
     config = load_config("can_virtual").changed(task={"posture": "home"}, seconds=0.3)
@@ -56,5 +62,5 @@ def test_identify_says_it_of_the_gains_that_a_hand_was_recorded_with(tmp_path: P
         samples = until(0.3, run(rig.backend, rig.controller))
         for _ in record(samples, recording, rig.spec, config.period, meta=recording_meta(rig, config)):
             pass
-    assert "with `loose` it rests" in advice_on_gains(recording, Path(file))
-    assert advice_on_gains(recording, Path(own_file(tmp_path, {"delay": 0.003}))) == ""
+    assert "with `loose` it rests" in gain_lines(recording, Path(file))
+    assert gain_lines(recording, Path(own_file(tmp_path, {"delay": 0.003}))) == ""

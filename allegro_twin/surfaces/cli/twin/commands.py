@@ -120,7 +120,7 @@ def identify(
     if path is not None:
         console.warn(identification.store_values(path, found))
         if not found.written.nothing:
-            console.warn(identification.advice_on_gains(recordings[0], path))
+            console.warn(identification.gain_lines(recordings[0], path))
             console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
     else:
         console.hint("Next: --hand FILE writes these values into the hand's own file")

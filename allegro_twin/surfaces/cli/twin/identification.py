@@ -74,18 +74,18 @@ def store_values(path: Path, found: Identification) -> str:
     return write_hand_file(path, found.fit, found.values, found.motions, today())
 
 
-def advice_on_gains(recording: Path, path: Path) -> str:
-    """What simulations of a hand's file say of the gains that it was recorded with; empty where these let it rest, and
-    for a recording without the config of a hand on CAN. Raises HandError."""
+def gain_lines(recording: Path, path: Path) -> str:
+    """Advice on the gains that a hand was recorded with, by its file; empty where it has none, and for a recording
+    without the config of a hand on CAN. Raises RecordingError."""
     from allegro_twin.recording.reader import load
-    from allegro_twin.twin.rehearsal.gain_check import CALMER, foretell_oscillation, gain_advice
+    from allegro_twin.twin.rehearsal.gain_check import advice_on_gains
 
     config = load(recording, partial=True).meta.get("config") or {}
     backend, controller = config.get("backend", {}), config.get("controller", {})
     if backend.get("kind") != "can":
         return ""
-    names = dict.fromkeys((controller.get("gains", "default"), CALMER))
-    return gain_advice(foretell_oscillation(config["hand"], backend.get("version"), str(path), names))
+    gains = controller.get("gains", "default")
+    return advice_on_gains(config["hand"], backend.get("version"), str(path), gains)
 
 
 def today() -> str:
