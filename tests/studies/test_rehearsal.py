@@ -23,7 +23,7 @@ from allegro_twin.hands import load_spec
 from allegro_twin.learning import load_recipe
 from allegro_twin.twin.identify import find_pose
 from allegro_twin.twin.rehearsal import RehearsedTwin, hidden_scores, hold_posture, lead_to_ends, program, steady_error
-from allegro_twin.twin.rehearsal.sessions import Following
+from allegro_twin.twin.rehearsal.measures import Following
 from studies.rehearsal import __main__ as study
 from studies.rehearsal import planned, sessions
 from studies.rehearsal.__main__ import PROTOCOL, REGISTRATION, contents

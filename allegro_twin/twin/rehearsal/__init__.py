@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
+    from allegro_twin.twin.rehearsal.measures import steady_error
     from allegro_twin.twin.rehearsal.program import Conversation, HandRehearsal
     from allegro_twin.twin.rehearsal.protocol import RehearsalProtocol, rehearsal_trajectory
     from allegro_twin.twin.rehearsal.score import hidden_scores, score_of
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
         grasp_trial,
         hold_posture,
         lead_to_ends,
-        steady_error,
     )
 
 __all__ = [
@@ -40,11 +40,10 @@ __all__ = [
 __getattr__, __dir__ = exports(
     __name__,
     {
+        "measures": ("steady_error",),
         "program": ("Conversation", "HandRehearsal"),
         "protocol": ("RehearsalProtocol", "rehearsal_trajectory"),
         "score": ("hidden_scores", "score_of"),
-        "sessions": (
-            "RehearsedHand", "RehearsedTwin", "grasp_trial", "hold_posture", "lead_to_ends", "steady_error",
-        ),
+        "sessions": ("RehearsedHand", "RehearsedTwin", "grasp_trial", "hold_posture", "lead_to_ends"),
     },
 )  # fmt: skip

@@ -12,7 +12,8 @@ from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.errors import HandError, HandFault
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.twin.rehearsal.sessions import RehearsedHand, RehearsedTwin, hold_posture, oscillating_joints
+from allegro_twin.twin.rehearsal.measures import oscillating_joints
+from allegro_twin.twin.rehearsal.sessions import RehearsedHand, RehearsedTwin, hold_posture
 
 POSE, STEP = "palm-up", 0.0005
 """s, of the simulation."""

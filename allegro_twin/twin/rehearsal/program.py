@@ -25,25 +25,27 @@ from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results.findings import describe_prediction, describe_rest, describe_terms
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.twin.rehearsal.gain_check import advice_on_gains
-from allegro_twin.twin.rehearsal.page import write_page
-from allegro_twin.twin.rehearsal.protocol import RehearsalProtocol
-from allegro_twin.twin.rehearsal.sessions import (
-    Advance,
+from allegro_twin.twin.rehearsal.measures import (
     Following,
-    RehearsedHand,
-    RehearsedTwin,
-    close_in_air,
     closing_time,
-    excite_in_pose,
     far_joints,
-    follow_trajectory,
-    hold_posture,
-    lead_to_ends,
     oscillating_joints,
     spent_joints,
     steady_error,
     tracking_error,
     tracking_lag,
+)
+from allegro_twin.twin.rehearsal.page import write_page
+from allegro_twin.twin.rehearsal.protocol import RehearsalProtocol
+from allegro_twin.twin.rehearsal.sessions import (
+    Advance,
+    RehearsedHand,
+    RehearsedTwin,
+    close_in_air,
+    excite_in_pose,
+    follow_trajectory,
+    hold_posture,
+    lead_to_ends,
 )
 from allegro_twin.version import __version__
 

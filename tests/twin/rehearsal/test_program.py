@@ -20,9 +20,10 @@ from allegro_twin.twin.identify.motions.excitation import ExcitationPose
 from allegro_twin.twin.identify.motions.limits import FoundLimits
 from allegro_twin.twin.rehearsal import Conversation, HandRehearsal, RehearsalProtocol, RehearsedHand
 from allegro_twin.twin.rehearsal import program as steps_of
+from allegro_twin.twin.rehearsal.measures import Following
 from allegro_twin.twin.rehearsal.page import NO_HANDS, rehearsal_page, score_rows
 from allegro_twin.twin.rehearsal.score import HiddenScores, hidden_scores, rank, score_of
-from allegro_twin.twin.rehearsal.sessions import Following, RehearsedTwin
+from allegro_twin.twin.rehearsal.sessions import RehearsedTwin
 from allegro_twin.types import frozen
 
 SPEC = load_spec()

@@ -19,17 +19,16 @@ from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import Side
 from allegro_twin.twin.identify.motions.excitation import find_pose
 from allegro_twin.twin.rehearsal import RehearsedHand, RehearsedTwin, hold_posture, rehearsal_trajectory, steady_error
-from allegro_twin.twin.rehearsal.sessions import (
+from allegro_twin.twin.rehearsal.measures import (
     Following,
-    close_in_air,
     closing_time,
     far_joints,
-    follow_trajectory,
-    lead_to_ends,
     oscillating_joints,
+    spent_joints,
     tracking_error,
     tracking_lag,
 )
+from allegro_twin.twin.rehearsal.sessions import close_in_air, follow_trajectory, lead_to_ends
 from allegro_twin.types import Array
 
 SPEC = load_spec()
@@ -109,6 +108,16 @@ def test_joints_that_oscillate_where_they_should_rest_are_named_with_amplitude_a
     assert oscillating_joints(rest._replace(target=target), shaken) == (
         "thumb_0 ±19.9 mrad at 24 Hz, index_3 ±5.0 mrad at 40 Hz"
     )
+
+
+def test_joints_of_which_more_is_asked_than_their_motors_have_are_named_with_the_share_of_the_time() -> None:
+    found, limit = following(), SPEC.actuation.torque_limit
+    assert spent_joints(found) == {}
+    found.torque[found.t < 1.0, 2] = 9.0  # On the approach, which is not judged.
+    found.torque[(found.t >= 1.0) & (found.t < 2.0), 12] = -2.0 * limit[12]
+    found.torque[found.t >= 1.0, 3] = 0.9 * limit[3]
+    found.torque[-5, 7] = 9.0  # For a moment.
+    assert spent_joints(found) == {"thumb_0": pytest.approx(0.25, abs=0.002)}
 
 
 @pytest.mark.slow
