@@ -108,7 +108,7 @@ def _measurements(result: Mapping[str, Any]) -> Iterator[str]:
     if rows:
         yield html_table(
             ("twin", "level", "peak, rad/s", "inverse dynamics", "rms, mrad", "by encoders", "lag, ms",
-             "at its end, mrad", "asked for more than they have, % of the time"),
+             "at its end, mrad", "no torque left, % of time"),
             ([row["twin"], row["level"], f"{row['speed']:g}", "fed forward" if row.get("feedforward") else "",
               _rms(row["rms"]), _rms(row["by_encoders"]), f"{1e3 * row['lag']:.1f}", _rms(row["steady"]),
               ", ".join(f"{name} {100.0 * share:.0f}" for name, share in row.get("spent", {}).items())]
