@@ -76,6 +76,7 @@ for _id, (_task, _side) in ids().items():
         _id,
         entry_point="allegro_twin.gym:HandEnv",
         vector_entry_point="allegro_twin.gym:HandVectorEnv",
+        order_enforce=False,  # An environment does it itself, and one that is restored needs no reset.
         kwargs={"task": _task} | ({"of_side": _side} if _named else {}),
     )
 gymnasium.register(PICK, entry_point="allegro_twin.cell.pick.env:ArmPick")

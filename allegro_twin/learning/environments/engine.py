@@ -117,7 +117,9 @@ class EpisodeEngine:
         """Actions per episode."""
         gains = self.task.interface.gains
         self._gains = xp.asarray(np.stack([gains.kp, gains.kd])[:, None])
-        self._begun, self._seen = False, xp.zeros((n, self.task.interface.frame), np.float32)
+        self.begun = False
+        """Whether there was a reset."""
+        self._seen = xp.zeros((n, self.task.interface.frame), np.float32)
         self.count = xp.zeros(n, np.int64)
         """Actions taken since the reset, (n,)."""
 
@@ -133,11 +135,11 @@ class EpisodeEngine:
 
     def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
         """Begin new episodes of some simulations from random numbers. Returns the randomised values."""
-        if not self._begun and len(rows) < self.n:
+        if not self.begun and len(rows) < self.n:
             raise ConfigError(
                 f"the first reset is of all {self.n} simulations, not of {len(rows)}: leave out reset_mask"
             )
-        self._begun = True
+        self.begun = True
         task = self.task
         chosen = read_options(options, task.options, task.name)
         values = draw_values(self.settings.randomise, draws)
@@ -275,13 +277,17 @@ class EpisodeEngine:
             getattr(self.memory, name)[rows] = getattr(fresh, name)
 
     def _check(self, action: NDArray[np.floating[Any]]) -> None:
-        if not self._begun:
+        if not self.begun:
             raise CommandError("a step before the first reset: call reset() first")
         wanted = (self.n, self.task.spec.n_joints)
         if tuple(action.shape) != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {tuple(action.shape)}")
         # On a device this check would wait; there such a simulation diverges and reports it.
-        if isinstance(action, np.ndarray) and not _finite(action):
+        if not isinstance(action, np.ndarray):
+            return
+        if action.dtype.kind not in "fiub":
+            raise CommandError(f"actions are numbers, not {action.dtype}")
+        if not np.isfinite(action).all():
             row, joint = (int(index) for index in np.argwhere(~np.isfinite(action))[0])
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
-from allegro_twin.learning.environments.snapshot import EpisodeState, restore_snapshot, take_snapshot
+from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import GoalTask
@@ -64,14 +64,13 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
     def save_state(self) -> EpisodeState:
         """All that decides how the episode goes on, random numbers included: plain arrays and numbers, which pickle.
         Raises ConfigError on a device."""
-        return EpisodeState(take_snapshot(self), [self.np_random.bit_generator.state])
+        return save_episode(self, [self.np_random])
 
     def restore_state(self, state: EpisodeState) -> Observation:
         """Go on from a `save_state` of an environment with the same keywords, to the bit. Returns the observation that
-        it had. Raises ConfigError for another."""
-        (saved,) = state.generators
+        it had. Raises ConfigError for another, and then nothing has changed."""
+        (saved,) = restore_episode(self, state, lambda: self.reset(seed=0))
         self.np_random.bit_generator.state = saved
-        restore_snapshot(self, state.parts)
         return self._observation()
 
     def reset(
@@ -120,7 +119,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         """
         task = self.engine.task
         assert isinstance(task, GoalTask)
-        return task.reward(achieved_goal, desired_goal, _loss_cost(info))
+        return task.reward(achieved_goal, desired_goal, _term(info, "dropped", 0.0), _term(info, "held", 1.0))
 
     def _observation(self) -> Observation:
         return _first(self.engine.fetch(self.engine.observe()))
@@ -144,11 +143,11 @@ def _plain(value: Any) -> Any:
     )
 
 
-def _loss_cost(info: object) -> Any:
-    """Cost of a loss, from one step's info or from many."""
+def _term(info: object, name: str, otherwise: float) -> Any:
+    """A term of one step's info, or of many."""
     if isinstance(info, dict):
-        return info.get("dropped", 0.0)
-    return np.array([each.get("dropped", 0.0) for each in info]) if isinstance(info, Iterable) else 0.0
+        return info.get(name, otherwise)
+    return np.array([each.get(name, otherwise) for each in info]) if isinstance(info, Iterable) else otherwise
 
 
 def _never(achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
@@ -160,10 +161,12 @@ def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
 def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> ResetOptions:
     """Read options of a reset. Raises ConfigError with the nearest option, or for an option that the task does not
     have."""
+    if not isinstance(options, Mapping | None):
+        raise ConfigError(f"options are a mapping such as {{'{allowed[0]}': …}}, not {options!r}")
     values = dict(options or {})
     for key in values:
         if key not in OPTIONS:
-            raise ConfigError(unknown("option", key, OPTIONS))
+            raise ConfigError(unknown("option", str(key), OPTIONS))
         if key not in allowed:
             raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
     return parse_settings(ResetOptions, values, "options")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +14,10 @@ _OURS = ("allegro_twin.learning.environments.", "allegro_twin.learning.tasks.", 
 _PHYSICS = "physics"
 _FIELD = "worlds/_rows/"
 """In the paths of model fields that simulations have to themselves."""
-_CACHES = ("_palettes",)
-"""What follows from the models."""
+_CACHES = ("_palettes", "measured")
+"""What follows from the models, or from what environments are for."""
+_LOOKS = ("_ezpickle_args", "_ezpickle_kwargs", "render_mode", "_size", "metadata")
+"""Of an environment: how it was made, and how it is shown, which decide no episode."""
 
 
 class _Slot(NamedTuple):
@@ -33,6 +35,71 @@ class EpisodeState(NamedTuple):
     """Arrays and numbers by their paths."""
     generators: list[Any]
     """States of the random number generators."""
+    keywords: dict[str, Any]
+    """Of the environments: task, number, settings."""
+    added: list[tuple[Any, str | None]]
+    """Objects, each with a grasp or None, that the options of resets have added."""
+
+
+def save_episode(env: Any, generators: Sequence[np.random.Generator], **keywords: Any) -> EpisodeState:
+    """State of an environment. `keywords`: those that decide episodes beside its settings. Raises ConfigError on a
+    device."""
+    states = [generator.bit_generator.state for generator in generators]
+    return EpisodeState(take_snapshot(env), states, _keywords(env.engine, keywords), list(env.engine.task.added))
+
+
+def restore_episode(env: Any, state: EpisodeState, begin: Callable[[], object], **keywords: Any) -> list[Any]:
+    """Restore a state in an environment with the same keywords, but for its random numbers: returns the states of the
+    generators. `begin`: its first reset, for one that has had none. Raises ConfigError for a state of other keywords,
+    before anything changes."""
+    if not isinstance(state, EpisodeState):
+        raise ConfigError(f"restore_state takes what save_state has returned, not {type(state).__name__}")
+    engine: EpisodeEngine = env.engine
+    difference = _difference(state.keywords, _keywords(engine, keywords))
+    if difference:
+        raise ConfigError(f"the state is of environments with {difference}: make them with the same keywords")
+    _add_objects(engine, state.added)
+    if not engine.begun:
+        begin()
+    restore_snapshot(env, state.parts)
+    return state.generators
+
+
+def _keywords(engine: EpisodeEngine, more: dict[str, Any]) -> dict[str, Any]:
+    """All keywords that decide episodes, with their values."""
+    return {"task": engine.task.name, "num_envs": engine.n} | engine.settings.model_dump(mode="json") | more
+
+
+def _difference(theirs: dict[str, Any], ours: dict[str, Any], above: str = "") -> str:
+    """The first value that is another, in words; empty where there is none."""
+    for key in [*ours, *(theirs.keys() - ours.keys())]:
+        one, other = theirs.get(key), ours.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            if deeper := _difference(one, other, f"{above}{key}."):
+                return deeper
+        elif one != other:
+            return f"{above}{key} {one}, and these have {other}"
+    return ""
+
+
+def _add_objects(engine: EpisodeEngine, added: list[tuple[Any, str | None]]) -> None:
+    """Have the objects that a state's episodes may be with, under the same numbers. Raises ConfigError where others
+    have these."""
+    own = engine.task.added
+    shared = min(len(own), len(added))
+    if own[:shared] != added[:shared]:
+        wrong = next(k for k in range(shared) if own[k] != added[k])
+        raise ConfigError(
+            f"the state's resets had the options {_options(added[wrong])} where this environment's had "
+            f"{_options(own[wrong])}: restore it in a new environment"
+        )
+    for choice, grasp in added[shared:]:
+        engine.task.add_object(choice, grasp)
+
+
+def _options(added: tuple[Any, str | None]) -> str:
+    choice, grasp = added
+    return f"object {choice!r}" + ("" if grasp is None else f", grasp {grasp!r}")
 
 
 def take_snapshot(env: Any) -> dict[str, Any]:
@@ -56,14 +123,20 @@ def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
     _expand_fields(engine, content)
     _let_go(engine)
     slots, owners = dict(_slots(env, engine)), dict(_owners(env, engine))
-    for path in sorted(content.keys() ^ slots.keys() - {_PHYSICS}):
+    apart = sorted(content.keys() ^ slots.keys() - {_PHYSICS})
+    for path in apart:
+        _check_owner(path, owners)
+    for path, value in content.items():
+        _check_shape(path, value, np.stack([engine.worlds.state(0)] * engine.n) if path == _PHYSICS
+                     else slots[path].value if path in slots else value)  # fmt: skip
+    for path in apart:
         _match(path, content, slots, owners, engine)
     for path, value in content.items():
         if path == _PHYSICS:
             for row, state in enumerate(np.asarray(value)):
                 engine.worlds.restore(row, state)
         elif path in slots:
-            _set(path, slots[path], value)
+            _set(slots[path], value)
     again = take_snapshot(env)
     different = [path for path, value in content.items() if path in slots and not _same(again[path], value)]
     if different:
@@ -88,7 +161,7 @@ def spread_snapshot(env: Any, content: dict[str, Any]) -> None:
         if isinstance(slot.value, np.ndarray) and isinstance(value, np.ndarray):
             slot.value[...] = value  # One row for all.
         elif not isinstance(slot.value, np.ndarray) and not isinstance(value, np.ndarray):
-            _set(path, slot, value)
+            _set(slot, value)
 
 
 def _expand_fields(engine: EpisodeEngine, content: dict[str, Any]) -> None:
@@ -106,19 +179,32 @@ def _let_go(engine: EpisodeEngine) -> None:
                 setattr(owner, name, value.copy())
 
 
+def _check_owner(path: str, owners: dict[str, Any]) -> None:
+    """Raise ConfigError for a part that only the state has, or only the environments, unless a task made it on the way
+    or it is a model field that has been the same for all since."""
+    above = path.rpartition("/")[0]
+    if path != _PHYSICS and _FIELD not in path and (
+        above not in owners or isinstance(owners[above], dict | list | tuple)
+    ):  # fmt: skip
+        raise ConfigError(f"the state and these environments differ in {path}: it is of other settings, or of another "
+                          "version")  # fmt: skip
+
+
+def _check_shape(path: str, value: Any, here: Any) -> None:
+    """Raise ConfigError for an array that does not fit."""
+    if isinstance(here, np.ndarray) and value is not None and np.shape(value) != here.shape:
+        raise ConfigError(f"the state's {path} has the shape {np.shape(value)}, and here it is {here.shape}")
+
+
 def _match(
     path: str, content: dict[str, Any], slots: dict[str, _Slot], owners: dict[str, Any], engine: EpisodeEngine
 ) -> None:
-    """Make or unmake a part that only the state has, or only the environments: what a task made on the way, and a model
-    field that has been the same for all since. Raises ConfigError for any other."""
+    """Make or unmake a part that only the state has, or only the environments."""
     above, _, name = path.rpartition("/")
     if path == _PHYSICS:
         return
     if _FIELD in path:
         engine.worlds.reset_field(name)
-    elif above not in owners or isinstance(owners[above], dict | list | tuple):
-        raise ConfigError(f"the state and these environments differ in {path}: it is of other settings, or of another "
-                          "version")  # fmt: skip
     elif path in content:
         setattr(owners[above], name, content[path])
     else:
@@ -126,15 +212,13 @@ def _match(
         del slots[path]
 
 
-def _set(path: str, slot: _Slot, value: Any) -> None:
+def _set(slot: _Slot, value: Any) -> None:
     if not isinstance(slot.value, np.ndarray) or value is None:
         value = np.array(value) if isinstance(value, np.ndarray) else value
         if isinstance(slot.owner, dict | list):
             slot.owner[slot.key] = value
         elif not isinstance(slot.owner, tuple):
             setattr(slot.owner, slot.key, value)
-    elif np.shape(value) != slot.value.shape:
-        raise ConfigError(f"the state's {path} has the shape {np.shape(value)}, and here it is {slot.value.shape}")
     else:
         given = np.asarray(value)
         # In place, so that views of it stay views. PyTorch has no unsigned integers.
@@ -168,7 +252,7 @@ def _nested_slots(owner: Any, path: str, n: int, modules: tuple[str, ...], seen:
     seen.add(id(owner))
     yield path, owner
     for key, value in _parts(owner):
-        if key in _CACHES:
+        if key in _CACHES or (not path and key in _LOOKS):
             continue
         here = f"{path}/{key}" if path else str(key)
         if isinstance(value, np.ndarray):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
-from allegro_twin.learning.environments.snapshot import EpisodeState, restore_snapshot, take_snapshot
+from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.viewing.batch import BatchCamera
@@ -59,7 +59,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
-        self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
+        self.limit = _episode_length(max_episode_steps, self.engine.limit)
         self.single_action_space = action_space(self.engine.task)
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -84,19 +84,21 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     def save_state(self) -> EpisodeState:
         """All that decides how the episodes go on, random numbers included: plain arrays and numbers, which pickle.
         Raises ConfigError on a device."""
-        generators = [generator.bit_generator.state for generator in self._generators]
-        return EpisodeState(take_snapshot(self), generators)
+        return save_episode(self, self._generators, **self._keywords)
 
     def restore_state(self, state: EpisodeState) -> Observation:
         """Go on from a `save_state` of environments with the same keywords, to the bit. Returns the observations that
-        they had. Raises ConfigError for others."""
-        while len(self._generators) < len(state.generators):
-            self._generators.append(np.random.default_rng())
-        for generator, saved in zip(self._generators, state.generators, strict=True):
-            generator.bit_generator.state = saved
-        restore_snapshot(self, state.parts)
+        they had. Raises ConfigError for others, and then nothing has changed."""
+        saved = restore_episode(self, state, lambda: self.reset(seed=0), **self._keywords)
+        for generator, its in zip(self._generators, saved, strict=True):
+            generator.bit_generator.state = its
         found: Observation = self.engine.fetch(self.engine.observe())
         return found
+
+    @property
+    def _keywords(self) -> dict[str, Any]:
+        """Of its own, those that decide episodes."""
+        return {"autoreset_mode": self._mode.name.lower(), "max_episode_steps": self.limit}
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -120,6 +122,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             for array in (terminated, truncated, success):
                 array[new] = False
             reward[new] = 0.0
+            for term in outcome.terms.values():
+                term[new] = 0.0
         info |= {"is_success": success} | outcome.terms
         if diverged.any():
             info["diverged"] = diverged
@@ -154,10 +158,12 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
 
     def _seed(self, seed: int | list[int | None] | None, rows: Rows) -> None:
         """Seed as Gymnasium's vector environments do: simulation i gets `seed + i`, or its own from a list."""
-        if seed is None or isinstance(seed, int):
-            seeds = [None if seed is None else seed + row for row in range(self.num_envs)]
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + row for row in range(self.num_envs)]
+        elif not isinstance(seed, list | tuple):
+            raise ConfigError(f"seed is a whole number or a list of such, not {seed!r}")
         else:
-            seeds = seed
+            seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ConfigError(f"{len(seeds)} seeds for {self.num_envs} environments")
         if not self._generators:
@@ -193,3 +199,12 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             mask[rows] = True
             spread |= {name: whole, f"_{name}": mask}
         return spread
+
+
+def _episode_length(asked: int | None, usual: int) -> int:
+    """Actions of an episode: as the task says, or fewer. Raises ConfigError."""
+    if asked is None or asked == -1:  # Gymnasium's word for no limit of one's own.
+        return usual
+    if not isinstance(asked, int | np.integer) or isinstance(asked, bool) or asked < 1:
+        raise ConfigError(f"max_episode_steps is a whole number from 1 on, not {asked!r}; an episode has {usual}")
+    return min(int(asked), usual)

@@ -19,6 +19,7 @@ from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState
 from allegro_twin.learning.mpc.settings import PoseCamera
+from allegro_twin.learning.tasks.in_hand import InHandTask
 from allegro_twin.types import Array, HandState
 
 PoseSource = Callable[[], Array]
@@ -98,6 +99,9 @@ class ObservedEpisode:
         if own.thing is not None and poses is None:
             raise ConfigError(f"{own.name} has an object, and this hand comes with no pose of one: use a simulated or "
                               "virtual hand, or Reach")  # fmt: skip
+
+        if isinstance(own, InHandTask):
+            own.contacts.measured = False
 
     @property
     def engine(self) -> EpisodeEngine:

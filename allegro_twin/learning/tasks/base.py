@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.posterior import load_posterior
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import check_randomise
@@ -41,9 +42,10 @@ class StepOutcome(NamedTuple):
 class GoalTask(Protocol):
     """A task with goals."""
 
-    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
-        """Reward for goals (..., k) from any source; `dropped` (...): cost of the loss of an object. A step uses the
-        true goal state. A policy sees it only with noise and delay."""
+    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array, held: ArrayLike = 1.0) -> Array:
+        """Reward for goals (..., k) from any source; `dropped` (...): cost of the loss of an object; `held` (...): 1
+        where the object, if there is one, is held, or 0. A step uses the true goal state. A policy sees it only with
+        noise and delay."""
         ...
 
 
@@ -81,6 +83,8 @@ class Task(ABC):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         self.settings, self.n = settings, n
+        self.added: list[tuple[ObjectChoice, str | None]] = []
+        """Objects, each with a grasp or None, that the options of resets have added."""
         for name in TASK_SETTINGS:
             if name in settings.model_fields_set and name not in self.own_settings:
                 raise ConfigError(f"{self.name} has no {name} to choose")
@@ -109,6 +113,10 @@ class Task(ABC):
     @abstractmethod
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         """Set up new episodes of simulations that have their variant and their randomised `values`, (m,) each."""
+
+    def add_object(self, choice: ObjectChoice, grasp: str | None) -> None:
+        """Add an object that an option of a reset names. Raises ConfigError."""
+        raise ConfigError(f"{self.name} has no objects to choose")
 
     def draw_variation(
         self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions

@@ -169,7 +169,7 @@ class InHandTask(Task):
         if options.object is None:
             return drawn
         if options.object not in self._names:
-            self._add_object(in_hand_object(options.object), self.n, 1)
+            self.add_object(options.object, None)
         return drawn * 0 + self._names.index(options.object)
 
     def draw_variation(
@@ -252,6 +252,10 @@ class InHandTask(Task):
         shares = {f"by_{name}": share for name, share in self.contacts.shares().items()}
         return {"clearance": over, "on_palm": self._low / decisions} | shares
 
+    def add_object(self, choice: ObjectChoice, grasp: str | None) -> None:
+        self._add_object(in_hand_object(choice), self.n, 1)
+        self.added.append((choice, grasp))
+
     def _add_object(self, thing: catalogue.GraspObject, n: int, threads: int) -> None:
         """Add an object with its start states. Raises ConfigError for one that is too large."""
         longest = 2 * thing.half_extents().max()
@@ -260,14 +264,20 @@ class InHandTask(Task):
                 f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
+        if any((thing.shape == "mesh") != (other.shape == "mesh") for other in self._things):
+            raise ConfigError(
+                f"{thing.name} and {self._names[0]} are not in one batch, for one of them is a mesh: make "
+                f"environments with objects=({thing.name!r},)"
+            )
         search: Search = CRADLE if self.settings.grip == "cradle" else FINGERTIPS
         kind = (search, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
-        self._held.append(load_start_states(thing, self.settings.side, *kind, self.spec.model_reference))
-        self._table = None
-        self._things.append(thing)
+        states = load_start_states(thing, self.settings.side, *kind, self.spec.model_reference)
         # On a device all simulations have geoms of the same types.
         mixed = self.settings.device != "cpu" and self._n_choices > 1 and thing.shape in catalogue.SIZES_OF_KIND
         self._add(upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings, every_shape=mixed), n, threads)
+        self._held.append(states)
+        self._table = None
+        self._things.append(thing)
         self._names.append(thing.name)
         self._shapes = ObjectShapes(self._things, self.worlds.xp)
 

@@ -90,7 +90,7 @@ class ReachTask(Task):
             reward, xp.zeros(self.n, bool), xp.max(distances, axis=-1) < REACHED, {"distance": distances.mean(axis=-1)}
         )
 
-    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
+    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array, held: ArrayLike = 1.0) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
         return self._reward(self._distances(achieved, desired))
 

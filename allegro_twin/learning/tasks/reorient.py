@@ -31,7 +31,8 @@ class ReorientTask(InHandTask):
     """A goal is an orientation, a quaternion w, x, y, z in the world; the fingers point along x. When it is reached,
     the next step brings another.
 
-    Rewards, `reached` and success follow from the true orientation. `achieved_goal` is what a camera observes, with the
+    A goal counts, and its bonus is paid, while the hand touches the object (`held`). Rewards, `reached` and success
+    follow from the true orientation. `achieved_goal` is what a camera observes, with the
     noise and delay of `randomise`, so `compute_reward` of it differs from the reward.
     """
 
@@ -92,23 +93,29 @@ class ReorientTask(InHandTask):
         # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         angle = _angle(self.worlds.xp.asarray(self.thing.pose[:, 3:], np.float32), self._goal)
         lost = self.lost()
-        there = (angle < REACHED) & ~lost
+        held = self.contacts.any() & ~lost
+        there = (angle < REACHED) & held
         self.reached += there
         self._renewed |= there
         xp = self.worlds.xp
         dropped = xp.where(lost, DROPPED, 0.0)
-        terms = {"near": self._near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
+        terms = {
+            "near": self._near(angle), "bonus": xp.where(there, BONUS, 0.0), "dropped": dropped, "angle": angle,
+            "held": xp.where(held, 1.0, 0.0),
+        }  # fmt: skip
         reward = terms["near"] + terms["bonus"] + dropped
         reached = xp.asarray(self.reached, np.float64)
         return StepOutcome(
             reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.palm_terms(tick)
         )
 
-    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
-        """Reward for orientations (..., 4): nearness, from 0 to 1 per second, the bonus for a goal, and the cost of a
-        loss."""
+    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array, held: ArrayLike = 1.0) -> Array:
+        """Reward for orientations (..., 4): nearness, from 0 to 1 per second, the bonus for a goal with the object
+        held, and the cost of a loss."""
         angle = _angle(achieved, desired)
-        return self._near(angle) + _bonus(angle) + dropped
+        xp = array_namespace(angle)
+        bonus: Array = xp.where((angle < REACHED) & (as_array(held) > 0.0), BONUS, 0.0)
+        return self._near(angle) + bonus + dropped
 
     def _near(self, angle: Array) -> Array:
         """A second at the goal is worth 1, for any number of decisions per second."""
@@ -137,8 +144,3 @@ class ReorientTask(InHandTask):
 
 def _angle(achieved: ArrayLike, desired: ArrayLike) -> Array:
     return angle_between_quaternions(as_array(achieved), as_array(desired))
-
-
-def _bonus(angle: Array) -> Array:
-    found: Array = array_namespace(angle).where(angle < REACHED, BONUS, 0.0)
-    return found

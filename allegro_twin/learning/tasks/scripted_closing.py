@@ -174,8 +174,12 @@ class ScriptedClosingTask(Task):
     def _variant_number(self, choice: ObjectChoice, grasp: str | None) -> int:
         """The variant of an object with its own grasp or another; compiled on first use."""
         if (choice, grasp) not in self._numbers:
-            self._add_object(self.make_scene(choice, grasp), choice, grasp)
+            self.add_object(choice, grasp)
         return self._numbers[choice, grasp]
+
+    def add_object(self, choice: ObjectChoice, grasp: str | None) -> None:
+        self._add_object(self.make_scene(choice, grasp), choice, grasp)
+        self.added.append((choice, grasp))
 
     def _add_object(self, scene: TaskScene, choice: ObjectChoice, grasp: str | None) -> None:
         end = self.verdict_time(scene)

@@ -117,6 +117,8 @@ def _changed(plain: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]
         place = found
         for part in parts:
             place = place.setdefault(part, {})
+            if not isinstance(place, dict):
+                raise ConfigError(f"sweep: {key}: {part} has no parts, it is {place!r}")
         place[last] = value
     return found  # type: ignore[no-any-return]
 

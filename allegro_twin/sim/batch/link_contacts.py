@@ -30,20 +30,34 @@ class LinkContacts:
         self.sums: Array = xp.zeros((worlds.n, len(self.links)))
         """Of each link, size of the force summed over periods, (n, links), N."""
         self._touched: Any = xp.zeros((worlds.n, len(self.links)), bool)
+        """Since `begin_decision`; `_touches`: in the last period."""
+        self._touches: Any = xp.zeros((worlds.n, len(self.links)), bool)
+        self._new: Any = xp.zeros(worlds.n, bool)
+        """Simulations that have not moved since their reset: their sensors have the forces of the episode before."""
+        self.measured = True
+        """Whether physics moves these hands. Where poses are only written into them, no contact is known."""
         self._xp = xp
 
     def begin(self, rows: Rows) -> None:
-        self.sums[rows], self._touched[rows] = 0.0, False
+        self.sums[rows], self._touched[rows], self._touches[rows] = 0.0, False, False
+        self._new[rows] = True
 
     def begin_decision(self) -> None:
         self._touched[...] = False
+        self._new[...] = False
 
     def add_period(self) -> None:
         """Count the period that has just been simulated."""
         square = (self._force * self._force).sum(axis=-1)
-        square = self._xp.where(self._xp.isfinite(square), square, 0.0)
+        square = self._xp.where(self._xp.isfinite(square) & ~self._new[:, None], square, 0.0)
         self.sums += self._xp.sqrt(square)
-        self._touched |= square > _TOUCH**2
+        self._touches[...] = square > _TOUCH**2
+        self._touched |= self._touches
+
+    def any(self) -> NDArray[np.bool_]:
+        """Whether any link touched the object in the last period, (n,); True where that is not measured."""
+        found: NDArray[np.bool_] = self._touches.any(axis=-1)
+        return found if self.measured else found | True
 
     def touching(self, group: str) -> NDArray[np.int64]:
         """Number of a group's links that touched the object in a period since `begin_decision`, (n,)."""

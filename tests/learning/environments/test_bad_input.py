@@ -76,6 +76,53 @@ def test_an_action_with_a_nan_is_refused_with_its_joint_and_its_step() -> None:
         env.step(action)
 
 
+@pytest.mark.parametrize("size", [1e308, -1e308])
+def test_an_action_of_any_size_is_clipped(size: float) -> None:
+    env, other = HandEnv("Reach"), HandEnv("Reach")
+    for each in (env, other):
+        each.reset(seed=0)
+    huge = np.full(16, size)
+    np.testing.assert_array_equal(env.step(huge)[0]["observation"], other.step(np.sign(huge))[0]["observation"])  # type: ignore[call-overload]
+
+
+def test_an_action_of_words_is_refused() -> None:
+    env = HandEnv("Reach")
+    env.reset(seed=0)
+    with pytest.raises(CommandError, match="actions are numbers, not"):
+        env.step(np.full(16, "left"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("options", ["lemon", [1], 3])
+def test_options_are_a_mapping(options: Any) -> None:
+    with pytest.raises(ConfigError, match="options are a mapping such as {'object': …}, not"):
+        HandEnv("Lift", **LEMON).reset(options=options)
+
+
+@pytest.mark.parametrize("steps", [0, -3, 2.5, "a", True])
+def test_an_episode_has_a_whole_number_of_steps(steps: Any) -> None:
+    with pytest.raises(ConfigError, match="max_episode_steps is a whole number from 1 on, not .*; an episode has 51"):
+        HandVectorEnv("Reach", 2, max_episode_steps=steps)
+
+
+def test_a_batch_takes_a_seed_of_numpy_and_refuses_what_is_none() -> None:
+    envs, others = HandVectorEnv("Reach", 2), HandVectorEnv("Reach", 2)
+    seen: Any = envs.reset(seed=np.int64(3))[0]  # type: ignore[arg-type]
+    same: Any = others.reset(seed=3)[0]
+    np.testing.assert_array_equal(seen["observation"], same["observation"])
+    with pytest.raises(ConfigError, match=r"seed is a whole number or a list of such, not 1\.5"):
+        envs.reset(seed=1.5)  # type: ignore[arg-type]
+
+
+def test_a_mesh_has_a_batch_of_its_own_and_leaves_this_one_as_it_was() -> None:
+    env, other = HandEnv("Rotate", timestep=0.003), HandEnv("Rotate", timestep=0.003)
+    for each in (env, other):
+        each.reset(seed=0)
+    with pytest.raises(ConfigError, match=r"one of them is a mesh: make environments with objects=\('hex_nut',\)"):
+        env.reset(options={"object": "hex_nut"})
+    seen, same = env.reset(seed=1)[0], other.reset(seed=1)[0]
+    np.testing.assert_array_equal(seen, same)
+
+
 def test_in_a_batch_the_simulation_is_named_too() -> None:
     envs = HandVectorEnv("Reach", 3)
     envs.reset(seed=0)

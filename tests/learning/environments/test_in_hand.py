@@ -193,9 +193,10 @@ def test_no_goal_is_reached_at_the_beginning_and_each_that_is_brings_another(goa
     assert isinstance(seen, dict)
     first = np.array(seen["desired_goal"], float)
     assert (angle_between_quaternions(first, np.array(seen["achieved_goal"], float)) > NEAREST - 0.01).all()
-    thing = env.engine.task.thing
-    assert thing is not None
-    env.engine.task.place[:] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
+    task: Any = env.engine.task
+    thing = task.thing
+    task.contacts.measured = False  # In the air a goal would not count.
+    task.place[:] = ALOFT
     thing.pose[:, :3], thing.pose[:, 3:] = ALOFT, first
     thing.velocity[:] = thing.spin[:] = 0.0
     seen, reward, _, _, info = env.step(STILL)
@@ -321,3 +322,19 @@ def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pyt
         ConfigError, match="no grasp of the fingertips of allegro was found that holds anvil above the palm"
     ):
         module.search_start_states(thing, module.ANYHOW, module.ALL._replace(most=1))
+
+
+def test_a_goal_counts_only_while_the_hand_touches_the_object() -> None:
+    envs = HandVectorEnv("Reorient", 2, timestep=0.003)
+    envs.reset(seed=0)
+    task: Any = envs.engine.task
+    task.place[1] = task.thing.pose[1, :3] = ALOFT  # It falls.
+    for row in range(2):
+        task.set_goal(row, task.thing.pose[row, 3:].copy())
+    _, reward, _, _, info = envs.step(np.zeros((2, 16), np.float32))
+    assert info["angle"].max() < 0.1
+    assert info["reached"].tolist() == [1.0, 0.0]
+    assert info["held"].tolist() == [1.0, 0.0]
+    assert info["bonus"].tolist() == [10.0, 0.0]
+    assert info["is_success"].tolist() == [True, False]
+    assert reward[1] < 0.1

@@ -97,16 +97,93 @@ def test_what_a_step_has_given_out_stays_as_it_was_when_a_state_is_restored(task
         assert pickle.dumps(out) == kept
 
 
-def test_a_state_of_other_settings_is_refused() -> None:
-    env, other = HandEnv("Grasp", timestep=0.003), HandEnv("Grasp", timestep=0.003, randomise="default")
-    for each in (env, other):
+@pytest.mark.parametrize(
+    ("task", "its", "others", "words"),
+    [
+        ("Grasp", {}, {"randomise": "default"}, r"randomise\.mass \[0\.7, 1\.3\], and these have None"),
+        ("Grasp", {}, {"level": "easy"}, "level easy, and these have default"),
+        ("Grasp", {}, {"side": "left"}, "side left, and these have right"),
+        ("Grasp", {"objects": ("apple",)}, {"objects": ("mug",)}, r"objects \['mug'\], and these have \['apple'\]"),
+        ("Grasp", {}, {"reward": {"hold": 3.0}}, r"reward\.hold 3\.0, and these have None"),
+        ("Rotate", {}, {"grip": "cradle"}, "grip cradle, and these have pinch"),
+        ("Reorient", {}, {"goals": "yaw"}, "goals yaw, and these have any"),
+        ("Reach", {}, {"step": 0.2}, r"step 0\.2, and these have"),
+        ("Reach", {}, {"decimation": 10}, "decimation 10, and these have 13"),
+    ],
+)
+def test_a_state_of_other_keywords_is_refused_and_changes_nothing(
+    task: str, its: dict[str, Any], others: dict[str, Any], words: str
+) -> None:
+    env, untouched = (HandEnv(task, timestep=0.003, **its) for _ in range(2))
+    other = HandEnv(task, timestep=0.003, **others)
+    for each in (env, untouched, other):
         each.reset(seed=0)
-    with pytest.raises(ConfigError, match="differ in|does not fit"):
+    with pytest.raises(ConfigError, match=words):
         env.restore_state(other.save_state())
-    pair = HandVectorEnv("Grasp", 2, timestep=0.003)
-    pair.reset(seed=0)
-    with pytest.raises((ConfigError, ValueError)):
-        env.restore_state(pair.save_state())
+    np.testing.assert_array_equal(np.concatenate(played(env, 1, 3)), np.concatenate(played(untouched, 1, 3)))
+    np.testing.assert_array_equal(flat(env.reset()[0]), flat(untouched.reset()[0]))
+
+
+def test_a_state_of_another_task_or_number_or_way_to_go_on_is_refused() -> None:
+    single, other = HandEnv("Grasp", timestep=0.003), HandEnv("Pinch", timestep=0.003)
+    pair, same = (HandVectorEnv("Grasp", 2, timestep=0.003, autoreset_mode=mode) for mode in ("next_step", "same_step"))
+    for each in (single, other, pair, same):
+        each.reset(seed=0)
+    for env, state, words in [
+        (single, other.save_state(), "task Pinch, and these have Grasp"),
+        (single, pair.save_state(), "num_envs 2, and these have 1"),
+        (same, pair.save_state(), "autoreset_mode next_step, and these have same_step"),
+        (single, None, "restore_state takes what save_state has returned, not NoneType"),
+    ]:
+        with pytest.raises(ConfigError, match=words):
+            env.restore_state(state)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("task", "more"), [("Reorient", {}), ("Rotate", {"history": 3}), ("Grasp", {})])
+def test_a_new_environment_goes_on_from_a_state_without_a_reset(task: str, more: dict[str, Any]) -> None:
+    env = HandEnv(task, **RANDOM, **more)
+    env.reset(seed=4)
+    played(env, 0, 3)
+    state = env.save_state()
+    first = played(env, 1, 6)
+    new = HandEnv(task, **RANDOM, **more, render_mode="rgb_array", width=64, height=64)
+    new.restore_state(state)
+    np.testing.assert_array_equal(np.concatenate(first), np.concatenate(played(new, 1, 6)))
+    pair = HandVectorEnv(task, 2, **RANDOM, **more)
+    pair.reset(seed=4)
+    kept = pair.save_state()
+    again = played(pair, 1, 4)
+    fresh = HandVectorEnv(task, 2, **RANDOM, **more)
+    fresh.restore_state(kept)
+    np.testing.assert_array_equal(np.concatenate(again), np.concatenate(played(fresh, 1, 4)))
+
+
+def test_a_state_brings_the_objects_that_resets_have_named() -> None:
+    env, new, other = (HandEnv("Grasp", timestep=0.003, objects=("apple",)) for _ in range(3))
+    env.reset(seed=4, options={"object": "softball"})
+    played(env, 0, 2)
+    state = env.save_state()
+    first = played(env, 1, 5)
+    new.restore_state(pickle.loads(pickle.dumps(state)))
+    np.testing.assert_array_equal(np.concatenate(first), np.concatenate(played(new, 1, 5)))
+    other.reset(seed=4, options={"object": "orange"})
+    with pytest.raises(ConfigError, match="object 'softball' where this environment's had object 'orange'"):
+        other.restore_state(state)
+
+
+def test_the_step_of_a_reset_reports_nothing_of_the_episode_before() -> None:
+    pair, single = HandVectorEnv("Rotate", 2, timestep=0.003, max_episode_steps=5), HandEnv("Rotate", timestep=0.003)
+    pair.reset(seed=[3, 4])
+    still = np.zeros((2, 16), np.float32)
+    for _ in range(5):
+        pair.step(still)
+    single.reset(seed=3)
+    single.reset()
+    *_, info = pair.step(still)  # Both begin anew.
+    assert not any(np.any(value) for name, value in info.items() if name in ("dropped", "by_palm", "by_tips", "turned"))
+    *_, info = pair.step(still)
+    *_, alone = single.step(still[0])
+    assert {name: info[name][0] for name in alone} == alone
 
 
 def test_what_an_option_changed_since_is_as_it_was() -> None:
@@ -138,6 +215,7 @@ def test_the_length_of_an_episode_is_in_gymnasiums_specification() -> None:
     short = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=5)
     assert short.spec is not None
     assert short.spec.max_episode_steps == 5
+    assert HandVectorEnv("Reach", 2, max_episode_steps=200).limit == 51, "a task's episode is no longer than it is"
     envs = gymnasium.make_vec("AllegroTwin/Reach-v0", 2, autoreset_mode=AutoresetMode.SAME_STEP)
     assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert envs.spec is not None

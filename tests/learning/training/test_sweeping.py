@@ -48,6 +48,7 @@ def test_every_combination_is_a_recipe_and_the_last_key_changes_fastest(tmp_path
         ("{}\n", "keys of a recipe, each with a list of values; this file has none"),
         ("sede: [1]\n", "values.yaml: sede=1: sede: unknown key; did you mean 'seed'"),
         ("environment.stepp: [0.1]\n", "environment.stepp: unknown key; did you mean 'step'"),
+        ("task.x: [1]\n", "task.x: task has no parts"),
         ("seed: [1, 1]\n", "a key has the same value twice"),
     ],
 )
