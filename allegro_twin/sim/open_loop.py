@@ -346,6 +346,7 @@ def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool, parasitic
         tip = hand.site(finger.tip)
         weight = tip.parent.add_body(name=f"{finger.name}_weight", pos=tip.pos)
         weight.mass, weight.inertia, weight.explicitinertial = _NOTHING, np.full(3, 1e-5 * _NOTHING), True
+        weight.ipos = np.zeros(3)  # Without it MuJoCo puts the mass at `pos` once more.
     for parts in (hand.geoms, hand.sensors, hand.excludes, hand.meshes, hand.materials):
         for part in list(parts):
             hand.delete(part)

@@ -14,6 +14,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.open_loop import _bare
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import HandState, TorqueCommand
@@ -180,3 +181,14 @@ def test_a_drive_that_cannot_be_is_one_line_with_the_file(tmp_path: Path, line: 
         load_spec(serial=str(file))
     assert str(file) in str(error.value)
     assert said in str(error.value)
+
+
+def test_a_weight_hangs_at_the_fingertip(spec: HandSpec, make_sim: MakeSim) -> None:
+    heavy = driven(spec, tip_mass=[0.0, 0.0, 0.0, 0.05] * 4)
+    of_models = make_sim(heavy).model, _bare(spec, 1e-3, bristly=False, loose=False, parasitic=False)
+    for model in of_models:
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        for finger in spec.fingers:
+            weight = data.body(f"{finger.name}_weight").xipos
+            np.testing.assert_allclose(weight, data.site(finger.tip).xpos, atol=1e-12)

@@ -40,7 +40,7 @@ def build_drive(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
             tip = hand.site(finger.tip)
             weight = tip.parent.add_body(name=f"{finger.name}_weight", pos=tip.pos)
             weight.mass, weight.inertia = mass, np.full(3, 0.4 * mass * _WEIGHT**2)
-            weight.explicitinertial = True
+            weight.explicitinertial, weight.ipos = True, np.zeros(3)  # Without it the mass is at `pos` once more.
 
 
 def drives_joints(spec: HandSpec, model: mujoco.MjModel) -> bool:

@@ -16,12 +16,12 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.posterior import CORE, load_posterior
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
-from allegro_twin.sim.open_loop import OpenLoopPlayer
+from allegro_twin.sim.open_loop import BEFORE, OpenLoopPlayer
 from allegro_twin.surfaces.cli.twin.commands import weight_of
 from allegro_twin.surfaces.cli.twin.identification import lines, table
 from allegro_twin.twin.identify import pipeline
 from allegro_twin.twin.identify.joint_ends import refuse_another_hand
-from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor, read_motion
+from allegro_twin.twin.identify.motions.motion import RecordedMotion, _fill_gaps, noise_floor, read_motion
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results import hand_file
@@ -473,3 +473,14 @@ def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the
     determined = result.values["torque_constant"].determined
     np.testing.assert_allclose(factor[determined], 1.0, rtol=0.2)
     np.testing.assert_allclose(factor[~determined], 0.5, rtol=1e-4)
+
+
+def test_a_short_gap_is_bridged_and_a_long_one_leaves_out_what_its_commands_move() -> None:
+    tick = np.delete(np.arange(100, 140), [5, 6, 20, 21, 22])
+    present, missing = _fill_gaps(tick)
+    line = present((3.0 * tick)[:, None])[:, 0]
+    known = np.ones(40, bool)
+    known[20:23] = False
+    np.testing.assert_allclose(line[known], 3.0 * np.arange(100, 140)[known])
+    assert line[20:23].tolist() == [3.0 * 119] * 3, "the row before"
+    assert np.flatnonzero(missing).tolist() == [5, 6, *range(20, 23 + BEFORE)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -25,7 +25,7 @@ EDGE = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMotion:
-    """One recording, rows a period apart; where periods are missing the row before is repeated and marked."""
+    """One recording, rows a period apart; missing periods are filled and marked."""
 
     name: str
     hash: str
@@ -81,10 +81,10 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
         raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
     calibration = recorded_calibration(table)
-    rows, missing = _fill_gaps(columns["tick"])
-    duty = torque[rows] / np.array(calibration.torque_constant)
+    present, missing = _fill_gaps(columns["tick"])
+    duty = present(torque) / np.array(calibration.torque_constant)
     limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
-    position = columns["position"][rows]
+    position = present(columns["position"])
     lower, upper = spec.lower + EDGE, spec.upper - EDGE
     good = (np.abs(duty) < limits - 1e-6) & (position > lower) & (position < upper) & ~missing[:, None]
     return RecordedMotion(
@@ -125,14 +125,24 @@ def noise_floor(position: Array) -> Vector:
     return np.where(moving, np.minimum(spread, np.maximum(robust, 1e-5)), 1e-5)
 
 
-def _fill_gaps(tick: Array) -> tuple[Any, Any]:
-    """For every period its row, or the one before; and whether the commands around it are unknown."""
+SHORT_GAP = 2
+"""Periods without a report, between which commands and positions hardly bend: a bus that loses a frame in a hundred
+loses a report in 25, and 0.3 s without any would be rare."""
+
+
+def _fill_gaps(tick: Array) -> tuple[Callable[[Array], Array], Any]:
+    """What fills the periods that have no row: a straight line in a short gap, in a longer one the row before. And
+    which periods have no row, or a command before them that is unknown: those after a longer gap."""
     first, last = int(tick[0]), int(tick[-1])
-    rows = np.searchsorted(tick, np.arange(first, last + 1), side="right") - 1
-    absent = np.ones(last - first + 1, bool)
-    absent[tick.astype(int) - first] = False
-    after = np.convolve(absent, np.ones(BEFORE + 1), mode="full")[: len(absent)] > 0
-    return rows, after
+    ticks = np.arange(first, last + 1)
+    below = np.searchsorted(tick, ticks, side="right") - 1
+    above = np.minimum(below + 1, len(tick) - 1)
+    length = np.maximum(tick[above] - tick[below], 1)
+    absent = ticks != tick[below]
+    short = absent & (length - 1 <= SHORT_GAP)
+    part = np.where(short, (ticks - tick[below]) / length, 0.0)[:, None]
+    after = np.convolve(absent & ~short, np.ones(BEFORE + 1), mode="full")[: len(absent)] > 0
+    return lambda column: column[below] + part * (column[above] - column[below]), absent | after
 
 
 def _tuple(value: Any) -> Any:
