@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaling_jacobian, to_scaled, units
+from allegro_twin.twin.identify.results import written_drive
 from allegro_twin.twin.identify.results.written_drive import select_values
 from tests.twin.identify import hidden
 
@@ -55,3 +57,29 @@ def test_where_all_is_determined_the_file_has_what_was_found() -> None:
     found = doubted(("offset", "torque_constant"), 0.8)
     own = select_values(found, {"offset": np.zeros(16, dtype=bool)}, found.drive)
     np.testing.assert_allclose(to_scaled(own), to_scaled(found.drive), rtol=1e-9)
+
+
+def test_a_finger_is_not_put_back_where_it_is_worse_with_the_hands_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = hidden.found()
+    nominal = replace(found.fit.drive, torque_constant=np.ones(16), delay=np.zeros(16))
+    usual = np.array([0, 1, 2, 3])
+
+    class Trial:
+        pieces, seconds, fingers = 1, 1.0, [list(range(4 * k, 4 * k + 4)) for k in range(4)]
+
+        def __init__(self, *_: object) -> None: ...
+
+        def errors(self, drive: Any) -> Any:
+            wrong = np.full(16, 0.2 if drive.delay[0] == 0.0 else 0.02)
+            alone = (drive.torque_constant[usual] == 1.0).all()
+            wrong[usual] = (0.01 if drive.delay[0] == 0.0 else 0.5) if alone else 0.1
+            return wrong
+
+        def total(self, drive: Any) -> float:
+            return float(np.square(self.errors(drive)).sum())
+
+    monkeypatch.setattr(written_drive, "_Trial", Trial)
+    monkeypatch.setattr(written_drive, "select_values", lambda *_: found.fit.drive)
+    written = written_drive.choose_drive(found.fit, found.values, [], nominal, {})
+    assert set(written.source) == {"determined"}
+    assert written.errors["written"][usual].tolist() == [0.1] * 4

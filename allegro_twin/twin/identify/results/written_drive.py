@@ -89,12 +89,17 @@ def choose_drive(
             candidates[name] = upright
     errors: dict[str, Vector] = {name: trial.errors(each) for name, each in candidates.items()}
     best = _fewest([float(np.square(errors[name]).sum()) for name in SOURCES])
-    made, source = candidates[SOURCES[best]], np.full(len(found.floor), best)
+    made, now, source = candidates[SOURCES[best]], errors[SOURCES[best]], np.full(len(found.floor), best)
     for finger in trial.fingers:
         one = _fewest([float(np.square(errors[name][finger]).sum()) for name in SOURCES])
-        made = _swapped(made, candidates[SOURCES[one]], finger)
-        source[finger] = one
-    now = trial.errors(made)
+        if one == best:
+            continue
+        # With the delay and the lean of the whole hand's best it may be worse than it was with its own.
+        tried = _swapped(made, candidates[SOURCES[one]], finger)
+        left = trial.errors(tried)
+        most = np.square(now[finger]).sum() * (BETTER**-2 if one < best else BETTER**2)
+        if np.square(left[finger]).sum() <= most:
+            made, now, source[finger] = tried, left, one
     for finger in trial.fingers:
         for joint in finger:
             for other in range(len(SOURCES)):
