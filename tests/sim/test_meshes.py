@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,7 +23,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.model.parts import body_parts
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, add_object
-from allegro_twin.sim.objects.convex_decomposition import convex_parts, surface_excess
+from allegro_twin.sim.objects.convex_decomposition import CUT, MOST, _interruptible, convex_parts, surface_excess
 from allegro_twin.sim.objects.meshes import TRIANGLES, Mesh, convex_hull, load_mesh, mesh_middle
 from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
 from allegro_twin.surfaces.cli.start.jobs import configs_of
@@ -164,6 +168,28 @@ def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, mon
     first = int(model.mesh("ring").vertadr[0])
     extents = np.ptp(model.mesh_vert[first : first + int(model.mesh("ring").vertnum[0])], axis=0)
     np.testing.assert_allclose(np.sort(extents), np.sort(2.1 * thing.half_extents()), rtol=1e-5)
+
+
+def test_a_fine_scan_is_cut_with_fewer_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = ring(800)
+    cut: list[int] = []
+
+    def run(mesh: Any, **_: object) -> list[tuple[Array, Array]]:
+        cut.append(len(mesh.indices))
+        return [(mesh.vertices, mesh.indices)] * MOST
+
+    monkeypatch.setattr("coacd.run_coacd", run)
+    convex_parts(Mesh(vertices, np.array(faces)), "ring")
+    assert len(faces) == 6400
+    assert cut == [CUT], "once, for finer cuts would be as many"
+
+
+def test_cutting_can_be_interrupted() -> None:
+    threading.Timer(0.3, lambda: signal.raise_signal(signal.SIGINT)).start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        _interruptible(lambda: time.sleep(60.0))
+    assert time.monotonic() - began < 30.0
 
 
 def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.MonkeyPatch) -> None:

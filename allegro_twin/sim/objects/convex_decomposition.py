@@ -6,8 +6,11 @@ MuJoCo collides a mesh as its convex hull, which fills every hole and cavity.
 from __future__ import annotations
 
 import logging
+import threading
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,9 +18,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import cache_folder
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint
+from allegro_twin.sim.objects import mesh_repair as fix
 from allegro_twin.sim.objects.meshes import Mesh, convex_hull
 from allegro_twin.types import Array
 
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 CONVEX = 0.995
@@ -27,6 +32,9 @@ TOLERANCE = 0.001
 THRESHOLDS, MOST = (0.03, 0.015, 0.01), 40
 """Concavity that is allowed in a piece, CoACD's measure, from coarse to fine until the tolerance is met; and pieces at
 most."""
+CUT = 2_000
+"""Triangles that are cut: what more a scan has is mostly noise, and its cuts take minutes. What the pieces are off is
+measured on all of them."""
 _SAMPLES = 60_000
 _SEED = 0
 
@@ -49,25 +57,53 @@ def convex_parts(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
         return _load(kept)
     coacd.set_log_level("error")
     best: tuple[Mesh, ...] = (hull,)
-    least = surface_excess(best, mesh)
+    least, coarse = surface_excess(best, mesh), _coarse(mesh)
     for threshold in THRESHOLDS:
-        found = coacd.run_coacd(
-            coacd.Mesh(mesh.vertices, mesh.faces),
-            threshold=threshold,
-            preprocess_mode="off",  # The surface is closed, so it can be cut as it is.
-            max_convex_hull=MOST,
-            mcts_iterations=60,
-            seed=_SEED,
+        settings = {"threshold": threshold, "max_convex_hull": MOST, "mcts_iterations": 60, "seed": _SEED}
+        # The surface is closed, so it can be cut as it is.
+        found = _interruptible(
+            lambda settings=settings: coacd.run_coacd(
+                coacd.Mesh(coarse.vertices, coarse.faces), preprocess_mode="off", **settings
+            )
         )
         pieces = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
         if (apart := surface_excess(pieces, mesh)) < least:
             best, least = pieces, apart
-        if least <= TOLERANCE:
+        if least <= TOLERANCE or len(pieces) >= MOST:  # Finer cuts would be as many.
             break
-    else:
+    if least > TOLERANCE:
         log.warning("%s: its %d pieces stand out of its surface by up to %.1f mm", what, len(best), least * 1000)
     _store(kept, best)
     return best
+
+
+def _coarse(mesh: Mesh) -> Mesh:
+    """The same surface with at most CUT triangles, where it stays closed."""
+    if len(mesh.faces) <= CUT:
+        return mesh
+    fewer = fix.decimate(fix.Soup(mesh.vertices, mesh.faces), CUT)
+    closed = fix.is_closed(fewer) and fix.manifold_of(fewer) is not None
+    return Mesh(fewer.vertices, fewer.faces) if closed else mesh
+
+
+def _interruptible(call: Callable[[], T]) -> T:
+    """Its result. Meanwhile this thread hears signals: compiled code would not."""
+    done: list[T] = []
+    failed: list[Exception] = []
+
+    def run() -> None:
+        try:
+            done.append(call())
+        except Exception as error:  # noqa: BLE001  # Raised where the result is waited for.
+            failed.append(error)
+
+    thread = threading.Thread(target=run, name="cutting", daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(0.2)
+    if failed:
+        raise failed[0]
+    return done[0]
 
 
 def surface_excess(pieces: tuple[Mesh, ...], mesh: Mesh) -> float:
@@ -98,7 +134,7 @@ def _sampled(mesh: Mesh, count: int) -> tuple[Array, Array]:
 
 
 def _key(mesh: Mesh) -> str:
-    settings = (CONVEX, THRESHOLDS, MOST, TOLERANCE, _SAMPLES, _SEED, version("coacd"))
+    settings = (CONVEX, THRESHOLDS, MOST, TOLERANCE, CUT, _SAMPLES, _SEED, version("coacd"))
     return fingerprint(mesh.vertices, mesh.faces, settings, Path(__file__))
 
 
