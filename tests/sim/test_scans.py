@@ -11,9 +11,17 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.objects.clean_mesh import ScanSettings, checked, clean_mesh, make_clean
+from allegro_twin.sim.objects.clean_mesh import (
+    ScanSettings,
+    checked,
+    clean_mesh,
+    make_clean,
+    reduce_triangles,
+)
+from allegro_twin.sim.objects.mesh_repair import Soup, is_closed
 from allegro_twin.sim.objects.meshes import load_hull, load_mesh, mesh_middle, mesh_report
 from allegro_twin.sim.objects.scan_files import read_scan, stated_unit
+from allegro_twin.types import Array
 from tests.sim.dirty_meshes import (
     DIRTY,
     Dirty,
@@ -26,6 +34,8 @@ from tests.sim.dirty_meshes import (
     cloud,
     cracker,
     distances,
+    dome,
+    fine,
     merged,
     moved,
     obj,
@@ -212,6 +222,42 @@ def test_a_view_from_one_side_says_what_is_assumed(tmp_path: Path) -> None:
     flat = view(moved(cracker(), (0, 0, 0), 0.5), (0.0, 1.0, 0.0), 0.0012)
     with pytest.raises(ConfigError, match="without depth: scan it from a second side"):
         make_clean(pcd(tmp_path / "flat.pcd", flat))
+
+
+def standing(solid: Solid, count: int = 12_000) -> tuple[Array, Array]:
+    """Points of all that is seen of it while it stands on a table, and normals."""
+    points, normals = cloud(solid, count, 0.0002)
+    seen = points[:, 2] > solid.vertices[:, 2].min() + 0.001
+    return points[seen], normals[seen]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [False, True])
+def test_what_was_scanned_all_around_on_a_table_is_closed_flat_where_it_stood(known: bool, tmp_path: Path) -> None:
+    """A computer mouse: no walls go up from its bottom, and it is no body of revolution."""
+    truth = dome()
+    points, normals = standing(truth)
+    np.savetxt(tmp_path / "scan.xyz", 1000 * (np.hstack([points, normals / 1000]) if known else points), fmt="%.4f")
+    made = make_clean(tmp_path / "scan.xyz")
+    assert "1 end closed flat" in made.report.line()
+    assert "assumed" not in made.report.line()
+    assert made.report.volume[1] == pytest.approx(truth.volume, rel=0.07)
+    assert made.vertices[:, 2].min() > -0.001
+    assert made.report.triangles[1] <= 8000
+
+
+@pytest.mark.slow
+def test_parts_that_a_decimation_makes_touch_leave_a_closed_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    box = Solid(cracker().vertices, cracker().faces)
+    both = merged(box, moved(box, tuple(np.ptp(box.vertices, axis=0) * [1, 1, 0])))
+    _, first, place = np.unique(np.round(both.vertices, 6), axis=0, return_index=True, return_inverse=True)
+    touching = Soup(both.vertices[first], place.ravel()[both.faces])
+    assert not is_closed(touching)
+    monkeypatch.setattr("allegro_twin.sim.objects.mesh_repair.decimate", lambda soup, count: touching)
+    dense = fine(ball(), 0.0012)
+    made = reduce_triangles(Soup(dense.vertices, dense.faces))
+    assert is_closed(made)
+    assert len(made.faces) == 24
 
 
 def test_the_middle_of_a_repaired_mesh_is_where_its_own_file_has_it(tmp_path: Path) -> None:

@@ -346,13 +346,25 @@ def reduce_triangles(soup: Soup, smoothed: bool = True) -> Soup:
     for count in COUNTS:
         if len(soup.faces) <= count:
             return soup
-        found = fix.decimate(soup, count)
-        if fix.is_closed(found) and fix.manifold_of(found) is not None and deviation(soup, found) <= LOSS:
+        found = _decimated(soup, count)
+        if found is not None and deviation(soup, found) <= LOSS:
             return found
-    if fix.is_closed(found) and fix.manifold_of(found) is not None:
+    if found is not None:
         return found
     solid = fix.manifold_of(soup)
-    return soup if solid is None else fix.soup_of(solid.simplify(LOSS / 2))
+    if solid is None:
+        return soup
+    return fix.soup_of(solid.simplify(LOSS / 2))
+
+
+def _decimated(soup: Soup, count: int) -> Soup | None:
+    """With at most so many triangles; parts that the decimation made touch at an edge are apart again."""
+    found = fix.decimate(soup, count)
+    solid = fix.manifold_of(found)
+    if solid is None or fix.is_closed(found):
+        return None if solid is None else found
+    apart = fix.soup_of(solid)
+    return apart if fix.is_closed(apart) else None
 
 
 def deviation(
