@@ -93,6 +93,12 @@ def ball() -> Solid:
 
 
 @cache
+def dome() -> Solid:
+    """116 × 66 × 38 mm, the upper half of an ellipsoid: a computer mouse."""
+    return _of(manifold3d.Manifold.sphere(1, 96).scale([58, 33, 38]) ^ _box(200, 200, 100).translate([0, 0, 50]))
+
+
+@cache
 def torus() -> Solid:
     """100 mm wide, 30 mm thick."""
     return _of(_turned([(35 + 15 * np.cos(a), 15 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 48, endpoint=False)]))

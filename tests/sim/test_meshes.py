@@ -308,8 +308,8 @@ def test_an_ascii_stl_that_is_cut_short_or_holds_no_numbers_is_refused_in_one_li
     for number, (text, said) in enumerate(
         [
             (whole[: len(whole) // 2], "cut short"),
-            (whole.replace("vertex", "vertex x", 1), "could not convert"),
-            (whole.replace("vertex", "point", 1), "could not convert"),
+            (whole.replace("vertex", "vertex x", 1), "is no number"),
+            (whole.replace("vertex", "point", 1), "is no number"),
             ("solid nothing\nfacet\nendsolid nothing\n", "three vertices"),
         ]
     ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,17 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.objects.clean_mesh import ScanSettings, checked, clean_mesh, make_clean
+from allegro_twin.sim.objects.clean_mesh import (
+    ScanSettings,
+    checked,
+    clean_mesh,
+    make_clean,
+    reduce_triangles,
+)
+from allegro_twin.sim.objects.mesh_repair import Soup, is_closed
 from allegro_twin.sim.objects.meshes import load_hull, load_mesh, mesh_middle, mesh_report
 from allegro_twin.sim.objects.scan_files import read_scan, stated_unit
+from allegro_twin.types import Array
 from tests.sim.dirty_meshes import (
     DIRTY,
     Dirty,
@@ -25,11 +34,16 @@ from tests.sim.dirty_meshes import (
     cloud,
     cracker,
     distances,
+    dome,
+    fine,
+    merged,
     moved,
     obj,
     pcd,
+    ply,
     soup,
     stl,
+    text_stl,
     torus,
     view,
 )
@@ -123,6 +137,42 @@ def test_a_unit_is_that_of_the_file_or_of_the_only_size_that_a_hand_holds(tmp_pa
     assert stated_unit(tmp_path / "said.obj") == "cm"
 
 
+def test_a_unit_after_a_number_in_a_name_is_that_of_a_size(tmp_path: Path) -> None:
+    for name, unit in (("foam_cube_5_cm", None), ("ball_1_inch", None), ("die_25mm", None), ("mug_cm", "cm"),
+                       ("mug2_inches", "inch"), ("scan3b_mm_1", "mm"), ("foot", None)):  # fmt: skip
+        (tmp_path / name).write_bytes(b"v 0 0 0")
+        assert stated_unit(tmp_path / name) == (None if name == "mug2_inches" else unit)
+
+
+def test_a_unit_that_a_file_states_is_known_or_refused_with_those_that_are(tmp_path: Path) -> None:
+    file = tmp_path / "scan.obj"
+    for text, unit in (("unit system: feet", "ft"), ("units: decimeters", "dm"), ("units: microns", "um"),
+                       ("Units = µm", "um"), ("1 unit = 1 cm", "cm"), ("units: unknown", None), ("a unit cube", None),
+                       ("comment units in metres", "m")):  # fmt: skip
+        file.write_text(f"# {text}\nv 0 0 0\n", encoding="utf-8")
+        assert stated_unit(file) == unit
+    solid = bottle()
+    assert make_clean(obj(file, solid.vertices, solid.faces.tolist(), 0.3048, "# units: feet")).report.extents[
+        2
+    ] == pytest.approx(0.19)
+    obj(file, solid.vertices, solid.faces.tolist(), 0.3048, "# units: cubits")
+    with pytest.raises(ConfigError, match=r"scan\.obj: its unit, 'cubits', is none of m, mm, cm, inch, .*--scale"):
+        load_mesh(file)
+
+
+def test_a_size_that_several_units_fit_is_never_taken_for_the_largest(tmp_path: Path) -> None:
+    marble = moved(ball(), (0, 0, 0), 18 / 70)
+    report = make_clean(stl(tmp_path / "marble.stl", soup(marble), 0.001)).report
+    assert (report.unit, report.scale) == ("mm, by its size", 0.001)
+    for size, said in ((0.0185, r"18\.5 mm if it is in mm .* or 185 mm if it is in cm"), (0.9, r"9\.0 mm .* or 23 mm")):
+        file = stl(tmp_path / "scan.stl", soup(moved(ball(), (0, 0, 0), size / 0.07)), 1.0 if size > 0.5 else 0.001)
+        with pytest.raises(ConfigError, match=rf"scan\.stl: .* across, in a unit that it does not name: {said}"):
+            load_mesh(file)
+    solid = moved(ball(), (0, 0, 0), 10)
+    file = obj(tmp_path / "said.obj", solid.vertices, solid.faces.tolist(), 1.0, "# units: m")
+    assert load_mesh(file).extents.max() == pytest.approx(0.7)
+
+
 def test_a_repair_that_moves_the_surface_by_more_than_a_millimetre_is_refused(tmp_path: Path) -> None:
     made = make_clean(stl(tmp_path / "scan.stl", soup(bottomless(bottle())), 0.001))
     for moved_by, wanted in ((0.0015, r"by 1\.5 mm, more than 1 mm: allow it, .* --tolerance 1\.5mm .*--hull"),
@@ -174,6 +224,42 @@ def test_a_view_from_one_side_says_what_is_assumed(tmp_path: Path) -> None:
         make_clean(pcd(tmp_path / "flat.pcd", flat))
 
 
+def standing(solid: Solid, count: int = 12_000) -> tuple[Array, Array]:
+    """Points of all that is seen of it while it stands on a table, and normals."""
+    points, normals = cloud(solid, count, 0.0002)
+    seen = points[:, 2] > solid.vertices[:, 2].min() + 0.001
+    return points[seen], normals[seen]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [False, True])
+def test_what_was_scanned_all_around_on_a_table_is_closed_flat_where_it_stood(known: bool, tmp_path: Path) -> None:
+    """A computer mouse: no walls go up from its bottom, and it is no body of revolution."""
+    truth = dome()
+    points, normals = standing(truth)
+    np.savetxt(tmp_path / "scan.xyz", 1000 * (np.hstack([points, normals / 1000]) if known else points), fmt="%.4f")
+    made = make_clean(tmp_path / "scan.xyz")
+    assert "1 end closed flat" in made.report.line()
+    assert "assumed" not in made.report.line()
+    assert made.report.volume[1] == pytest.approx(truth.volume, rel=0.07)
+    assert made.vertices[:, 2].min() > -0.001
+    assert made.report.triangles[1] <= 8000
+
+
+@pytest.mark.slow
+def test_parts_that_a_decimation_makes_touch_leave_a_closed_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    box = Solid(cracker().vertices, cracker().faces)
+    both = merged(box, moved(box, tuple(np.ptp(box.vertices, axis=0) * [1, 1, 0])))
+    _, first, place = np.unique(np.round(both.vertices, 6), axis=0, return_index=True, return_inverse=True)
+    touching = Soup(both.vertices[first], place.ravel()[both.faces])
+    assert not is_closed(touching)
+    monkeypatch.setattr("allegro_twin.sim.objects.mesh_repair.decimate", lambda soup, count: touching)
+    dense = fine(ball(), 0.0012)
+    made = reduce_triangles(Soup(dense.vertices, dense.faces))
+    assert is_closed(made)
+    assert len(made.faces) == 24
+
+
 def test_the_middle_of_a_repaired_mesh_is_where_its_own_file_has_it(tmp_path: Path) -> None:
     solid = moved(bottomless(bottle()), (0.1, -0.2, 0.3))
     file = stl(tmp_path / "scan.stl", soup(solid), 0.001)
@@ -200,3 +286,113 @@ def test_what_cannot_be_read_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=rf"{name[0]}\.{name[2:]}: ") as caught:
             load_mesh(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("count", [0, 400, 5000, 2**32 - 1])
+def test_a_binary_stl_whose_header_miscounts_is_read_to_its_end_and_says_so(count: int, tmp_path: Path) -> None:
+    file = stl(tmp_path / "scan.stl", soup(bottle()), 0.001)
+    content, there = file.read_bytes(), len(bottle().faces)
+    file.write_bytes(content[:80] + struct.pack("<I", count) + content[84:])
+    assert load_mesh(file).volume == pytest.approx(bottle().volume)
+    report = mesh_report(file)
+    assert report is not None
+    assert f"header says {count:,} triangles, the file holds {there:,}: read all" in report.line()
+    file = tmp_path / "cut.stl"
+    file.write_bytes(content[:80] + struct.pack("<I", 5000) + content[84:-20])
+    with pytest.raises(ConfigError, match=f"cut short: it has {there - 1} of 5000 triangles"):
+        load_mesh(file)
+
+
+def test_what_follows_the_triangles_of_a_binary_stl_is_none_of_them(tmp_path: Path) -> None:
+    file = stl(tmp_path / "scan.stl", soup(bottle()), 0.001)
+    for tail in (b"COLOR" * 7, b"COLOR" * 10):
+        file.write_bytes(stl(file, soup(bottle()), 0.001).read_bytes() + tail)
+        assert len(read_scan(file).faces) == len(bottle().faces)
+
+
+def test_a_surface_that_encloses_nothing_is_refused_with_a_wall_as_way_out(tmp_path: Path) -> None:
+    corners = np.array([[0, 0, 0], [80, 0, 0], [80, 60, 0], [0, 60, 0]]) / 1000
+    flat = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
+    for faces in (flat, flat[:2]):
+        file = stl(tmp_path / "flat.stl", corners[faces], 0.001)
+        with pytest.raises(ConfigError, match=r"flat\.stl: is flat and encloses no volume: .*--wall 2mm"):
+            load_mesh(file)
+    assert make_clean(file, ScanSettings(wall=0.002)).report.volume[1] > 8e-6
+
+
+@pytest.mark.slow
+def test_a_surface_of_one_side_has_no_inside(tmp_path: Path) -> None:
+    turn, across = (each.ravel() for each in np.meshgrid(np.linspace(0, 2 * np.pi, 121), np.linspace(-12, 12, 5)))
+    far = 40 + across * np.cos(turn / 2)
+    places = np.stack([far * np.cos(turn), far * np.sin(turn), across * np.sin(turn / 2)], axis=1) / 1000
+    at = np.arange(605).reshape(5, 121)
+    a, b, c, d = (each.ravel() for each in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    with pytest.raises(ConfigError, match=r"moebius\.stl: its faces have no inside.*--wall 2mm"):
+        load_mesh(stl(tmp_path / "moebius.stl", places[faces], 0.001))
+
+
+def test_comments_and_blank_lines_are_none_of_the_numbers(tmp_path: Path) -> None:
+    solid = bottle()
+    text = text_stl(tmp_path / "scan.stl", soup(solid), 0.001).read_text()
+    (tmp_path / "scan.stl").write_text(
+        text.replace("outer loop", "outer loop // 12").replace(" endloop", "# of 12\n\n; 1 2\n endloop")
+    )
+    text = obj(tmp_path / "scan.obj", solid.vertices, solid.faces.tolist()).read_text()
+    (tmp_path / "scan.obj").write_text(text.replace("\nf", " # 12\nf"))
+    for name in ("scan.stl", "scan.obj"):
+        assert load_mesh(tmp_path / name).volume == pytest.approx(solid.volume, rel=1e-3)
+
+
+def test_a_line_that_is_odd_is_named_and_not_in_the_words_of_python(tmp_path: Path) -> None:
+    rows = [" ".join(f"{number:.3f}" for number in row) for row in cloud(bracket(), 300)[0].tolist()]
+    stl_text = text_stl(tmp_path / "comma.stl", soup(bottle()), 0.001).read_text()
+    for name, content, said in (
+        ("comma.stl", stl_text.replace(".", ","), r"line 4: '.*,.*' is no number; decimals need a point"),
+        ("comma.xyz", "\n".join(rows).replace(".", ","), r"line 1: '.*,.*' is no number; decimals need a point"),
+        ("odd.xyz", "\n".join([*rows[:6], rows[6] + " 7", *rows[7:]]), "line 7 has 4 numbers, most lines have 3"),
+        ("odd.obj", "v 0 0 0\nv 1 0 0\nv 0 one 0\nf 1 2 3\n", "line 3: 'one' is no number"),
+        ("face.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "line 4: 'x' is no number"),
+    ):
+        (tmp_path / name).write_text(content)
+        with pytest.raises(ConfigError, match=rf"{name[:-4]}\.{name[-3:]}: not a readable mesh: {said}"):
+            load_mesh(tmp_path / name)
+
+
+def test_a_file_that_is_something_else_says_what_it_is(tmp_path: Path) -> None:
+    (tmp_path / "folder.stl").mkdir()
+    for name, content, said in (
+        ("page.stl", b"\n<!DOCTYPE html><html>404</html>", "is a web page, not a mesh"),
+        ("page.obj", b"<HTML>", "is a web page, not a mesh"),
+        ("lfs.stl", b"version https://git-lfs.github.com/spec/v1\n", "is a Git LFS pointer, .*git lfs pull"),
+        ("empty.glb", b"", "is empty"), ("empty.npy", b"", "is empty"), ("empty.obj", b"", "is empty"),
+        ("packed.stl", b"\x1f\x8b\x08", "is an archive: unpack it"), ("folder.stl", None, "is a folder"),
+        ("https://host/mug.stl", None, "is an address: download it first"),
+    ):  # fmt: skip
+        path = Path(name) if "://" in name else tmp_path / name
+        if content is not None:
+            path.write_bytes(content)
+        for load in (load_mesh, clean_mesh):
+            with pytest.raises(ConfigError, match=said):
+                load(path)
+
+
+def test_a_mesh_under_the_name_of_another_kind_is_read_as_what_it_is(tmp_path: Path) -> None:
+    text = text_stl(tmp_path / "a.stl", soup(bottle()), 0.001).read_bytes()
+    binary = stl(tmp_path / "b.stl", soup(bottle()), 0.001).read_bytes()
+    plain = obj(tmp_path / "c.obj", bottle().vertices, bottle().faces.tolist()).read_bytes()
+    columns = {name: bottle().vertices[:, k].astype("f4") for k, name in enumerate("xyz")}
+    polygons = ply(tmp_path / "d.ply", columns, bottle().faces, "binary_little_endian").read_bytes()
+    for name, content, kind in (("e.obj", text, "stl"), ("f.ply", binary, "stl"), ("g.stl", plain, "obj"),
+                                ("h.stl", polygons, "ply"), ("i.obj", polygons, "ply")):  # fmt: skip
+        (tmp_path / name).write_bytes(content)
+        assert load_mesh(tmp_path / name).volume == pytest.approx(bottle().volume, rel=1e-3)
+        report = mesh_report(tmp_path / name)
+        assert report is not None
+        assert f"read as .{kind}, which it is, not {name[1:]}" in report.line()
+
+
+def test_two_things_in_one_file_are_said_to_be_taken_as_one(tmp_path: Path) -> None:
+    both = merged(ball(), moved(torus(), (0.135, 0.0, 0.0)))
+    report = make_clean(stl(tmp_path / "scan.stl", soup(both), 0.001)).report
+    assert "2 separate things, 50 mm apart, all taken as one" in report.line()

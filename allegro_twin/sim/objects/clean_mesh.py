@@ -21,8 +21,10 @@ from allegro_twin.sim.objects.point_clouds import close_cloud, complete_surface,
 from allegro_twin.sim.objects.remesh import Surface, remesh, sample, thicken
 from allegro_twin.sim.objects.scan_files import (
     INSTALL,
+    LARGEST,
     Numbers,
     Scan,
+    check_file,
     find_unit,
     missing_module,
     read_scan,
@@ -134,7 +136,7 @@ def make_clean(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh
 
 
 def _close_points(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
-    repair = Repair()
+    repair = Repair(list(scan.notes))
     found = close_cloud(path, scan, settings.scale, repair)
     solid = reduce_triangles(found.solid)
     far = Surface(solid, max(5e-4, 0.3 * found.spacing)).distance(found.points)[0]
@@ -145,13 +147,15 @@ def _close_points(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
 
 
 def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
-    repair = Repair()
+    repair = Repair(list(scan.notes))
     soup = fix.clean(scan.points, scan.faces, repair)
     if not len(soup.faces):
         raise ConfigError(f"{path}: not a readable mesh: it has no face with an area")
     soup = fix.drop_flecks(soup, repair)
     unit, scale = find_unit(path, scan, settings.scale, soup.vertices)
     soup = Soup(soup.vertices * scale, soup.faces)
+    if settings.wall is None and fix.is_flat(soup):
+        raise ConfigError(f"{path}: is flat and encloses no volume: allegro-twin mesh --wall 2mm makes a plate of it")
     before = soup = fix.drop_flaps(soup, repair)  # Without flecks and flaps.
     if len(soup.faces) > fix.MANY:
         soup = fix.decimate(soup, fix.FEW)
@@ -214,9 +218,12 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanS
     for gap in (0.0, 0.002, 0.005, 0.03 * size):
         found = remesh(soup, gap)
         if found is not None:
-            return _largest(found)
+            if (best := _largest(found)) is None:
+                break
+            return best
     raise ConfigError(
-        f"{path}: its faces enclose nothing: --wall 2mm of allegro-twin mesh makes a wall of them; --hull"
+        f"{path}: its faces have no inside, they enclose no volume: allegro-twin mesh --wall 2mm makes a wall of them; "
+        "--hull"
     )
 
 
@@ -299,11 +306,15 @@ def _united(solids: list[manifold3d.Manifold], cavities: list[Soup], volumes: fl
     import manifold3d
 
     union = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
-    apart = len(union.decompose())
+    parts = sorted(union.decompose(), key=lambda part: -part.volume())
+    apart = len(parts)
     if apart < len(solids):
         repair.done.append(f"{len(solids)} shells united into {apart}" if apart > 1 else f"{len(solids)} shells united")
     if apart > 1:
-        repair.done.append(f"{apart} parts that do not touch")
+        gap = min(parts[0].min_gap(each, LARGEST) for each in parts[1:])
+        repair.done.append(
+            f"{apart} separate things, {1000 * gap:.3g} mm apart, all taken as one: for one alone, delete the others"
+        )
     return _stacked([fix.soup_of(union), *cavities])
 
 
@@ -315,12 +326,14 @@ def _stacked(soups: list[Soup]) -> Soup:
     )
 
 
-def _largest(soup: Soup) -> Soup:
-    """Without bubbles: parts of less than a hundredth of the volume."""
+def _largest(soup: Soup) -> Soup | None:
+    """Without bubbles: parts of less than a hundredth of the volume; None where nothing is enclosed."""
     part = fix.loose_parts(soup)
     large = np.flatnonzero(np.bincount(part) > 20)
     shells = [fix.compact(Soup(soup.vertices, soup.faces[part == k])) for k in large]
     volumes = [fix.volume(shell) for shell in shells]
+    if max(volumes, default=0.0) <= 0.0:
+        return None
     return _stacked([shell for shell, each in zip(shells, volumes, strict=True) if each > 0.01 * max(volumes)])
 
 
@@ -333,13 +346,25 @@ def reduce_triangles(soup: Soup, smoothed: bool = True) -> Soup:
     for count in COUNTS:
         if len(soup.faces) <= count:
             return soup
-        found = fix.decimate(soup, count)
-        if fix.is_closed(found) and fix.manifold_of(found) is not None and deviation(soup, found) <= LOSS:
+        found = _decimated(soup, count)
+        if found is not None and deviation(soup, found) <= LOSS:
             return found
-    if fix.is_closed(found) and fix.manifold_of(found) is not None:
+    if found is not None:
         return found
     solid = fix.manifold_of(soup)
-    return soup if solid is None else fix.soup_of(solid.simplify(LOSS / 2))
+    if solid is None:
+        return soup
+    return fix.soup_of(solid.simplify(LOSS / 2))
+
+
+def _decimated(soup: Soup, count: int) -> Soup | None:
+    """With at most so many triangles; parts that the decimation made touch at an edge are apart again."""
+    found = fix.decimate(soup, count)
+    solid = fix.manifold_of(found)
+    if solid is None or fix.is_closed(found):
+        return None if solid is None else found
+    apart = fix.soup_of(solid)
+    return apart if fix.is_closed(apart) else None
 
 
 def deviation(
@@ -380,8 +405,7 @@ def _holds(after: Soup, before: Soup) -> bool:
 
 
 def _cache_key(path: Path, settings: ScanSettings) -> str:
-    if not path.is_file():
-        raise ConfigError(f"no mesh at {path}")
+    check_file(path)
     versions = [version(name) for name in ("fast-simplification", "manifold3d", "scikit-image", "trimesh")]
     beside = sorted(path.parent.glob("*.bin")) if path.suffix.lower() == ".gltf" else []
     code = sorted(Path(__file__).parent.glob("*.py"))
@@ -404,7 +428,8 @@ def _load(kept: Path, path: Path) -> CleanMesh:
 def hull_points(path: Path, scale: float) -> tuple[Numbers, str]:
     """The points of a scan of which its convex hull is, m, without flecks and strays; and what was left out, in a line.
     Raises ConfigError."""
-    scan, repair = read_scan(path), Repair()
+    scan = read_scan(path)
+    repair = Repair(list(scan.notes))
     if len(scan.faces):
         points = fix.drop_flecks(fix.clean(scan.points, scan.faces, repair), repair).vertices
     else:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 WELD = 1e-6
 """Of the size: vertices nearer than that are one."""
+FLAT = 1e-5
+"""Of the size: a surface that is less deep encloses nothing."""
 SEAM = 2e-4
 """m: vertices of open edges nearer than that are one."""
 FLECK = 0.01
@@ -87,6 +89,14 @@ def volume(soup: Soup) -> float:
     middle = soup.vertices.mean(axis=0)
     a, b, c = (soup.vertices[soup.faces[:, k]] - middle for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def is_flat(soup: Soup) -> bool:
+    """Whether all of it is in one plane."""
+    size = float(np.ptp(soup.vertices, axis=0).max())
+    some = soup.vertices - soup.vertices.mean(axis=0)
+    normal = np.linalg.eigh(some.T @ some)[1][:, 0]
+    return bool(np.ptp(some @ normal) < FLAT * size)
 
 
 def compact(soup: Soup) -> Soup:

@@ -13,8 +13,19 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.objects.clean_mesh import Report, ScanSettings, clean_mesh, hull_points
-from allegro_twin.sim.objects.mesh_repair import OVERLAP, Soup, loose_parts, overlap
-from allegro_twin.sim.objects.scan_files import CLOUDS, INSTALL, LARGEST, MESHES, SMALLEST, missing_module
+from allegro_twin.sim.objects.mesh_repair import OVERLAP, Soup, is_flat, loose_parts, overlap
+from allegro_twin.sim.objects.scan_files import (
+    CLOUDS,
+    INSTALL,
+    LARGE,
+    LARGEST,
+    MESHES,
+    SMALLEST,
+    check_file,
+    miscounted,
+    missing_module,
+    stated_unit,
+)
 from allegro_twin.types import Array, Vector
 
 log = logging.getLogger(__name__)
@@ -111,12 +122,16 @@ def _load(path: Path, scale: float) -> _Loaded:
 
 def _fault(path: Path, mesh: Mesh, scale: float) -> ConfigError | None:
     """Why a mesh is no solid of a hand's size."""
-    size = float(mesh.extents.max())
-    if not SMALLEST <= size <= LARGEST:
+    size, stated = float(mesh.extents.max()), stated_unit(path) if scale == 1.0 else "m"
+    if not SMALLEST <= size <= (LARGEST if stated == "m" else LARGE):
         factor = (
             f"its numbers look like millimetres: say scale: {scale / 1000:g}" if size > LARGEST else "say its scale"
         )
         return ConfigError(f"{path}: {size:.3g} m across with scale {scale:g}; {factor}")
+    if stated not in (None, "m"):
+        return ConfigError(f"{path}: its unit is {stated}, as it says: say its scale")
+    if is_flat(Soup(mesh.vertices, mesh.faces)):
+        return ConfigError(f"{path}: is flat and encloses no volume; {INSTALL} makes a plate of it, mesh --wall 2mm")
     if (count := mesh.open_edges()) > 0:
         return ConfigError(
             f"{path}: not a closed surface: {count} edges do not join two faces; {INSTALL} closes it, or take its "
@@ -181,8 +196,11 @@ def _read(path: Path, scale: float) -> Mesh:
 
 
 def _compiled(path: Path, scale: float) -> mujoco.MjModel:
-    if not path.is_file():
-        raise ConfigError(f"no mesh at {path}")
+    check_file(path)
+    if path.suffix.lower() == ".stl" and (found := miscounted(path.read_bytes())) is not None:
+        raise ConfigError(
+            f"{path}: not a readable mesh: header says {found[0]} triangles, it holds {found[1]}: {INSTALL} reads all"
+        )
     _refuse_scan(path, _triangles(path))  # Before MuJoCo reads it, which takes its time.
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="it", scale=[scale] * 3)

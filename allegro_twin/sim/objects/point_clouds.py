@@ -29,6 +29,8 @@ GRAZING = 0.45
 """Cosine between view and normal, below which a point of the outline is of the silhouette."""
 WALLS = 0.3
 """Share of a surface."""
+EVEN = 0.6
+"""Of the points per area where a surface faces an end: as many on its sides, and it was seen from more than there."""
 STEEP = 0.85
 """Cosine between view and axis, above which a view along the axis shows no side."""
 _NEIGHBOURS = 14
@@ -69,7 +71,7 @@ def close_cloud(path: Path, scan: Scan, scale: float, repair: Repair) -> ClosedC
     unit, scale = find_unit(path, scan, scale, points)
     points = points * scale
     cloud = _thinned(path, points, normals)
-    solid = _closed(path, cloud, normals is not None, repair)
+    solid = _closed(path, cloud, normals is not None, repair, points)
     return ClosedCloud(solid, points, cloud.spacing, unit, scale)
 
 
@@ -149,8 +151,8 @@ def _thinned(path: Path, points: Numbers, normals: Numbers | None) -> Oriented:
     return Oriented(thin, normals, spacing)
 
 
-def _closed(path: Path, cloud: Oriented, given: bool, repair: Repair) -> Soup:
-    """A closed surface of points."""
+def _closed(path: Path, cloud: Oriented, given: bool, repair: Repair, scanned: Numbers | None = None) -> Soup:
+    """A closed surface of points, of all that were scanned some."""
     grid, outside = _outside(cloud)
     above, below = (_is_outside(cloud, grid, outside, sign) for sign in (1, -1))
     if given and (below & ~above).sum() > (above & ~below).sum():
@@ -159,7 +161,7 @@ def _closed(path: Path, cloud: Oriented, given: bool, repair: Repair) -> Soup:
             repair.done.append("normals turned outwards")
     if (above & below).mean() > HALF and not _thin_walled(cloud, given):
         trial = Repair()
-        standing = _capped(cloud, trial, walled=True)
+        standing = _capped(cloud, trial, walled=True, scanned=scanned)
         if trial.done:  # Scanned all around, but for what it stands on.
             there, around = _outside(standing)
             both = _is_outside(standing, there, around, 1) & _is_outside(standing, there, around, -1)
@@ -355,8 +357,23 @@ def is_walled(normals: Numbers, weights: Numbers, axis: Numbers) -> bool:
     return bool(weights[along].sum() > WALLS * weights.sum())
 
 
-def _capped(cloud: Oriented, repair: Repair, *, walled: bool = False) -> Oriented:
-    """With flat openings closed: ends that no view from the side shows; `walled`: only where walls go up from them."""
+def _is_even(cloud: Oriented, scanned: Numbers, axis: Numbers) -> bool:
+    """Whether points are as dense where a surface is along an axis as where it faces it: no view along it shows that,
+    for of what is at an angle to it, it sees less."""
+    from scipy.spatial import cKDTree
+
+    some = cloud.of(np.arange(0, len(cloud.points), max(1, len(cloud.points) // 4000)))
+    dense = cKDTree(scanned).query(some.points, k=20)[0][:, -1] ** -2.0
+    cosine = np.abs(some.normals @ axis)
+    side, face = (cosine > 0.1) & (cosine < 0.4), cosine > 0.7
+    if min(side.sum(), face.sum()) < 20:
+        return False
+    return bool(np.median(dense[side]) > EVEN * np.median(dense[face]))
+
+
+def _capped(cloud: Oriented, repair: Repair, *, walled: bool = False, scanned: Numbers | None = None) -> Oriented:
+    """With flat openings closed: ends that no view from the side shows; `walled`: only where walls go up from them, or
+    where `scanned`, all points, are as dense on the sides."""
     from scipy.spatial import Delaunay, cKDTree
 
     rim = cloud.points[_is_outline(cloud)]
@@ -376,7 +393,8 @@ def _capped(cloud: Oriented, repair: Repair, *, walled: bool = False) -> Oriente
         beyond = np.sort((cloud.points - at) @ normal)
         if len(ring) < 0.5 * (group == number).sum() or np.ptp(flat, axis=0).min() < 4 * cloud.spacing:
             continue
-        if walled and not is_walled(cloud.normals, np.ones(len(cloud.normals)), normal):
+        around = is_walled(cloud.normals, np.ones(len(cloud.normals)), normal)
+        if walled and not (around or (scanned is not None and _is_even(cloud, scanned, normal))):
             continue
         if min(beyond[-1], -beyond[0]) > 3 * cloud.spacing:  # No end of the thing.
             continue

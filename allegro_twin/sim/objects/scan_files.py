@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import re
+import struct
+import zlib
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +25,32 @@ INSTALL = "pip install 'allegro-twin[objects]'"
 EXTRA = ("fast_simplification", "manifold3d", "platformdirs", "scipy", "skimage", "trimesh")
 """What repairs meshes."""
 
-UNITS = {"m": 1.0, "mm": 0.001, "cm": 0.01, "inch": 0.0254}
+UNITS = {"m": 1.0, "mm": 0.001, "cm": 0.01, "inch": 0.0254, "dm": 0.1, "ft": 0.3048, "um": 1e-6}
 """Names of units, in m."""
 _WORDS = {"mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "centimeter": "cm", "centimetre": "cm",
-          "inch": "inch", "inche": "inch", "m": "m", "meter": "m", "metre": "m", "in": "inch"}  # fmt: skip
+          "inch": "inch", "inche": "inch", "m": "m", "meter": "m", "metre": "m"}  # fmt: skip
+"""In a file or its name."""
+_MORE = {"in": "inch", "dm": "dm", "decimeter": "dm", "decimetre": "dm", "ft": "ft", "foot": "ft", "feet": "ft",
+         "um": "um", "µm": "um", "μm": "um", "micron": "um", "micrometer": "um", "micrometre": "um"}  # fmt: skip
+"""In a file alone: a name may be that of a scan of a foot."""
+_NO_UNIT = ("arbitrary", "default", "generic", "none", "undefined", "unitless", "unknown", "unspecified", "unset")
+_STATED = (r"\bunits?(?:[ _]?(?:system|name|length))?\b\s*[:=]+\s*[\"']?(?:1(?:\.0*)?\s*)?([^\W_][^\s\"',;]*)",
+           r"\bunits?\b\W{0,4}(?:is|are|in)?\W{0,2}([a-zµμ]+)\b")  # fmt: skip
+"""How files state a unit: after a sign, where any word is meant as one, and in other ways."""
 LARGEST, SMALLEST = 1.0, 0.002
 """m; an object beyond these is no object for a hand, and its file has another unit."""
-_LIKELY = {"mm": (20.0, 1000.0), "cm": (2.0, 40.0), "inch": (0.8, 15.7)}
-"""Longest edges of things for a hand, in each unit; what is at most 1 is m."""
+LARGE = 0.6
+"""m; one that is larger needs its unit said."""
+_LIKELY = {"mm": (10.0, 600.0), "cm": (2.0, 40.0), "inch": (2.0, 15.7)}
+"""Longest edges of things for a hand, in each unit; what is at most LARGE is m."""
+_CHOICES = (0.005, LARGE)
+"""m: what a size that is in no unit by itself may be."""
 _HEAD, _FACE = 84, 50
 """Bytes of a binary .stl: 80 of anything and the number of its triangles, and for each of them."""
 _POLYGON = 5
 """Corners from which on a polygon may be concave, and is triangulated as one."""
-_BROKEN = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError)
+_BROKEN = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, EOFError,
+           BadZipFile, struct.error, zlib.error)  # fmt: skip
 # What the readers raise at a damaged file: each has its own, and none has one class for all.
 
 
@@ -48,6 +65,8 @@ class Scan(NamedTuple):
     """(k, 3), of a cloud that has them."""
     unit: str | None
     """One of UNITS where the file or its name says it."""
+    notes: tuple[str, ...] = ()
+    """What was odd about the file, in words."""
 
 
 def missing_module() -> str | None:
@@ -57,13 +76,17 @@ def missing_module() -> str | None:
 
 def read_scan(path: Path) -> Scan:
     """The content of a file, nothing repaired. Raises ConfigError for what is not readable, in a line."""
-    kind = path.suffix.lower()
-    if kind not in (*MESHES, *CLOUDS):
+    check_file(path)
+    named = path.suffix.lower()
+    if named not in (*MESHES, *CLOUDS):
         raise ConfigError(f"{path}: a mesh is {', '.join(MESHES)}; a cloud of points {', '.join(CLOUDS)} or .ply")
-    if not path.is_file():
-        raise ConfigError(f"no mesh at {path}")
+    kind, notes = _true_kind(path) or named, []
+    if kind != named:
+        notes.append(f"read as {kind}, which it is, not {named}")
+    if kind == ".stl" and (found := miscounted(path.read_bytes())) is not None:
+        notes.append(f"header says {found[0]:,} triangles, the file holds {found[1]:,}: read all")
     try:
-        points, faces, normals = _READERS.get(kind, _by_trimesh)(path)
+        points, faces, normals = _READERS[kind](path) if kind in _READERS else _by_trimesh(path, kind)
     except _BROKEN as error:
         text = str(error).strip().splitlines()
         raise ConfigError(f"{path}: not a readable mesh: {text[0] if text else type(error).__name__}") from error
@@ -71,17 +94,75 @@ def read_scan(path: Path) -> Scan:
     faces = np.asarray(faces, dtype=np.int64).reshape(-1, 3)
     if not np.isfinite(points).all(axis=1).any():
         raise ConfigError(f"{path}: not a readable mesh: it holds no points")
-    return Scan(points, faces, normals, "m" if kind in (".glb", ".gltf") else stated_unit(path))
+    return Scan(points, faces, normals, "m" if kind == ".glb" else stated_unit(path), tuple(notes))
+
+
+def check_file(path: Path) -> None:
+    """Raises ConfigError, in a line that says what it is, for what is no file with a mesh."""
+    if re.match(r"[a-z][a-z0-9+]+:/", str(path)):
+        raise ConfigError(f"{path}: is an address: download it first, then name the file")
+    if path.is_dir():
+        raise ConfigError(f"{path}: is a folder: name a file in it")
+    if not path.is_file():
+        raise ConfigError(f"no mesh at {path}")
+    try:
+        with path.open("rb") as file:
+            head = file.read(512).lstrip()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    if not head and not path.stat().st_size:
+        raise ConfigError(f"{path}: is empty: copy or download it again")
+    if head.startswith(b"version https://git-lfs"):
+        raise ConfigError(f"{path}: is a Git LFS pointer, not the mesh: git lfs pull")
+    if re.match(rb"(?i)(<!doctype html|<html|<head)", head):
+        raise ConfigError(f"{path}: is a web page, not a mesh: download the file itself")
+    if head.startswith(b"\x1f\x8b") or (head.startswith(b"PK\x03\x04") and path.suffix.lower() in MESHES):
+        raise ConfigError(f"{path}: is an archive: unpack it first")
+
+
+_SIGNS = {rb"ply\s": ".ply", rb"glTF": ".glb", rb"\x93NUMPY": ".npy", rb"(ST|C|N|4|n)*OFF\s": ".off",
+          rb"(#\s*\.PCD|VERSION\s+0?\.\d|FIELDS\s+x)": ".pcd"}  # fmt: skip
+"""How files of a kind begin."""
+
+
+def _true_kind(path: Path) -> str | None:
+    """The suffix of what a file holds; None where that is open."""
+    content, named = path.read_bytes(), path.suffix.lower()
+    if is_text_stl(content):
+        return ".stl"
+    if len(content) > _HEAD and len(content) == _HEAD + _FACE * _stated_count(content):
+        return ".stl"
+    found = next((kind for sign, kind in _SIGNS.items() if re.match(sign, content.lstrip()[:64])), None)
+    if found is None and named != ".obj" and named in MESHES:
+        obj = all(re.search(sign, content) for sign in (rb"(?m)^v[ \t]+[-+.\d]", rb"(?m)^f[ \t]+-?\d"))
+        return ".obj" if obj else None
+    return found
 
 
 def stated_unit(path: Path) -> str | None:
-    """The unit in a file's comments, such as `units: mm`, or in its name, such as `mug_mm.stl`."""
+    """The unit in a file's comments, such as `units: mm`, or in its name, such as `mug_mm.stl`; after a number it is
+    that of a size, as in `cube_5_cm.stl`. Raises ConfigError for a stated one that is not known."""
+    if path.suffix.lower() in (".glb", ".gltf"):
+        return "m"
     with path.open("rb") as file:
-        head = file.read(4096).decode("latin-1").lower()
-    found = re.search(r"\bunits?\b\W{0,4}(?:is|are|in)?\W{0,2}([a-z]+?)s?\b", head)
-    names = [found.group(1)] if found else []
-    names += [word.rstrip("s") for word in re.split(r"[^a-z]+", path.stem.lower()) if len(word) > 1 and word != "in"]
-    return next((_WORDS[name] for name in names if name in _WORDS), None)
+        head = file.read(4096).decode("utf-8", "ignore").lower()
+    known = _WORDS | _MORE
+    for sure, pattern in zip((True, False), _STATED, strict=True):
+        for found in re.finditer(pattern, head):
+            word = found.group(1).rstrip(".)")
+            name = known.get(word, known.get(word.rstrip("s")))
+            if name is not None:
+                return name
+            if sure and word not in _NO_UNIT and word.isascii() and word.isprintable():
+                raise ConfigError(
+                    f"{path}: its unit, {word!r}, is none of {', '.join(UNITS)}: say it in m, --scale 0.001 for mm"
+                )
+    words = re.findall(r"[a-z]+|\d+", path.stem.lower())
+    for before, word in zip(["", *words], words, strict=False):
+        word = word.rstrip("s")
+        if len(word) > 1 and word in _WORDS and not before.isdigit():
+            return _WORDS[word]
+    return None
 
 
 Content = tuple[Numbers, Numbers, Numbers | None]
@@ -91,8 +172,26 @@ _NONE: Numbers = np.empty((0, 3), dtype=np.int64)
 def is_text_stl(content: bytes) -> bool:
     """Whether an .stl file is of the format's ASCII kind. Both may begin with "solid"; only the size of a binary one
     follows from its number of triangles."""
-    binary = len(content) == _HEAD + _FACE * int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
-    return not binary and content.lstrip()[:5].lower() == b"solid" and b"facet" in content.lower()
+    binary = len(content) == _HEAD + _FACE * _stated_count(content)
+    return not binary and content.lstrip()[:5].lower() == b"solid" and b"facet" in content[:4096].lower()
+
+
+def _stated_count(content: bytes) -> int:
+    """Triangles that a binary .stl file says that it has."""
+    return int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+
+
+def miscounted(content: bytes) -> tuple[int, int] | None:
+    """Of a binary .stl file how many triangles its header says and how many it holds, where all that it holds are whole
+    and the header is wrong; None for others."""
+    stated, (there, rest) = _stated_count(content), divmod(len(content) - _HEAD, _FACE)
+    if there < 1 or stated == there or (stated > there and rest) or is_text_stl(content):
+        return None
+    corners = _rows(content, there)
+    size = np.abs(corners[: 3 * stated]).max(initial=0.0)  # What follows may be no triangles, but colours.
+    more = corners[3 * stated :]
+    fits = np.isfinite(more).all() and (not size > 0 or not len(more) or np.abs(more).max() < 100 * size)
+    return (stated, there) if fits else None
 
 
 def _stl(path: Path) -> Content:
@@ -102,10 +201,19 @@ def _stl(path: Path) -> Content:
 
 
 def _binary_corners(content: bytes) -> Numbers:
-    count = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+    count = _stated_count(content)
+    if (found := miscounted(content)) is not None:
+        count = found[1]
     if count == 0 or len(content) < _HEAD + _FACE * count:
+        if content[:5].lower() == b"solid" or content.isascii():
+            raise ValueError("it is text, and not that of an .stl file: it has no facets")
         there = max(0, len(content) - _HEAD) // _FACE
         raise ValueError(f"the file is cut short: it has {there} of {count} triangles")
+    return _rows(content, count)
+
+
+def _rows(content: bytes, count: int) -> Numbers:
+    """Three rows a triangle, (3 m, 3)."""
     rows = np.frombuffer(content, np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")]), count, _HEAD)
     corners: Numbers = rows["v"].astype(np.float64).reshape(-1, 3)
     return corners
@@ -117,44 +225,75 @@ def _text_corners(content: bytes) -> Numbers:
     if b"endsolid" not in content:
         raise ValueError("the file is cut short, for its `endsolid` is missing")
     content = re.sub(rb"(?m)^[ \t]*(end)?solid[^\r\n]*", b"", content)
+    content = re.sub(rb"(#|;|//)[^\r\n]*", b"", content)
     count = content.count(b"endfacet")
     for word in (b"endfacet", b"endloop", b"facet", b"normal", b"outer", b"loop", b"vertex"):
         content = content.replace(word, b"")
-    numbers = _numbers(content)
+    lines = content.split(b"\n")
+    numbers = _numbers(lines, range(1, len(lines) + 1))
     if len(numbers) != 12 * count or not count:
         raise ValueError("its facets are not of three vertices each")
     corners: Numbers = numbers.reshape(-1, 4, 3)[:, 1:].reshape(-1, 3)
     return corners
 
 
-def _numbers(text: bytes) -> Numbers:
-    """All numbers of a text. Raises ValueError for anything else in it."""
-    words = text.split()
-    return np.array(words, dtype="S").astype(np.float64) if words else np.empty(0)
+def _numbers(lines: Sequence[bytes], at: Sequence[int]) -> Numbers:
+    """All numbers of lines; `at`: where each is in the file. Raises ValueError that names the first that is none."""
+    words = b"\n".join(lines).split()
+    try:
+        return np.array(words, dtype="S").astype(np.float64) if words else np.empty(0)
+    except ValueError:
+        for number, line in zip(at, lines, strict=True):
+            for word in line.split():
+                _check_number(word, number)
+        raise
+
+
+def _check_number(word: bytes, number: int) -> None:
+    try:
+        float(word)
+    except ValueError:
+        text = word.decode("utf-8", "replace")
+        comma = "; decimals need a point" if re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", text.lower()) else ""
+        raise ValueError(f"line {number}: {text[:40]!r} is no number{comma}") from None
+
+
+def _table(lines: Sequence[bytes], at: Sequence[int]) -> Numbers:
+    """Rows of as many numbers each. Raises ValueError that names the first line with another count."""
+    widths = np.array([len(line.split()) for line in lines])
+    usual = int(np.bincount(widths).argmax())
+    if (odd := np.flatnonzero(widths != usual)).size:
+        line = at[int(odd[0])]
+        raise ValueError(f"line {line} has {widths[odd[0]]} numbers, most lines have {usual}: make them the same")
+    return _numbers(lines, at).reshape(len(lines), -1)
 
 
 def _obj(path: Path) -> Content:
     content = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     places, polygons, before = [], [], []
-    for line in content.splitlines():
+    lines: tuple[list[int], list[int]] = ([], [])
+    for number, line in enumerate(content.splitlines(), 1):
         line = line.lstrip()
         if line.startswith((b"v ", b"v\t")):
-            places.append(line[2:])
+            places.append(line[2:].partition(b"#")[0])
+            lines[0].append(number)
         elif line.startswith((b"f ", b"f\t")):
-            polygons.append(line[2:])
+            polygons.append(line[2:].partition(b"#")[0])
+            lines[1].append(number)
             before.append(len(places))
     if not places:
         raise ValueError("it holds no vertices")
-    numbers, width = _numbers(b" ".join(places)), len(places[0].split())
-    if len(numbers) == width * len(places):
+    numbers, width = _numbers(places, lines[0]), len(places[0].split())
+    if len(numbers) == width * len(places) and width >= 3:
         points = numbers.reshape(-1, width)[:, :3]
     else:
-        points = np.array([[float(word) for word in line.split()[:3]] for line in places])
-    text = b"\n".join(polygons)
-    if b"/" in text:
-        text = re.sub(rb"/[^\s]*", b"", text)
-    counts = np.array([len(line.split()) for line in text.split(b"\n")] if polygons else [], dtype=np.int64)
-    indices = _numbers(text).astype(np.int64)
+        points = _table([b" ".join(line.split()[:3]) for line in places], lines[0])
+    if points.shape[1] < 3:
+        raise ValueError(f"line {lines[0][0]} has {points.shape[1]} numbers, a vertex has three")
+    if any(b"/" in line for line in polygons):
+        polygons = [re.sub(rb"/[^\s]*", b"", line) for line in polygons]
+    counts = np.array([len(line.split()) for line in polygons], dtype=np.int64)
+    indices = _numbers(polygons, lines[1]).astype(np.int64)
     indices = np.where(indices < 0, indices + np.repeat(np.array(before, dtype=np.int64), counts), indices - 1)
     return points, triangulate(points, indices, counts), None
 
@@ -194,13 +333,15 @@ def fill_polygon(points: Numbers, row: Numbers) -> Numbers:
     return row[ears] if len(ears) == len(row) - 2 else fan
 
 
-def _by_trimesh(path: Path) -> Content:
+def _by_trimesh(path: Path, kind: str) -> Content:
     """PLY, OFF and glTF."""
     try:
         import trimesh
     except ImportError as error:
         raise ConfigError(f"{path}: to read {path.suffix}: {INSTALL}") from error
-    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+    with path.open("rb") as file:
+        source: Any = str(path) if kind == path.suffix.lower() else file
+        scene = trimesh.load_scene(source, file_type=kind[1:], process=False, skip_materials=True)
     places, faces, normals, offset = [], [], [], 0
     for node in scene.graph.nodes_geometry:
         turn, name = scene.graph[node]
@@ -255,11 +396,21 @@ def _numpy(path: Path) -> Content:
 
 
 def _text_points(path: Path) -> Content:
-    lines = [line for line in path.read_bytes().replace(b",", b" ").replace(b";", b" ").splitlines() if line.strip()]
-    rows = [line for line in lines if line.lstrip()[:1] in b"+-.0123456789n" and len(line.split()) >= 3]
+    rows: list[bytes] = []
+    at: list[int] = []
+    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        line = line.partition(b"#")[0].replace(b";", b" ").strip()
+        if b"," in line:
+            words = line.split()
+            if len(words) >= 3 and all(re.fullmatch(rb"[-+]?\d*,\d+", word) for word in words[:3]):
+                raise ValueError(f"line {number}: {words[0].decode()!r} is no number; decimals need a point")
+            line = line.replace(b",", b" ").strip()
+        if line and line[:1] in b"+-.0123456789n" and len(line.split()) >= 3:
+            rows.append(line)
+            at.append(number)
     if not rows:
         raise ValueError("it has no lines of three numbers")
-    return _columns(_numbers(b" ".join(rows)).reshape(len(rows), -1))
+    return _columns(_table(rows, at))
 
 
 def _pcd(path: Path) -> Content:
@@ -275,7 +426,9 @@ def _pcd(path: Path) -> Content:
     count, how = int(head["points"][0]), head["data"][0].lower()
     wanted: list[str] = [name for name in ["x", "y", "z", "normal_x", "normal_y", "normal_z"] if name in names]
     if how == "ascii":
-        table = _numbers(content[at:]).reshape(count, -1)
+        lines = content[at:].split(b"\n")
+        first = content[:at].count(b"\n") + 1
+        table = _numbers(lines, range(first, first + len(lines))).reshape(count, -1)
         starts = np.cumsum([0, *counts])
         columns = {name: table[:, starts[names.index(name)]] for name in wanted}
     elif how == "binary":
@@ -326,11 +479,12 @@ _READERS = {".stl": _stl, ".obj": _obj, ".pcd": _pcd, ".xyz": _text_points, ".pt
 def find_unit(path: Path, scan: Scan, scale: float, points: Numbers) -> tuple[str, float]:
     """How a file's numbers are understood, in words, and the unit, m. Raises ConfigError for what could be several."""
     size = float(np.ptp(points, axis=0).max())
+    in_metres = path.suffix.lower() in (".glb", ".gltf")
     if scale != 1.0:
         unit, name = scale, next((f"{name}, as said" for name, each in UNITS.items() if each == scale), "as scaled")
-    elif scan.unit is not None and (scan.unit != "m" or path.suffix.lower() in (".glb", ".gltf")):
-        unit, name = UNITS[scan.unit], f"{scan.unit}, by its {'format' if scan.unit == 'm' else 'file'}"
-    elif size <= LARGEST:
+    elif scan.unit is not None and (scan.unit != "m" or in_metres or LARGE < size <= LARGEST):
+        unit, name = UNITS[scan.unit], f"{scan.unit}, by its {'format' if in_metres else 'file'}"
+    elif size <= LARGE:
         unit, name = 1.0, "m"
     else:
         name = _likely_unit(path, points, size)
@@ -347,12 +501,18 @@ def _likely_unit(path: Path, points: Numbers, size: float) -> str:
     possible = [name for name, (low, high) in _LIKELY.items() if low <= size <= high]
     if len(possible) > 1:
         whole = [name for name in possible if _whole(points, UNITS[name])]
-        possible = whole if len(whole) == 1 else possible
+        if "mm" in whole:  # What is whole in mm is so in cm; drawings are in mm.
+            whole = ["mm"]
+        possible = whole if len(whole) == 1 and not ("mm" in possible and whole == ["cm"]) else possible
     if len(possible) == 1:
         return possible[0]
-    choices = " or ".join(f"{1000 * size * UNITS[name]:.0f} mm if it is in {name} (--scale {UNITS[name]:g})"
-                          for name in possible or ["mm"])  # fmt: skip
-    raise ConfigError(f"{path}: {size:.3g} across, in a unit that it does not name: {choices}; `scale:` in a scenario")
+    could = [name for name in ("mm", "cm", "inch") if _CHOICES[0] <= size * UNITS[name] <= _CHOICES[1]]
+    choices = " or ".join(f"{1000 * size * UNITS[name]:.{0 if size * UNITS[name] > 0.02 else 1}f} mm if it is in "
+                          f"{name} (--scale {UNITS[name]:g})" for name in possible or could or ["mm"])  # fmt: skip
+    metres = ", or write `# units: m` into it" if size <= LARGEST and path.suffix.lower() == ".obj" else ""
+    raise ConfigError(
+        f"{path}: {size:.3g} across, in a unit that it does not name: {choices}; `scale:` in a scenario{metres}"
+    )
 
 
 def _whole(points: Numbers, unit: float) -> bool:
