@@ -155,6 +155,10 @@ def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | 
     return check
 
 
+film = file(".mp4", ".mkv", ".mov")
+"""Callback for a film that is to be written: what `viewing.films` writes."""
+
+
 def option(param: typer.CallbackParam) -> str:
     """The name of an option as the user types it."""
     return str(param.opts[0])

@@ -181,6 +181,7 @@ TABLE = [
         ("sniff --interface virtual --bitrate 0", 2, "bitrate: input should be greater than 0, not 0"),
         ("train Reach --steps 0", 2, "steps: input should be greater than or equal to 1, not 0"),
         ("train Reach --episodes 0", 2, "--episodes must be positive"),
+        ("mpc rotate --film turn.gif", 2, "--film turn.gif: must end in .mp4 or .mkv or .mov"),
         ("evaluate reach_right Reach --episodes -1", 2, "--episodes must be positive and finite, not -1"),
         ("evaluate reach_right Reach --episodes 1 --can 5", 2, "--can must be 0 to --episodes, which is 1; not 5"),
         ("evaluate reach_right Reach --episodes 1 --can -1", 2, "not -1"),
