@@ -42,11 +42,11 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
-from allegro_twin.cell.planning.asked_object import asked_first
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
 from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.planning.release import ReleasePath, release_path
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate
+from allegro_twin.cell.planning.wanted_object import wanted_first
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ArmReflex, ConfigError
@@ -451,10 +451,12 @@ class CellActions:
             self._take(chosen)
             self.on_detection(frame, chosen.found if isinstance(chosen, SelectedObject) else every[0])
             return
-        if cell.asked is None:
+        if cell.wanted is None:
             seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         else:
-            seen = asked_first(cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation), cell.asked)[0]
+            seen = wanted_first(cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation), cell.wanted)[
+                0
+            ]
         self.on_detection(frame, seen)
         seen = self._steady(seen, frame.time)
         if isinstance(seen, PerceptionRefusal):

@@ -61,7 +61,7 @@ class Cell:
     """What is in the way of arm and hand."""
     self_filter: SelfFilter
     """What the camera sees of arm and hand."""
-    asked: GraspObject | None = None
+    wanted: GraspObject | None = None
     """What is to be taken, where several things stand on the table; None: what has most points in the picture."""
 
     def close(self) -> None:
@@ -71,8 +71,8 @@ class Cell:
         self.robot.close()
 
 
-def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), asked: str | None = None) -> Cell:
-    """Everything, at rest at the security pose; `plates` are in the scene, too. `asked`: the object that is to be
+def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), wanted: str | None = None) -> Cell:
+    """Everything, at rest at the security pose; `plates` are in the scene, too. `wanted`: the object that is to be
     taken, by its name. Raises ConfigError, one line for the first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
@@ -99,7 +99,7 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), asked:
         hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         ObstacleClearance(robot.spec, MountedHand(spec, robot.mount), robot.base.position),
         SelfFilter(robot, settings.camera, camera.lens),
-        next((each.thing for each in things if each.thing.name == asked), None),
+        next((each.thing for each in things if each.thing.name == wanted), None),
     )  # fmt: skip
 
 

@@ -211,7 +211,7 @@ class _Story:
         tray = self._cell.settings.tray
         inside = () if tray is None else tuple(name for name, at in last.items() if on_tray(at, tray))
         risen = {name: float((last[name] - first[name])[2]) for name in last}
-        end = other_than_asked(now.end, chosen, risen, self._cell)
+        end = other_than_wanted(now.end, chosen, risen, self._cell)
         return LabReport(
             end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen[chosen], chosen, moved,
             now.released, inside,
@@ -222,15 +222,15 @@ class _Story:
         return {thing.name: self._cell.robot.thing(thing.name).position for thing in self._cell.settings.objects}
 
 
-def other_than_asked(end: CellOutcome, thing: str, risen: Mapping[str, float], cell: Cell) -> CellOutcome:
+def other_than_wanted(end: CellOutcome, thing: str, risen: Mapping[str, float], cell: Cell) -> CellOutcome:
     """The end, which is a miss where another thing is held than the one that was asked for. `risen`: by how much each
     thing is higher than it was, m, as a simulation knows it: of a real camera's pictures nobody does."""
-    asked, settings = cell.asked, cell.settings
+    wanted, settings = cell.wanted, cell.settings
     known = settings.camera.source.kind == "simulated" and settings.tray is None
-    if end.word != "held" or asked is None or thing == asked.name or risen[asked.name] > _LIFTED or not known:
+    if end.word != "held" or wanted is None or thing == wanted.name or risen[wanted.name] > _LIFTED or not known:
         return end
-    said = f"held {thing}, not {asked.name}: of what was seen it was most like it, or had most points in the picture"
-    way = f"move {thing} away, or {asked.name} to where the camera sees it alone and whole"
+    said = f"held {thing}, not {wanted.name}: of what was seen it was most like it, or had most points in the picture"
+    way = f"move {thing} away, or {wanted.name} to where the camera sees it alone and whole"
     return CellOutcome("missed", "another object", f"{said}; {way}")
 
 

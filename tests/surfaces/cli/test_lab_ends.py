@@ -54,7 +54,7 @@ def test_what_the_option_names_is_what_the_cell_is_asked_for(command: Run, monke
     asked: list[Any] = []
 
     def perform(cell: Any, **stages: Any) -> LabReport:
-        asked.append(None if cell.asked is None else cell.asked.name)
+        asked.append(None if cell.wanted is None else cell.wanted.name)
         return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
 
     monkeypatch.setattr(run, "perform", perform)
@@ -77,7 +77,7 @@ def test_a_mesh_in_inches_is_taken_by_its_unit(command: Run, monkeypatch: pytest
     heard: list[Any] = []
 
     def perform(cell: Any, **stages: Any) -> LabReport:
-        heard.append(cell.asked)
+        heard.append(cell.wanted)
         return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
 
     monkeypatch.setattr(run, "perform", perform)

@@ -40,12 +40,24 @@ def lab(
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for pictures and a recording of everything.", callback=options.folder),
+        typer.Option(
+            help="Folder for pictures and a recording of everything.",
+            callback=options.folder,
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of the run, an .mp4 file.", callback=options.film)] = None,
-    pictures: Annotated[float, typer.Option(help="Rate of camera pictures to record and show, Hz; 0: none.")] = 0.0,
-    view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
-    web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
+    film: Annotated[
+        Path | None,
+        typer.Option(help="Film of the run, an .mp4 file.", callback=options.film, rich_help_panel=options.OUTPUT),
+    ] = None,
+    pictures: Annotated[
+        float,
+        typer.Option(help="Rate of camera pictures to record and show, Hz; 0: none.", rich_help_panel=options.OUTPUT),
+    ] = 0.0,
+    view: Annotated[
+        bool, typer.Option(help="Watch live in Rerun's own window.", rich_help_panel=options.OUTPUT)
+    ] = False,
+    web: Annotated[bool, typer.Option(help="Watch live in the browser.", rich_help_panel=options.OUTPUT)] = False,
     ros: Annotated[bool, typer.Option("--ros", help="Serve the cell on ROS 2, on this machine only.")] = False,
     namespace: Annotated[str, typer.Option(help="Namespace of the topics of --ros.")] = "/",
     follow: Annotated[
@@ -63,6 +75,7 @@ def lab(
     from allegro_twin.files.schema import load_settings
     from allegro_twin.surfaces.cli.console import console, hint
 
+    options.refuse_mesh(config)
     file = find_file(config, "config", "conf")
     settings = load_settings(LabSettings, file)
     settings = settings.model_copy(
@@ -74,7 +87,7 @@ def lab(
     )
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
-    cell = make_cell(settings, asked=None if thing is None else settings.objects[0].name)
+    cell = make_cell(settings, wanted=None if thing is None else settings.objects[0].name)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
         stack.callback(cell.close)

@@ -1,4 +1,4 @@
-"""Where an object is asked for by its name, what looks like it is taken, and another one that is held is a miss."""
+"""Where an object is wanted for by its name, what looks like it is taken, and another one that is held is a miss."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.perception.pipeline import Detection
-from allegro_twin.cell.planning.asked_object import asked_first, resting_extents, unlikeness
-from allegro_twin.cell.run import other_than_asked
+from allegro_twin.cell.planning.wanted_object import resting_extents, unlikeness, wanted_first
+from allegro_twin.cell.run import other_than_wanted
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import CellOutcome, MachineState
 from allegro_twin.sim.objects.catalogue import GraspObject, load_object
@@ -26,14 +26,14 @@ OBJECTS = [{"name": "lemon", "at": [-0.1, 0.1]}, {"name": "sugar_box", "at": [0.
 """The box has more points in the picture; the lemon comes first, as what `lab --object` names does."""
 
 
-def cell_asked(asked: str | None, **changes: Any) -> Cell:
+def cell_wanting(wanted: str | None, **changes: Any) -> Cell:
     settings = LabSettings.model_validate(SETTINGS.model_dump() | {"objects": OBJECTS} | changes)
-    return make_cell(settings, asked=asked)
+    return make_cell(settings, wanted=wanted)
 
 
 @pytest.fixture(scope="module")
 def cell() -> Cell:
-    return cell_asked("lemon")
+    return cell_wanting("lemon")
 
 
 def place(seen: object) -> Array:
@@ -44,23 +44,23 @@ def place(seen: object) -> Array:
 def test_of_several_things_the_one_that_is_like_what_was_asked_for_comes_first(cell: Cell) -> None:
     seen = looked(cell)[2]
     np.testing.assert_allclose(place(seen[0]), [0.08, -0.06], atol=0.005)
-    assert cell.asked is not None
-    np.testing.assert_allclose(place(asked_first(seen, cell.asked)[0]), [-0.1, 0.1], atol=0.005)
-    assert asked_first(seen, load_object("sugar_box"))[0] is seen[0]
+    assert cell.wanted is not None
+    np.testing.assert_allclose(place(wanted_first(seen, cell.wanted)[0]), [-0.1, 0.1], atol=0.005)
+    assert wanted_first(seen, load_object("sugar_box"))[0] is seen[0]
 
 
 def test_what_is_like_nothing_that_was_seen_leaves_the_order_as_it_is(cell: Cell) -> None:
     seen = looked(cell)[2]
-    assert asked_first(seen, GraspObject("pea", "sphere", (0.008,), 0.001)) is seen
-    assert asked_first(seen, GraspObject("thing", "mjcf", (), float("nan"), Path("thing.xml"))) is seen
+    assert wanted_first(seen, GraspObject("pea", "sphere", (0.008,), 0.001)) is seen
+    assert wanted_first(seen, GraspObject("thing", "mjcf", (), float("nan"), Path("thing.xml"))) is seen
 
 
-@pytest.mark.parametrize(("asked", "where"), [("lemon", [-0.1, 0.1]), (None, [0.08, -0.06])])
+@pytest.mark.parametrize(("wanted", "where"), [("lemon", [-0.1, 0.1]), (None, [0.08, -0.06])])
 def test_the_cell_looks_for_what_was_asked_for(
-    asked: str | None, where: list[float], cell: Cell, monkeypatch: pytest.MonkeyPatch
+    wanted: str | None, where: list[float], cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard: list[Any] = []
-    work = CellActions(cell if asked else replace(cell, asked=None))
+    work = CellActions(cell if wanted else replace(cell, wanted=None))
     work.on_detection = lambda frame, seen: heard.append(seen)
     monkeypatch.setattr(work, "_take", lambda chosen: None)
     monkeypatch.setattr(work._selector, "first", lambda seen, frame, alone: None)
@@ -84,12 +84,12 @@ def test_a_box_that_lies_askew_in_its_file_has_its_own_edges(tmp_path: Path) -> 
 
 def test_another_object_that_is_held_is_a_miss_which_names_both(cell: Cell) -> None:
     held, risen = CellOutcome("held"), {"lemon": 0.0, "sugar_box": 0.15}
-    found = other_than_asked(held, "sugar_box", risen, cell)
+    found = other_than_wanted(held, "sugar_box", risen, cell)
     assert str(found) == "missed: another object"
     assert found.sentence.startswith("held sugar_box, not lemon: ")
     assert "\n" not in found.sentence
     fault = CellOutcome("fault", "dropped")
-    assert other_than_asked(held, "lemon", risen, cell) is held
-    assert other_than_asked(held, "sugar_box", {"lemon": 0.14, "sugar_box": 0.01}, cell) is held
-    assert other_than_asked(fault, "sugar_box", risen, cell) is fault
-    assert other_than_asked(held, "sugar_box", risen, replace(cell, asked=None)) is held
+    assert other_than_wanted(held, "lemon", risen, cell) is held
+    assert other_than_wanted(held, "sugar_box", {"lemon": 0.14, "sugar_box": 0.01}, cell) is held
+    assert other_than_wanted(fault, "sugar_box", risen, cell) is fault
+    assert other_than_wanted(held, "sugar_box", risen, replace(cell, wanted=None)) is held

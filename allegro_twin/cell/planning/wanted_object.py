@@ -1,4 +1,4 @@
-"""Which of the things that were seen is the one that was asked for: by its extents, for a camera knows no names."""
+"""Which of the things that were seen is the one that was wanted for: by its extents, for a camera knows no names."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.types import Array
 
 _FITS = 0.4
-"""Of the logarithm of a ratio of extents: beyond it nothing that was seen is what was asked for. A mug's handle, which
+"""Of the logarithm of a ratio of extents: beyond it nothing that was seen is what was wanted for. A mug's handle, which
 no solid has, makes 0.35."""
 _TURNS = np.radians(np.arange(0.0, 90.0, 2.0))
 
 
-def asked_first(
-    seen: Sequence[Detection | PerceptionRefusal], asked: GraspObject
+def wanted_first(
+    seen: Sequence[Detection | PerceptionRefusal], wanted: GraspObject
 ) -> Sequence[Detection | PerceptionRefusal]:
-    """What was seen, with what is most like the object that was asked for in front; as it is where nothing is."""
-    poses = resting_extents(asked)
+    """What was seen, with what is most like the object that was wanted for in front; as it is where nothing is."""
+    poses = resting_extents(wanted)
     ways = [unlikeness(each.solid.size, poses) if isinstance(each, Detection) else np.inf for each in seen]
     best = int(np.argmin(ways))
     return [seen[best], *seen[:best], *seen[best + 1 :]] if ways[best] < _FITS else seen
