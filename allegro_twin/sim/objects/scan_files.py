@@ -59,7 +59,7 @@ def read_scan(path: Path) -> Scan:
     """The content of a file, nothing repaired. Raises ConfigError for what is not readable, in a line."""
     kind = path.suffix.lower()
     if kind not in (*MESHES, *CLOUDS):
-        raise ConfigError(f"{path}: a mesh is {', '.join(MESHES)}; a cloud of points {', '.join(CLOUDS)} or .ply")
+        raise unread_kind(path)
     if not path.is_file():
         raise ConfigError(f"no mesh at {path}")
     try:
@@ -72,6 +72,12 @@ def read_scan(path: Path) -> Scan:
     if not np.isfinite(points).all(axis=1).any():
         raise ConfigError(f"{path}: not a readable mesh: it holds no points")
     return Scan(points, faces, normals, "m" if kind in (".glb", ".gltf") else stated_unit(path))
+
+
+def unread_kind(path: Path) -> ConfigError:
+    """What is said of a file that is neither a mesh nor points."""
+    kinds = f"a mesh is {', '.join(MESHES)}; a cloud of points {', '.join(CLOUDS)} or .ply"
+    return ConfigError(f"{path}: {kinds}; export it as STL")
 
 
 def stated_unit(path: Path) -> str | None:
