@@ -46,6 +46,7 @@ from allegro_twin.cell.planning.object_selection import ObjectSelector, Selected
 from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.planning.release import ReleasePath, release_path
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate
+from allegro_twin.cell.planning.wanted_object import wanted_first
 from allegro_twin.cell.states import CellOutcome, MachineState, Observation
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ArmReflex, ConfigError
@@ -450,7 +451,12 @@ class CellActions:
             self._take(chosen)
             self.on_detection(frame, chosen.found if isinstance(chosen, SelectedObject) else every[0])
             return
-        seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
+        if cell.wanted is None:
+            seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
+        else:
+            seen = wanted_first(cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation), cell.wanted)[
+                0
+            ]
         self.on_detection(frame, seen)
         seen = self._steady(seen, frame.time)
         if isinstance(seen, PerceptionRefusal):

@@ -27,7 +27,7 @@ from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.plate import PicturePlate
 from allegro_twin.sim.model.scene import TrayBox
-from allegro_twin.sim.objects.catalogue import PlacedObject
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject
 from allegro_twin.types import Array, Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
@@ -61,6 +61,8 @@ class Cell:
     """What is in the way of arm and hand."""
     self_filter: SelfFilter
     """What the camera sees of arm and hand."""
+    wanted: GraspObject | None = None
+    """What is to be taken, where several things stand on the table; None: what has most points in the picture."""
 
     def close(self) -> None:
         """Let go of everything."""
@@ -69,9 +71,9 @@ class Cell:
         self.robot.close()
 
 
-def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = ()) -> Cell:
-    """Everything, at rest at the security pose; `plates` are in the scene, too. Raises ConfigError, one line for the
-    first thing that is wrong."""
+def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), wanted: str | None = None) -> Cell:
+    """Everything, at rest at the security pose; `plates` are in the scene, too. `wanted`: the object that is to be
+    taken, by its name. Raises ConfigError, one line for the first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [place_object(thing) for thing in settings.objects], settings.arm
@@ -97,6 +99,7 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = ()) -> Cel
         hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         ObstacleClearance(robot.spec, MountedHand(spec, robot.mount), robot.base.position),
         SelfFilter(robot, settings.camera, camera.lens),
+        next((each.thing for each in things if each.thing.name == wanted), None),
     )  # fmt: skip
 
 

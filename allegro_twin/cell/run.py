@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import TypeVar
@@ -39,6 +39,7 @@ from allegro_twin.types import Array, HandState, Sample
 
 M = TypeVar("M")
 SampleStage = Callable[[Iterable[Sample]], Iterator[Sample]]
+_LIFTED = 0.05  # m. Something that is higher than before by more is in the air.
 _STIRRED = 0.005  # m. Another object that has moved less stands where it stood.
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
 
@@ -72,7 +73,7 @@ class LabReport:
     @property
     def is_lifted(self) -> bool:
         """Whether the thing is in the air at the end."""
-        return self.lifted > 0.05
+        return self.lifted > _LIFTED
 
 
 def perform(
@@ -204,20 +205,33 @@ class _Story:
             off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in self._at.items()}
             chosen = min(off, key=off.__getitem__)
             error = off[chosen]
-        lifted = float((last[chosen] - first[chosen])[2])
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
         tray = self._cell.settings.tray
         inside = () if tray is None else tuple(name for name, at in last.items() if on_tray(at, tray))
+        risen = {name: float((last[name] - first[name])[2]) for name in last}
+        end = other_than_wanted(now.end, chosen, risen, self._cell)
         return LabReport(
-            now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted, chosen, moved,
+            end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen[chosen], chosen, moved,
             now.released, inside,
         )  # fmt: skip
 
     def _places(self) -> dict[str, Array]:
         """Where every object really is, (3,), m."""
         return {thing.name: self._cell.robot.thing(thing.name).position for thing in self._cell.settings.objects}
+
+
+def other_than_wanted(end: CellOutcome, thing: str, risen: Mapping[str, float], cell: Cell) -> CellOutcome:
+    """The end, which is a miss where another thing is held than the one that was asked for. `risen`: by how much each
+    thing is higher than it was, m, as a simulation knows it: of a real camera's pictures nobody does."""
+    wanted, settings = cell.wanted, cell.settings
+    known = settings.camera.source.kind == "simulated" and settings.tray is None
+    if end.word != "held" or wanted is None or thing == wanted.name or risen[wanted.name] > _LIFTED or not known:
+        return end
+    said = f"held {thing}, not {wanted.name}: of what was seen it was most like it, or had most points in the picture"
+    way = f"move {thing} away, or {wanted.name} to where the camera sees it alone and whole"
+    return CellOutcome("missed", "another object", f"{said}; {way}")
 
 
 def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:

@@ -257,10 +257,15 @@ def load_protocol(name: str) -> TrialProtocol:
 
 
 def parse_object(name: str) -> ScenarioObject:
-    """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³."""
+    """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³. Raises
+    ConfigError for a file of another kind."""
+    from allegro_twin.sim.objects.catalogue import object_catalogue
     from allegro_twin.sim.objects.meshes import SUFFIXES
+    from allegro_twin.sim.objects.scan_files import unread_kind
 
     path = Path(name)
     if path.suffix.lower() not in SUFFIXES:
+        if path.is_file() and name not in object_catalogue():
+            raise unread_kind(path)
         return ScenarioObject(name=name)
     return ScenarioObject(name=path.stem, shape="mesh", file=path.resolve())

@@ -30,6 +30,7 @@ from allegro_twin.types import Array, Vector
 # What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
 # are pseudovectors, about the palm's x, y, z.
 DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
+_DENSEST = 25_000.0  # kg/m³; osmium has 22,590.
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 PUSHED = "push"
 """The window at whose end the object is over the table's edge."""
@@ -231,6 +232,11 @@ def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
     thing = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
     if shape == "mesh" and settings.mass is None:
         thing = replace(thing, mass=DENSITY * thing.mesh().volume)
+    elif shape == "mesh" and mass > _DENSEST * (volume := thing.mesh().volume):
+        raise ConfigError(
+            f"object {name}: {mass:g} kg in {1e6 * volume:.3g} cm³ is {mass / volume:,.0f} kg/m³, denser than any "
+            f"metal: masses are in kg; if this is in g, say {mass / 1e3:g}"
+        )
     return thing
 
 

@@ -15,6 +15,9 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.types import Sample
 from allegro_twin.viewing.camera import Camera, Picture
 
+CONTAINERS = {".mp4": "mp4", ".mkv": "matroska", ".mov": "mov"}
+"""Formats by the suffixes of their files."""
+
 
 def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30) -> Iterator[Sample]:
     """A stage that makes an H.264 film in real time of the hand's clock."""
@@ -44,24 +47,27 @@ def film(pictures: Iterable[Picture], path: Path, fps: int) -> None:
 @contextmanager
 def open_film(path: Path, fps: int) -> Iterator[Callable[[Picture], None]]:
     """A film to which pictures of one size are added, so many a second; it is there when the block ends. Raises
-    ImportError without PyAV."""
+    ConfigError for a suffix that no film has, ImportError without PyAV."""
+    container = CONTAINERS.get(path.suffix)
+    if container is None:
+        raise ConfigError(f"{path}: a film ends in {' or '.join(CONTAINERS)}")
     import av
 
-    with atomic_file(path) as temporary, av.open(str(temporary), "w", format=path.suffix[1:]) as container:
+    with atomic_file(path) as temporary, av.open(str(temporary), "w", format=container) as written:
         stream: Any = None
 
         def add(picture: Picture) -> None:
             nonlocal stream
             picture = _even(picture)
             if stream is None:
-                stream = container.add_stream("libx264", rate=fps, options={"crf": "23"})
+                stream = written.add_stream("libx264", rate=fps, options={"crf": "23"})
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            written.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
 
         yield add
         if stream is not None:
-            container.mux(stream.encode())
+            written.mux(stream.encode())
 
 
 def _even(picture: Picture) -> Picture:

@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import Sample
 from allegro_twin.viewing.camera import Camera, Picture
-from allegro_twin.viewing.films import film, filmed
+from allegro_twin.viewing.films import CONTAINERS, film, filmed
 from allegro_twin.viewing.stills import overview, pictured
 from tests.conftest import MakeSim
 from tests.test_loop import samples_for
@@ -137,3 +137,12 @@ def test_an_overview_of_wide_pictures_shows_their_middle(tmp_path: Path) -> None
     overview({"wide": tmp_path / "a.png"}, tmp_path / "all.png")
     sheet = np.asarray(Image.open(tmp_path / "all.png"))
     assert (sheet[60:, 2:238] == 200).all()
+
+
+def test_films_are_of_the_kind_that_their_suffix_names_and_of_no_other_kind(tmp_path: Path) -> None:
+    for suffix in CONTAINERS:
+        film([np.zeros((32, 32, 3), dtype=np.uint8)] * 3, tmp_path / f"a{suffix}", 30)
+        with av.open(str(tmp_path / f"a{suffix}")) as made:
+            assert suffix[1:] in made.format.extensions
+    with pytest.raises(ConfigError, match=r"a.gif: a film ends in .mp4 or .mkv or .mov"):
+        film([], tmp_path / "a.gif", 30)

@@ -58,8 +58,9 @@ class PerceptionPipeline:
     def detect(
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
     ) -> Detection | PerceptionRefusal:
-        """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown. What
-        touches is taken apart where two or three solids explain it; where these look like one body, it is a compound.
+        """The thing with most points of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown.
+        What touches is taken apart where two or three solids explain it; where these look like one body, it is a
+        compound.
 
         `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:
         balls around what is the robot's own and is no thing, (k, 4), middle in the world and radius, m. Raises
@@ -72,8 +73,8 @@ class PerceptionPipeline:
     def detect_all(
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
     ) -> list[Detection | PerceptionRefusal]:
-        """All things, or why each cannot be known, the largest first; where there is none, why there is none. As
-        `detect` otherwise."""
+        """All things, or why each cannot be known, first what has most points; where there is none, why there is none.
+        As `detect` otherwise."""
         draws = np.random.default_rng(self._seed)
         found = list[Detection | PerceptionRefusal]()
         for cluster in find_objects(OrganizedCloud(cloud, position, rotation, robot), self.settings, draws):

@@ -1,4 +1,4 @@
-"""Segmentation: from an organised cloud to the points of the largest object on the table, or why there are none."""
+"""Segmentation: from an organised cloud to the points of each object on the table, or why there are none."""
 
 from __future__ import annotations
 
@@ -142,7 +142,8 @@ def depth_scatter(view: OrganizedCloud, settings: PerceptionSettings) -> float:
 def find_objects(
     view: OrganizedCloud, settings: PerceptionSettings, draws: np.random.Generator
 ) -> list[Cluster | PerceptionRefusal]:
-    """The points of each thing on the table, or why it cannot be known, the largest first; at least one entry."""
+    """The points of each thing on the table, or why it cannot be known; first what has most points in
+    the picture, so that a near one may come before a larger one. At least one entry."""
     thin = view.cloud[:: settings.stride, :: settings.stride]
     flat = thin.reshape(-1, 3)
     world = view.world(flat)

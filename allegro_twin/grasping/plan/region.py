@@ -30,6 +30,12 @@ class GraspRegion:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
 
+    def __str__(self) -> str:
+        """As it is asked for."""
+        low = [f"{axis} > {bound:g}" for axis, bound in zip("xyz", self.low, strict=True) if np.isfinite(bound)]
+        high = [f"{axis} < {bound:g}" for axis, bound in zip("xyz", self.high, strict=True) if np.isfinite(bound)]
+        return ", ".join([*low, *high])
+
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Which of some points (k, 3), m, in the object's frame, are inside, (k,)."""
         inside: NDArray[np.bool_] = np.all((points >= self.low) & (points <= self.high), axis=1)

@@ -78,12 +78,15 @@ def convex_parts(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
 
 
 def _coarse(mesh: Mesh) -> Mesh:
-    """The same surface with at most CUT triangles, where it stays closed."""
+    """The same surface with CUT triangles, or some more where it would not stay closed."""
     if len(mesh.faces) <= CUT:
         return mesh
-    fewer = fix.decimate(fix.Soup(mesh.vertices, mesh.faces), CUT)
-    closed = fix.is_closed(fewer) and fix.manifold_of(fewer) is not None
-    return Mesh(fewer.vertices, fewer.faces) if closed else mesh
+    for count in (CUT, CUT * 3 // 2, 2 * CUT):
+        if count < len(mesh.faces):
+            fewer = fix.decimate(fix.Soup(mesh.vertices, mesh.faces), count)
+            if fix.is_closed(fewer) and fix.manifold_of(fewer) is not None:
+                return Mesh(fewer.vertices, fewer.faces)
+    return mesh
 
 
 def _interruptible(call: Callable[[], T]) -> T:

@@ -79,7 +79,7 @@ def read_scan(path: Path) -> Scan:
     check_file(path)
     named = path.suffix.lower()
     if named not in (*MESHES, *CLOUDS):
-        raise ConfigError(f"{path}: a mesh is {', '.join(MESHES)}; a cloud of points {', '.join(CLOUDS)} or .ply")
+        raise unread_kind(path)
     kind, notes = _true_kind(path) or named, []
     if kind != named:
         notes.append(f"read as {kind}, which it is, not {named}")
@@ -137,6 +137,12 @@ def _true_kind(path: Path) -> str | None:
         obj = all(re.search(sign, content) for sign in (rb"(?m)^v[ \t]+[-+.\d]", rb"(?m)^f[ \t]+-?\d"))
         return ".obj" if obj else None
     return found
+
+
+def unread_kind(path: Path) -> ConfigError:
+    """What is said of a file that is neither a mesh nor points."""
+    kinds = f"a mesh is {', '.join(MESHES)}; a cloud of points {', '.join(CLOUDS)} or .ply"
+    return ConfigError(f"{path}: {kinds}; export it as STL")
 
 
 def stated_unit(path: Path) -> str | None:

@@ -93,11 +93,13 @@ def _counted(reports: Mapping[tuple[str, str], TrialReport]) -> str:
     )
 
 
-def plan_table(name: str, found: Sequence[PlannedGrasp]) -> Table:
+def plan_table(name: str, found: Sequence[PlannedGrasp], asked: int) -> Table:
     """One row for each grasp, in the order of the search: rates on the search's draws, and on fresh ones."""
     from allegro_twin.grasping.evaluation.outcomes import make_rate
 
-    table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
+    count = f"{len(found)} grasp{'' if len(found) == 1 else 's'}"
+    fewer = f" of {asked} asked for" if len(found) < asked else ""
+    table = Table(title=f"{count}{fewer}: {name}" if fewer else f"{count} for {name}", title_style="bold")
     words = ("from", "like", "type")
     for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "limits\nleft", "motor\nsustains"):
         table.add_column(title, justify="left" if title in words else "right")

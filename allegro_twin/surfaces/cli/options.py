@@ -155,6 +155,19 @@ def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | 
     return check
 
 
+film = file(".mp4", ".mkv", ".mov")
+"""Callback for a film that is to be written: what `viewing.films` writes."""
+
+
+def refuse_mesh(path: Path) -> None:
+    """Raise ConfigError for a mesh or a scan where a config is wanted."""
+    from allegro_twin.sim.objects.meshes import SUFFIXES
+
+    if path.suffix.lower() in SUFFIXES:
+        way = f"`allegro-twin plan {path}`, or `lab lab_allegro --object {path}`"
+        raise ConfigError(f"{path} is a mesh or a scan, not a config: {way}")
+
+
 def option(param: typer.CallbackParam) -> str:
     """The name of an option as the user types it."""
     return str(param.opts[0])

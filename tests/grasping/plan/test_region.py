@@ -35,6 +35,7 @@ def test_a_region_has_what_is_between_its_bounds() -> None:
     """Bounds that are not said are none."""
     points = np.array([[0.05, 0.0, 9.0], [0.04, 0.0, 0.0], [0.05, 0.0, -0.1]])
     assert parse_region(" x > 0.045 , z<.5").contains(points).tolist() == [False, False, True]
+    assert str(parse_region(" x > 0.045 , z<.5")) == "x > 0.045, z < 0.5"
     assert parse_region("z>-0.05").contains(points).tolist() == [True, True, False]
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 
 from allegro_twin.cell import run
 from allegro_twin.cell.run import LabReport
 from allegro_twin.cell.states import CellOutcome, OutcomeKind
 from allegro_twin.errors import HandFault, LinkError
+from allegro_twin.files.assets import data_root
 from allegro_twin.surfaces.cli.cell import lab
+from tests.sim.dirty_meshes import cracker, obj
 from tests.surfaces.cli.conftest import Run
 
 CONFIG = ("lab", "conf/lab_allegro.yaml")
@@ -30,7 +35,7 @@ def ends(monkeypatch: pytest.MonkeyPatch, end: CellOutcome | BaseException) -> N
 @pytest.mark.parametrize(("end", "code"), [
     (CellOutcome("held"), 0), (CellOutcome("held", "", "the force sensor is suspect"), 0),
     (CellOutcome("cleared", "", "3 put away"), 0), (CellOutcome("missed", "left", "2 put away; left: a box"), 5),
-    (CellOutcome("missed", "", "it is not there"), 5),
+    (CellOutcome("missed", "", "it is not there"), 5), (CellOutcome("missed", "another object", "held a cup"), 5),
     (CellOutcome("refused", "no_object", "nothing"), 5), (CellOutcome("refused", "no_grasp", "too large"), 5),
     (CellOutcome("fault", "hand without torque", "thumb_1"), 4), (CellOutcome("fault", "not confirmed", "light"), 4),
     (CellOutcome("fault", "dropped", "gone"), 4), (CellOutcome("fault", "timeout in Approach", "late"), 4),
@@ -45,6 +50,18 @@ def test_only_what_is_held_or_cleared_ends_with_0(
     assert str(end).split(":")[0] in out + error or isinstance(end, KeyboardInterrupt)
 
 
+def test_what_the_option_names_is_what_the_cell_is_asked_for(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def perform(cell: Any, **stages: Any) -> LabReport:
+        asked.append(None if cell.wanted is None else cell.wanted.name)
+        return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
+
+    monkeypatch.setattr(run, "perform", perform)
+    assert command(*CONFIG)[0] == command(*CONFIG, "--object", "lemon")[0] == 0
+    assert asked == [None, "lemon"]
+
+
 def test_every_word_that_a_run_can_end_with_has_a_code() -> None:
     assert set(lab._CODES) == set(get_args(OutcomeKind))
     assert [word for word, code in lab._CODES.items() if code == 0] == ["held", "cleared"]
@@ -54,3 +71,39 @@ def test_what_is_wrong_before_anything_moves_ends_with_2(command: Run) -> None:
     assert command(*CONFIG, "--object", "no_such_thing")[0] == 2
     assert command("lab", "conf/no_such_cell.yaml")[0] == 2
     assert command(*CONFIG, "--follow")[0] == 2
+
+
+def test_a_mesh_in_inches_is_taken_by_its_unit(command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    heard: list[Any] = []
+
+    def perform(cell: Any, **stages: Any) -> LabReport:
+        heard.append(cell.wanted)
+        return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
+
+    monkeypatch.setattr(run, "perform", perform)
+    solid = cracker()
+    file = obj(tmp_path / "thing.obj", solid.vertices * 0.4, solid.faces.tolist(), 0.0254)
+    edges = 0.4 * np.ptp(solid.vertices, axis=0)
+    assert command(*CONFIG, "--object", file, "--scale", 0.0254)[0] == 0
+    np.testing.assert_allclose(2.0 * heard[0].half_extents(), edges, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["--film", "run.gif"], "--film run.gif: must end in .mp4 or .mkv or .mov"),
+    (["--object", "lemon", "--scale", "0.001"], "--scale is for the mesh of --object; lemon is none"),
+    (["--scale", "0.001"], "--scale is for the mesh of --object; apple is none"),
+])  # fmt: skip
+def test_a_wrong_option_is_one_line_before_anything_moves(words: list[str], said: str, command: Run) -> None:
+    code, _, errors = command(*CONFIG, *words)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert said in errors
+
+
+def test_an_object_that_stands_on_the_table_already_is_refused_by_name(command: Run, tmp_path: Path) -> None:
+    text = (data_root() / "conf/lab_allegro.yaml").read_text()
+    config = tmp_path / "two.yaml"
+    two = "objects: [{name: apple}, {name: lemon, at: [0.1, 0.1]}]"
+    config.write_text(re.sub("(?m)^objects:.*", two, text))
+    code, _, errors = command("lab", config, "--object", "lemon")
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "--object lemon: another lemon is on the table" in errors

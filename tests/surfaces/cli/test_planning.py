@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from allegro_twin.grasping.plan.region import parse_region
+from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
+from allegro_twin.surfaces.cli.console import plan_table
+from allegro_twin.surfaces.cli.grasps.plan import alternatives, scenario_of
 from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
 from tests.surfaces.cli.conftest import Run
 
@@ -37,6 +43,7 @@ def test_plan_writes_grasps_that_run_with_a_picture_of_each(command: Run, tmp_pa
         (["nowhere.stl"], "no file"),
         (["lemon", "--edge", "0.15"], "9 mm of it would stand out"),
         (["lemon", "--edge", "0.15", "--protocol", "fc"], "--edge is of a table; under fc there is none"),
+        (["lemon", "--by", "x>5"], "is in the region x > 5; it reaches over x -0.034 to 0.034, y"),
         (["lemon", "--twin", "allegro"], "has no intervals to draw from"),
     ],
 )
@@ -55,6 +62,32 @@ def test_a_mesh_with_a_hole_is_closed_and_said_or_taken_as_its_hull(command: Run
     assert (code, said) == (0, "")
     assert "collision: hull" in (tmp_path / "out" / "open_new.yaml").read_text()
     assert command("new", "lemon", "--hull", "--out", tmp_path / "out")[2].endswith("lemon is of the catalogue\n")
+
+
+def test_a_mesh_whose_mass_is_in_grams_is_refused_before_anything_is_searched(command: Run, tmp_path: Path) -> None:
+    file = obj(tmp_path / "box.obj", cracker().vertices, cracker().faces.tolist())
+    volume = load_mesh(file).volume
+    for name in ("plan", "new"):
+        code, _, errors = command(name, file, "--mass", 120, "--out", tmp_path / "out")
+        assert code == 2
+        assert f"object box: 120 kg in {1e6 * volume:.3g} cm³ is {120.0 / volume:,.0f} kg/m³" in errors
+        assert errors.endswith("masses are in kg; if this is in g, say 0.12\n")
+
+
+def test_a_table_of_fewer_grasps_than_were_asked_for_says_so() -> None:
+    assert str(plan_table("lemon", [], 3).title) == "0 grasps of 3 asked for: lemon"
+    assert str(plan_table("lemon", [], 0).title) == "0 grasps for lemon"
+
+
+def test_where_no_pre_shape_goes_round_an_object_the_alternatives_that_were_not_taken_are_named() -> None:
+    scenario, spec = scenario_of("lemon", "z", 1.0, None, 0.8), load_spec()
+    edge, way = "--edge M, to push it over the table's edge first", "no pre-shape goes round it; try "
+    search = GraspSearch(scenario, spec, ())
+    assert alternatives(search) == f"{way}{edge}, or another --hand"
+    narrow = replace(search, region=parse_region("x>0"), kind="Tripod")
+    assert alternatives(narrow) == f"{way}{edge}, or another --hand, or another --by, or another --type"
+    in_the_air = replace(search, scenario=scenario.model_copy(update={"protocol": "fc"}))
+    assert alternatives(in_the_air) == f"{way}another --hand"
 
 
 @pytest.mark.slow
@@ -79,5 +112,6 @@ def test_the_command_mesh_refuses_what_is_no_length_and_to_write_over_what_it_re
     code, _, errors = command("mesh", file, "--tolerance", "2 miles")
     assert (code, errors.count("\n")) == (2, 1)
     assert "'2 miles' is no length" in errors
+    assert "its unit is one of m, cm, mm" in errors
     code, _, errors = command("mesh", file, "--out", file)
     assert (code, errors.count("\n")) == (2, 1)

@@ -106,9 +106,15 @@ class Proposer:
         if self.region is None:
             return sample_placed_surface(placed, BATCH, self.random)
         on = sample_placed_surface(placed, 40 * BATCH, self.random)
-        inside = np.flatnonzero(self.region.contains(to_object_frame(placed, on.points)))[:BATCH]
+        own = to_object_frame(placed, on.points)
+        inside = np.flatnonzero(self.region.contains(own))[:BATCH]
         if not len(inside):
-            raise ConfigError(f"object {placed.thing.name}: nothing of its surface is in the region {self.region}")
+            ends = zip("xyz", own.min(axis=0), own.max(axis=0), strict=True)
+            reach = ", ".join(f"{axis} {low:.3f} to {high:.3f}" for axis, low, high in ends)
+            raise ConfigError(
+                f"object {placed.thing.name}: nothing of its surface is in the region {self.region}; it reaches over "
+                f"{reach}, m in its own frame"
+            )
         return SurfaceSample(on.points[inside], on.normals[inside])
 
     def grow(self, seeds: Sequence[Candidate]) -> list[Candidate]:

@@ -30,18 +30,34 @@ def lab(
     thing: Annotated[
         str | None, typer.Option("--object", help="Object of the catalogue or mesh file, for the first.")
     ] = None,
+    scale: Annotated[
+        float,
+        typer.Option(help="Unit of a mesh for --object, m; default: as its size says.", callback=options.positive),
+    ] = 1.0,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise of camera and force sensor.")] = None,
     clear: Annotated[
         bool, typer.Option("--clear", help="Clear the table: put one object after the other away.")
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for pictures and a recording of everything.", callback=options.folder),
+        typer.Option(
+            help="Folder for pictures and a recording of everything.",
+            callback=options.folder,
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of the run, an .mp4 file.", dir_okay=False)] = None,
-    pictures: Annotated[float, typer.Option(help="Rate of camera pictures to record and show, Hz; 0: none.")] = 0.0,
-    view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
-    web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
+    film: Annotated[
+        Path | None,
+        typer.Option(help="Film of the run, an .mp4 file.", callback=options.film, rich_help_panel=options.OUTPUT),
+    ] = None,
+    pictures: Annotated[
+        float,
+        typer.Option(help="Rate of camera pictures to record and show, Hz; 0: none.", rich_help_panel=options.OUTPUT),
+    ] = 0.0,
+    view: Annotated[
+        bool, typer.Option(help="Watch live in Rerun's own window.", rich_help_panel=options.OUTPUT)
+    ] = False,
+    web: Annotated[bool, typer.Option(help="Watch live in the browser.", rich_help_panel=options.OUTPUT)] = False,
     ros: Annotated[bool, typer.Option("--ros", help="Serve the cell on ROS 2, on this machine only.")] = False,
     namespace: Annotated[str, typer.Option(help="Namespace of the topics of --ros.")] = "/",
     follow: Annotated[
@@ -59,18 +75,19 @@ def lab(
     from allegro_twin.files.schema import load_settings
     from allegro_twin.surfaces.cli.console import console, hint
 
+    options.refuse_mesh(config)
     file = find_file(config, "config", "conf")
     settings = load_settings(LabSettings, file)
     settings = settings.model_copy(
         update={
-            "objects": _objects(settings, thing, file.parent),
+            "objects": _objects(settings, thing, scale, file.parent),
             "seed": settings.seed if seed is None else seed,
             "tray": TraySettings() if clear and settings.tray is None else settings.tray,
         }
     )
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
-    cell = make_cell(settings)
+    cell = make_cell(settings, wanted=None if thing is None else settings.objects[0].name)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
         stack.callback(cell.close)
@@ -94,15 +111,24 @@ def lab(
     raise typer.Exit(_CODES[report.end.word])
 
 
-def _objects(settings: LabSettings, thing: str | None, folder: Path) -> tuple[TableObjectSettings, ...]:
-    """What stands on the table, with `thing` where the first one would; files are those of the config's folder."""
+def _objects(settings: LabSettings, thing: str | None, scale: float, folder: Path) -> tuple[TableObjectSettings, ...]:
+    """What stands on the table, with `thing` where the first one would; files are those of the config's folder. Raises
+    ConfigError."""
     from allegro_twin.cell.settings import TableObjectSettings
     from allegro_twin.grasping.scenario import parse_object
 
     first, *others = settings.objects
     if thing is not None:
-        placed = {"at": first.at, "yaw": first.yaw}
-        first = TableObjectSettings(**{**parse_object(thing).model_dump(exclude_unset=True), **placed})
+        placed, asked = {"at": first.at, "yaw": first.yaw}, parse_object(thing)
+        if any(each.name == asked.name for each in others):
+            raise ConfigError(
+                f"--object {thing}: another {asked.name} is on the table; rename one: objects have different names"
+            )
+        first = TableObjectSettings(**{**asked.model_dump(exclude_unset=True), **placed})
+    if scale != 1.0:
+        if thing is None or first.file is None:
+            raise ConfigError(f"--scale is for the mesh of --object; {first.name} is none")
+        first = first.model_copy(update={"scale": scale})
     return tuple(
         each if each.file is None else each.model_copy(update={"file": (folder / each.file).resolve()})
         for each in (first, *others)

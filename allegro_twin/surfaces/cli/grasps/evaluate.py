@@ -104,7 +104,7 @@ def evaluate(
         Path | None,
         typer.Option(
             help="Film three episodes of a policy to this .mp4.",
-            callback=options.file(".mp4", ".mkv"),
+            callback=options.film,
             rich_help_panel=options.POLICY,
         ),
     ] = None,

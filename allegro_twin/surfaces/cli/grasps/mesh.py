@@ -25,7 +25,7 @@ def parse_length(text: str) -> float:
     found = re.fullmatch(r"\s*(\d*\.?\d+(?:e-?\d+)?)\s*(m|cm|mm)?\s*", text)
     value = float(found.group(1)) * _UNITS[found.group(2) or ""] if found else 0.0
     if not 0.0 < value <= _LARGEST:
-        raise ConfigError(f"{text!r} is no length of 0 to 5 cm, such as 2mm or 0.002")
+        raise ConfigError(f"{text!r} is no length of 0 to 5 cm, such as 2mm or 0.002; its unit is one of m, cm, mm")
     return value
 
 

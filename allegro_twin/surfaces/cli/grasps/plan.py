@@ -172,11 +172,11 @@ def plan(
     else:
         found = _search_parallel(search, n, budget, seeds, chosen.engine)
     judge_planned(found, spec, search.uncertainty, seed, search.folder)
-    console.console.print(console.plan_table(name, found))
+    console.console.print(console.plan_table(name, found, n))
     console.console.print(console.search_summary(search, seeds), soft_wrap=True)
     if not found:
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
-        why = f"of the candidates that physics closed ended {ends}" if ends else "no pre-shape goes round it"
+        why = f"of the candidates that physics closed ended {ends}" if ends else alternatives(search)
         console.errors.print(f"no grasp holds {name}: {why}")
         raise typer.Exit(5)
     with ExitStack() as stack:
@@ -195,6 +195,17 @@ def plan(
             made = show_repair(scenario.objects[0].file, scenario.objects[0].scale, folder, hull=hull)
             add_to_run(folder, [*made, *_make_pictures(paths, folder)])
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
+
+
+def alternatives(search: GraspSearch) -> str:
+    """What is said where no pre-shape goes round an object, with the ways out that were not taken."""
+    from allegro_twin.grasping.scenario import load_protocol
+
+    scenario, ways = search.scenario, ["another --hand"]
+    if scenario.push is None and not load_protocol(scenario.protocol).floating:
+        ways.insert(0, "--edge M, to push it over the table's edge first")
+    ways += ["another --by"] * (search.region is not None) + ["another --type"] * (search.kind is not None)
+    return f"no pre-shape goes round it; try {', or '.join(ways)}"
 
 
 def _search(search: GraspSearch, n: int, budget: SearchBudget) -> list[PlannedGrasp]:

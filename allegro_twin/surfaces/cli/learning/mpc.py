@@ -20,7 +20,7 @@ def mpc(
     ] = None,
     hand: options.TrainedHand = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of all episodes, .mp4.")] = None,
+    film: Annotated[Path | None, typer.Option(help="Film of all episodes, .mp4.", callback=options.film)] = None,
 ) -> None:
     """Do a task without learning, by model predictive control."""
     from contextlib import ExitStack
@@ -32,8 +32,10 @@ def mpc(
     from allegro_twin.learning.tasks import task_names, task_type
     from allegro_twin.learning.training.settings import Recipe, load_recipe
     from allegro_twin.surfaces.cli import console
-    from allegro_twin.viewing.films import open_film
+    from allegro_twin.viewing.films import check_av, open_film
 
+    if film is not None:
+        check_av()
     if seconds is not None and not seconds > 0:
         raise ConfigError(f"--seconds must be positive, not {seconds:g}")
     # The name of a task is the task as `gymnasium.make` has it, with as many decisions a second.

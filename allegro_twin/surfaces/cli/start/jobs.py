@@ -16,7 +16,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import SIDES
-from allegro_twin.surfaces.cli import console
+from allegro_twin.surfaces.cli import console, options
 from allegro_twin.surfaces.cli.hand_override import on_hand, own_scenarios
 
 
@@ -102,6 +102,7 @@ def files_of(target: str) -> list[Path]:
                 raise ConfigError(f"{target}: no scenarios in this folder")
             return found
     if path.is_file() or len(path.parts) > 1 or path.suffix:
+        options.refuse_mesh(path)
         return [find_file(path, "config or scenario", "scenarios", below=True)]
     names = {file.stem: file for folder in ("scenarios", "conf") for file in (data_root() / folder).rglob("*.yaml")
              if folder == "scenarios" or file.parent.name == "conf"}  # fmt: skip

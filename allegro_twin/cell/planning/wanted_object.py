@@ -1,0 +1,49 @@
+"""Which of the things that were seen is the one that was wanted for: by its extents, for a camera knows no names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from allegro_twin.cell.perception.errors import PerceptionRefusal
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.sim.objects.catalogue import GraspObject
+from allegro_twin.types import Array
+
+_FITS = 0.4
+"""Of the logarithm of a ratio of extents: beyond it nothing that was seen is what was wanted for. A mug's handle, which
+no solid has, makes 0.35."""
+_TURNS = np.radians(np.arange(0.0, 90.0, 2.0))
+
+
+def wanted_first(
+    seen: Sequence[Detection | PerceptionRefusal], wanted: GraspObject
+) -> Sequence[Detection | PerceptionRefusal]:
+    """What was seen, with what is most like the object that was wanted for in front; as it is where nothing is."""
+    poses = resting_extents(wanted)
+    ways = [unlikeness(each.solid.size, poses) if isinstance(each, Detection) else np.inf for each in seen]
+    best = int(np.argmin(ways))
+    return [seen[best], *seen[:best], *seen[best + 1 :]] if ways[best] < _FITS else seen
+
+
+def unlikeness(size: Sequence[float], poses: Array) -> float:
+    """The largest logarithm of a ratio of sorted extents, in whichever pose (k, 3), m, that is least."""
+    ratios = np.abs(np.log(np.sort(np.asarray(size)) / poses)).max(axis=1)
+    return float(ratios.min(initial=np.inf))
+
+
+def resting_extents(thing: GraspObject) -> Array:
+    """The sorted edges of the boxes around an object, (k, 3), m: upright along each of its own axes, and across it as
+    small as any turn makes it. None of an MJCF, which has no size."""
+    if thing.shape == "mjcf":
+        return np.empty((0, 3))
+    if thing.shape != "mesh":
+        return np.sort(2.0 * thing.half_extents())[None]
+    points, found = thing.mesh().vertices, []
+    for up in range(3):
+        across = np.delete(points, up, axis=1)
+        ways = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
+        edges = np.stack([np.ptp(across @ ways, axis=0), np.ptp(across @ [-ways[1], ways[0]], axis=0)], axis=1)
+        found.append([*edges[np.argmin(edges.prod(axis=1))], np.ptp(points[:, up])])
+    return np.sort(found, axis=1)
