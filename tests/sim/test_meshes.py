@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from allegro_twin.app import assemble
 from allegro_twin.errors import ConfigError
@@ -171,7 +172,7 @@ def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, mon
 
 
 def test_a_fine_scan_is_cut_with_fewer_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
-    vertices, faces = ring(300)
+    torus = trimesh.creation.torus(0.05, 0.015, major_sections=64, minor_sections=32)
     cut: list[int] = []
 
     def run(mesh: Any, **_: object) -> list[tuple[Array, Array]]:
@@ -179,8 +180,8 @@ def test_a_fine_scan_is_cut_with_fewer_triangles(monkeypatch: pytest.MonkeyPatch
         return [(mesh.vertices, mesh.indices)] * MOST
 
     monkeypatch.setattr("coacd.run_coacd", run)
-    convex_parts(Mesh(vertices, np.array(faces)), "ring")
-    assert len(faces) == 2400
+    convex_parts(Mesh(np.array(torus.vertices), np.array(torus.faces)), "torus")
+    assert len(torus.faces) == 4096
     assert cut == [CUT], "once, for finer cuts would be as many"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit, Friction, fit_drive
 from allegro_twin.twin.identify.fitting.problem import Masses
 from allegro_twin.twin.identify.fitting.regress import regress, regress_breakaway
+from allegro_twin.twin.identify.fitting.shooting import cut_segments
 from allegro_twin.twin.identify.motions.limits import FoundLimits, centring_offsets
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, check_same_hand, read_motion
 from allegro_twin.twin.identify.results.gap import Gap, drive_parameters, make_player, measure_gap
@@ -31,6 +32,9 @@ from allegro_twin.twin.identify.results.uncertainty import (
 from allegro_twin.twin.identify.results.written_drive import WrittenDrive
 from allegro_twin.types import Vector
 
+TRUSTED = 0.5
+"""Share of a recording's pieces that a fit needs."""
+
 
 @dataclass(frozen=True, slots=True)
 class KnownWeight:
@@ -41,7 +45,7 @@ class KnownWeight:
     mass: float
     """kg"""
     recording: str
-    """File name of the recording, with or without suffix."""
+    """The recording by its path, or by its file name where no other has that; with or without suffix."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +75,7 @@ def identify_hand(
     file's link masses are right; `hand`: its file, whose `drive.mass_scale` are these masses; `friction`: model of dry
     friction; `progress`: called with a line on what is being done. Raises ConfigError or RecordingError."""
     motions = _motions(paths, weights)
+    check_trusted(motions)
     spec = motions[0].spec
     # A file that does not exist yet says nothing of masses.
     file = load_spec(spec.model, spec.side, hand) if hand and Path(hand).is_file() else None
@@ -121,21 +126,67 @@ def _gap(motion: RecordedMotion, hand: str) -> Gap:
     return measure_gap(motion, (player, drive_parameters(nominal, ones, zero)), (own, after))
 
 
+def check_trusted(motions: Sequence[RecordedMotion]) -> None:
+    """Raise ConfigError for a recording of which the fit could use less than half."""
+    cuts = cut_segments(motions, motions[0].spec)
+    for number, motion in enumerate(motions):
+        own = cuts.trust[cuts.recording == number]
+        if len(own) and (share := own.any(axis=1).mean()) < TRUSTED:
+            raise ConfigError(
+                f"{motion.name}: {100.0 * share:.0f} % of its rows can be used: too few reports arrived; record it "
+                "again on a quieter computer"
+            )
+    if len(cuts.trust) and (share := cuts.trust.mean()) < TRUSTED:
+        raise ConfigError(
+            f"{', '.join(motion.name for motion in motions)}: {100.0 * share:.0f} % of the fingers' rows can be used: "
+            "the others are at a limit of driver or joint; record again with `allegro-twin excite`"
+        )
+
+
 def _motions(paths: Sequence[Path], weights: Sequence[KnownWeight]) -> list[RecordedMotion]:
+    names = distinct_names(paths)
     first = read_motion(paths[0])
-    chosen = {weight.recording.removesuffix(".arrow") for weight in weights}
-    names = [path.stem for path in paths]
-    for name in sorted(chosen - set(names)):
-        raise ConfigError(unknown("recording", name, names))
-    motions = [read_motion(path, _weight(path.stem, weights, first.spec)) for path in paths]
+    hung = [_chosen(weight.recording, paths) for weight in weights]
+    motions = []
+    for number, (path, name) in enumerate(zip(paths, names, strict=True)):
+        own = [weight for weight, chosen in zip(weights, hung, strict=True) if chosen == number]
+        motions.append(replace(read_motion(path, _weight(own, first.spec)), name=name))
     check_same_hand(motions)
     return motions
 
 
-def _weight(name: str, weights: Sequence[KnownWeight], spec: HandSpec) -> Vector:
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """A name for every recording: its file's, with as many of its folders as make it the only one. Raises ConfigError
+    for one that is given twice."""
+    parts = [path.resolve().parts for path in paths]
+    for number, path in enumerate(paths):
+        if parts[number] in parts[:number]:
+            raise ConfigError(f"{path} is given twice: name every recording once")
+    found = []
+    for own in parts:
+        others = [each for each in parts if each != own]
+        length = next(k for k in range(1, len(own) + 1) if own[-k:] not in [each[-k:] for each in others])
+        found.append(Path(*own[-length:]).as_posix())
+    return found
+
+
+def _chosen(text: str, paths: Sequence[Path]) -> int:
+    """Which of the recordings a text names: by path, or by a file name that only one has. Raises ConfigError."""
+    asked = {Path(text).resolve(), Path(f"{text}.arrow").resolve()}
+    by_path = [number for number, path in enumerate(paths) if path.resolve() in asked]
+    by_name = [number for number, path in enumerate(paths) if text in (path.name, path.stem)]
+    found = by_path or by_name
+    if not found:
+        raise ConfigError(unknown("recording", text, [str(path) for path in paths]))
+    if len(found) > 1:
+        several = " and ".join(str(paths[number]) for number in found)
+        raise ConfigError(f"the recording {text} of a known mass may be {several}: give its path")
+    return found[0]
+
+
+def _weight(weights: Sequence[KnownWeight], spec: HandSpec) -> Vector:
     found = np.zeros(spec.n_joints)
     for weight in weights:
-        if weight.recording.removesuffix(".arrow") == name:
-            fingers = spec.fingers if weight.at == "tip" else (spec.finger(weight.at),)
-            found[[finger.joints[-1] for finger in fingers]] = weight.mass
+        fingers = spec.fingers if weight.at == "tip" else (spec.finger(weight.at),)
+        found[[finger.joints[-1] for finger in fingers]] = weight.mass
     return found

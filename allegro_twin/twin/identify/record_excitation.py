@@ -7,6 +7,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import Physics, Rig, assemble
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
@@ -15,13 +17,16 @@ from allegro_twin.drivers.polled.config import PolledSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
-from allegro_twin.recording.reader import load
+from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.recorder import record
 from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
 from allegro_twin.types import Sample
 from allegro_twin.version import __version__
 
 SHORTEST = 4.0  # s. Less is not worth an approach.
+MISSING, GAP = 0.05, 10
+"""Share of the periods, and how many in a row, that a recording may lack: with more an identification has hardly a
+piece of it."""
 _WITHOUT_IMU = ("v1", "v2", "v3")
 """Versions whose firmware reports none."""
 _GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that tells the hand's pose.
@@ -42,26 +47,59 @@ class ExcitationRun:
 
 def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> ExcitationRun | None:
     """The remaining recording of a pose in a folder: None, all, or the rest of an interrupted one, in a file of its
-    own. Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
+    own; one that is of no use is recorded anew. Raises ConfigError, as for a folder that was recorded with another
+    hand or seed, or RecordingError."""
     hand_pose, recorded_seconds, files = find_pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
+    useless = list[Path]()
     for file in files:
         try:
             recording = load(file, partial=True)
         except RecordingError:
             file.unlink()  # It has no rows yet.
             continue
+        _check_hand(recording, config)
         if (asked := recording.meta.get("excitation", {}).get("asked", seed)) != seed:
             raise ConfigError(
                 f"{file} has the motion of seed {asked}, not {seed}: give --seed {asked}, or another --out"
             )
-        recorded_seconds += len(recording) * config.period
+        if describe_loss(recording):
+            useless.append(file)
+        else:
+            recorded_seconds += len(recording) * config.period
     left = seconds - recorded_seconds
     if left < min(SHORTEST, seconds / 2.0):
         return None
-    number = max((int(file.stem.rpartition("_")[2]) for file in files), default=0) + 1
+    numbers = [int(file.stem.rpartition("_")[2]) for file in useless or files]
+    number = numbers[0] if useless else max(numbers, default=0) + 1
     return ExcitationRun(
         hand_pose, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow"
     )
+
+
+def describe_loss(recording: Recording) -> str:
+    """How many periods a recording lacks, where it lacks so many that it is of no use; else empty."""
+    tick = recording.columns["tick"]
+    every, gap = int(tick[-1] - tick[0]) + 1, int(np.diff(tick).max(initial=1)) - 1
+    lost = every - len(tick)
+    if lost <= MISSING * every and gap <= GAP:
+        return ""
+    return f"{lost} of {every} periods are missing, up to {gap} in a row"
+
+
+def _check_hand(recording: Recording, config: RunConfig) -> None:
+    """Raise ConfigError for a recording of another hand than the config's."""
+    there, hand = recording.meta["hand"], config.hand
+    version = recording.meta.get("calibration", {}).get("version")
+    its = _hand_of(there["model"], there["side"], version, there["serial"])
+    own = _hand_of(hand.model, hand.side, version and getattr(config.backend, "version", version), hand.serial)
+    if its != own:
+        raise ConfigError(f"{recording.path} is of {its}, and this is {own}: give another folder with -o")
+
+
+def _hand_of(model: str, side: str, version: str | None, serial: str) -> str:
+    """A hand in words; a file of it by its whole path."""
+    file = str(Path(serial).resolve()) if serial.endswith(".yaml") else serial
+    return " ".join(filter(None, ("a", side, version, model, "hand", file and f"({file})")))
 
 
 def pose_config(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
@@ -96,13 +134,17 @@ def record_run(
     config: RunConfig, job: ExcitationRun, advance: Callable[[float], None], physics: Physics | None = None
 ) -> Excitation:
     """Rehearse, then play and record. The hand is limp afterwards in any case. `physics`: what stands behind a virtual
-    hand. Raises HandError."""
+    hand. Raises HandError; RecordingError, with the remedy, where what was recorded is of no use."""
     rig = assemble(config, physics)
     with closing(rig.backend):
         motion = rehearse(rig.spec, job.pose, job.seed, job.seconds).excitation
         samples = _check_pose(until(job.seconds, run(rig.backend, motion)), job.pose)
         for sample in record(samples, job.file, rig.spec, config.period, meta=_meta(rig, config, job, motion)):
             advance(sample.state.t)
+    if lost := describe_loss(load(job.file)):
+        raise RecordingError(
+            f"{job.file} is of no use: {lost}; record it anew on a quieter computer, with the same command"
+        )
     return motion
 
 

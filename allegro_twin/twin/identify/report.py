@@ -95,8 +95,9 @@ def values_table(found: Identification) -> str:
         lines.append(f"<tr><td>{escape(alias)}</td>{''.join(cells)}{left}</tr>")
     late = found.values["delay"]
     return (
-        "<h2>Values</h2><p class='soft'>± half of the 95 % interval; – is not determined. Per k: for a torque constant "
-        f"of 1 N·m at full PWM. Delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms.</p>"
+        "<h2>Values</h2><p class='soft'>± half of the 95 % interval; – is not determined, or not in a joint's model. "
+        "Per k: for a torque constant of 1 N·m at full PWM. "
+        f"Delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms.</p>"
         f"<div class='wide'><table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
 
@@ -233,6 +234,8 @@ def _cell(found: Identification, name: str, joint: int) -> str:
     value, by = found.values[name], _UNITS[name][1]
     if value.reason[joint]:
         return f"<td class='n' title='{escape(value.reason[joint], quote=True)}'>–</td>"
+    if value.absent(joint):
+        return "<td class='n' title='not in the model of this joint'>–</td>"
     half = by * value.half[joint]
     digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 5))
     return f"<td class='n'>{by * value.value[joint]:.{digits}f} ± {half:.{digits}f}</td>"

@@ -72,6 +72,7 @@ def _scores(result: Mapping[str, Any], hidden: HiddenScores | None) -> str:
     rows = score_rows(result, hidden)
     said = NO_HANDS if hidden is None else hidden.about
     text = f"<h2>Score</h2><p class='soft'>{escape(said)}</p>"
+    text += "".join(f"<p>{escape(note)}</p>" for note in result.get("notes", ()))
     if not rows:
         return f"{text}<p>Nothing was measured yet.</p>"
     heads = ["", *(_label(result, twin) for twin in twins), "hidden hands: median (least–most)", "among them"]

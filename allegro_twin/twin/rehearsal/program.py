@@ -17,6 +17,7 @@ from allegro_twin.files.assets import find_file, refuse_shipped
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.yaml_edit import read_text
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.joint_ends import note, store_offsets
 from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
@@ -91,6 +92,7 @@ class HandRehearsal:
         self._not_had = set[str]()
         self.spec: HandSpec = load_spec(self._own.model, self._own.side, self._own.serial, hand.settings.version)
         refuse_shipped(folder / HAND)
+        self._controllers, self.notes = self._compared()
         self._about = {
             "format": FORMAT, "program": f"allegro-twin {__version__}",
             "hand": {"model": self._own.model, "side": self._own.side, "serial": self._own.serial},
@@ -167,7 +169,19 @@ class HandRehearsal:
         }  # fmt: skip
         moved = sum(row.get("hand_s", 0.0) for row in self.steps.values())
         result = self._about | {"hand_s": round(moved, 3), "states": states, "steps": self.steps} | twins
-        return result | {"problems": problems_of(result)}
+        return result | {"problems": problems_of(result), "notes": self.notes}
+
+    @property
+    def _gains(self) -> str:
+        return str(getattr(self.hand.config.controller, "gains", "default"))
+
+    def _compared(self) -> tuple[tuple[str, ...], list[str]]:
+        """The controllers under which postures are held, and why not all: PID without an integral is PD."""
+        asked, gains = self.protocol.controllers, load_gains(self._gains, self.spec)
+        if not {"pd", "pid"} <= set(asked) or (gains.ki * gains.clamp).any():
+            return asked, []
+        note = f"No postures under PID: the gains `{self._gains}` have no integral, so PID is PD with them"
+        return tuple(kind for kind in asked if kind != "pid"), [f"{note}; set controller.gains to compare."]
 
     def _steps(self) -> Iterator[RehearsalStep]:
         """All steps, in their order; what a pose needs is together where it can be."""
@@ -184,13 +198,13 @@ class HandRehearsal:
 
     def _tracking(self, pose: str, twin: str) -> Iterator[RehearsalStep]:
         protocol, needs = self.protocol, ("checkup",) if twin == "nominal" else ("identify",)
-        for kind in protocol.controllers:
+        for kind in self._controllers:
             for posture in protocol.postures:
                 yield RehearsalStep(f"{twin} {pose} {posture} {kind}", pose, needs,
                                     lambda p=posture, k=kind: self._posture(pose, twin, p, k))  # type: ignore[misc]  # fmt: skip
         if pose != protocol.tracking_poses()[0]:
             return
-        first = protocol.controllers[0]
+        first = self._controllers[0]
         for fed, (level, speed) in product(protocol.feedforward, protocol.speeds.items()):
             name = f"{twin} {pose} trajectory {level} {first}{' feedforward' if fed else ''}"
             yield RehearsalStep(name, pose, needs,
@@ -229,8 +243,7 @@ class HandRehearsal:
         with atomic_file(self.folder / IDENTIFICATION) as temporary:
             temporary.write_text(report_page(found), encoding="utf-8")
         labels, constant = self.spec.joint_labels, found.values["torque_constant"]
-        gains = getattr(self.hand.config.controller, "gains", "default")
-        advice = advice_on_gains(self._about["hand"], self.hand.settings.version, str(file), gains)
+        advice = advice_on_gains(self._about["hand"], self.hand.settings.version, str(file), self._gains)
         lines = [*describe_terms(found.fit, found.values, found.motions), describe_prediction(found.written),
                  describe_rest(found.fit, labels), advice]  # fmt: skip
         if advice:

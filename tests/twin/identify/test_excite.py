@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +15,21 @@ from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
 from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_hands
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import record
 from allegro_twin.spec import Side
+from allegro_twin.twin.identify import record_excitation
 from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
-from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run, served_pose
+from allegro_twin.twin.identify.record_excitation import (
+    describe_loss,
+    pose_config,
+    record_run,
+    remaining_run,
+    served_pose,
+)
+from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.surfaces.cli.conftest import Run
 from tests.twin.identify import hidden
 
@@ -86,6 +98,66 @@ def test_what_was_interrupted_goes_on_in_a_file_of_its_own(tmp_path: Path) -> No
             ConfigError, match=r"up_1.arrow has the motion of seed 0, not 5: give --seed 0, or another --out"
         ):
             remaining_run(config, "up", seconds, 5, tmp_path)
+
+
+def kept(folder: Path, ticks: Iterable[int], side: Side = "right", serial: str = "", version: str = "v4") -> None:
+    """A recording of the pose up that has these periods."""
+    spec, still = replace(load_spec(side=side), serial=serial), np.zeros(16)
+    samples = (
+        Sample(HandState(0.003 * k, k, still, still, still, still, np.zeros(3)), TorqueCommand(still)) for k in ticks
+    )
+    meta = {"calibration": {"version": version}, "excitation": {"asked": 0}}
+    for _ in record(samples, folder / "up_1.arrow", spec, 0.003, meta=meta):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"side": "left"}, "a left v4 allegro hand, and this is a right v4 allegro hand"),
+        ({"version": "v3"}, "a right v3 allegro hand, and this is a right v4 allegro hand"),
+        ({"serial": "b"}, r"a right v4 allegro hand \(b\), and this is a right v4 allegro hand"),
+    ],
+)
+def test_recordings_of_another_hand_are_not_taken_for_its_own(tmp_path: Path, other: dict[str, Any], said: str) -> None:
+    kept(tmp_path, range(1500), **other)
+    with pytest.raises(ConfigError, match=rf"up_1.arrow is of {said}: give another folder with -o"):
+        remaining_run(hidden.config(), "up", 4.0, 0, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("ticks", "lost"),
+    [
+        (range(1500), ""),
+        ([k for k in range(1500) if k % 25], ""),
+        ([k for k in range(1500) if k % 10], "149 of 1499 periods are missing, up to 1 in a row"),
+        ([k for k in range(1500) if not 700 <= k < 710], ""),
+        ([k for k in range(1500) if not 700 <= k < 711], "11 of 1500 periods are missing, up to 11 in a row"),
+    ],
+)
+def test_a_recording_that_lacks_too_many_periods_is_recorded_again(
+    tmp_path: Path, ticks: Iterable[int], lost: str
+) -> None:
+    kept(tmp_path, ticks)
+    assert describe_loss(load(tmp_path / "up_1.arrow")) == lost
+    again = remaining_run(hidden.config(), "up", 4.0, 0, tmp_path)
+    assert (again.file.name if again else "") == ("up_1.arrow" if lost else "")
+
+
+def test_a_recording_of_no_use_is_an_error_that_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = hidden.config()
+    job = remaining_run(config, "up", 4.0, 0, tmp_path)
+    assert job is not None
+
+    def late(samples: Iterable[Sample], *rest: Any, **more: Any) -> Iterator[Sample]:
+        return record((sample for number, sample in enumerate(samples) if number % 2), *rest, **more)
+
+    monkeypatch.setattr(record_excitation, "record", late)
+    with pytest.raises(RecordingError, match=r"up_1.arrow is of no use: \d+ of \d+ periods are .* quieter computer"):
+        record_run(pose_config(config, job.pose), replace(job, seconds=0.5), lambda t: None)
+    assert remaining_run(config, "up", 4.0, 0, tmp_path) == job
 
 
 def test_only_a_hand_on_a_bus_has_a_drive() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,14 +19,16 @@ from allegro_twin.learning.environments.posterior import CORE, load_posterior
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.open_loop import BEFORE, OpenLoopPlayer
+from allegro_twin.surfaces.cli.twin import identification
 from allegro_twin.surfaces.cli.twin.commands import weight_of
 from allegro_twin.surfaces.cli.twin.identification import lines, table
-from allegro_twin.twin.identify import pipeline
+from allegro_twin.twin.identify import pipeline, report
 from allegro_twin.twin.identify.joint_ends import refuse_another_hand
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, _fill_gaps, noise_floor, read_motion
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results import hand_file
+from allegro_twin.twin.identify.results.findings import describe_prediction
 from allegro_twin.twin.identify.results.uncertainty import (
     SOLVED,
     IdentifiedValue,
@@ -376,10 +380,48 @@ def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> Non
     assert motion.good[1000, 1] == 1.0
 
 
+def test_recordings_of_one_name_are_told_apart_by_their_folders_and_none_is_given_twice() -> None:
+    paths = [Path("a/side_1.arrow"), Path("b/side_1.arrow"), Path("b/up_1.arrow")]
+    assert pipeline.distinct_names(paths) == ["a/side_1.arrow", "b/side_1.arrow", "up_1.arrow"]
+    with pytest.raises(ConfigError, match=r"a/\.\./b/up_1\.arrow is given twice: name every recording once"):
+        pipeline.distinct_names([*paths, Path("a/../b/up_1.arrow")])
+
+
+def test_a_known_mass_hangs_in_the_recording_that_its_path_names_and_in_no_other() -> None:
+    paths = [Path("a/side_1.arrow"), Path("b/side_1.arrow"), Path("b/up_1.arrow")]
+    for text, number in (("b/side_1.arrow", 1), ("b/side_1", 1), ("a/../a/side_1.arrow", 0), ("up_1", 2)):
+        assert pipeline._chosen(text, paths) == number
+    with pytest.raises(ConfigError, match=r"may be a/side_1\.arrow and b/side_1\.arrow: give its path"):
+        pipeline._chosen("side_1.arrow", paths)
+    with pytest.raises(ConfigError, match=r"no recording named 'c/side_1\.arrow'; did you mean"):
+        pipeline._chosen("c/side_1.arrow", paths)
+
+
+def test_a_recording_of_which_hardly_a_piece_can_be_used_is_refused() -> None:
+    motion = read_motion(hidden.recording(hidden.POSES[0]))
+    pipeline.check_trusted([motion])
+    gaps = motion.good * (np.arange(len(motion.good)) % 20 > 5)[:, None]
+    with pytest.raises(ConfigError, match=r"late: 0 % of its rows can be used: too few reports .* quieter computer"):
+        pipeline.check_trusted([motion, replace(motion, good=gaps, name="late")])
+    with pytest.raises(ConfigError, match=r"low: 25 % of the fingers' rows .* at a limit of driver or joint"):
+        pipeline.check_trusted([replace(motion, good=motion.good * (np.arange(16) < 4), name="low")])
+
+
+def test_one_joint_is_one_and_what_a_joint_does_not_have_is_a_dash() -> None:
+    source = ("nominal", *["all"] * 15)
+    errors = dict.fromkeys(("nominal", "written", "determined", "all"), np.ones(16))
+    written: Any = SimpleNamespace(errors=errors, seconds=1.0, nothing=False, source=source)
+    assert describe_prediction(written).endswith("Of 1 joint nominal is best, and stays.")
+    value = IdentifiedValue(np.array([0.0, 0.001]), np.array([0.0, 0.0005]), ("", ""))
+    found: Any = SimpleNamespace(values={"bias_torque": value})
+    assert [">–<" in report._cell(found, "bias_torque", joint) for joint in (0, 1)] == [True, False]
+    assert [identification._cell(value, joint, 1e3) for joint in (0, 1)] == ["–", "1.00 ± 0.50"]
+
+
 @pytest.mark.slow
 def test_a_weight_is_told_with_its_recording() -> None:
     weight = weight_of("tip=0.050@rec/side_1.arrow")
-    assert (weight.at, weight.mass, weight.recording) == ("tip", 0.05, "side_1.arrow")
+    assert (weight.at, weight.mass, weight.recording) == ("tip", 0.05, "rec/side_1.arrow")
     for wrong in ("tip", "tip=0.05", "tip=x@r", "tip=5@r"):
         with pytest.raises(ConfigError, match="say where, kg below 1, and in which recording"):
             weight_of(wrong)

@@ -302,6 +302,18 @@ def test_the_page_says_when_there_are_no_hidden_hands_and_where_a_hand_stands_am
     ]  # fmt: skip
 
 
+def test_gains_without_an_integral_are_not_compared_under_pid(tmp_path: Path, sessions: Sessions) -> None:
+    both = replace(SHORT, controllers=("pd", "pid"))
+    config = load_config("can_virtual").changed(controller={"kind": "pd", "gains": "v4"})
+    own = HandRehearsal(RehearsedHand(config), both, tmp_path / "v4")
+    result = own.run()
+    assert list(result["states"]) == NAMES
+    assert "pid" not in score_of(result["identified"])
+    assert own.notes == result["notes"]
+    assert "the gains `v4` have no integral, so PID is PD with them" in (tmp_path / "v4" / "report.html").read_text()
+    assert rehearsal(tmp_path / "own", both).run()["notes"] == []
+
+
 def test_more_is_better_only_of_grasps() -> None:
     assert rank(2.0, [1.0, 3.0], "pd") == "better than 1 of 2"
     assert rank(100.0, [60.0, 100.0, 80.0], "held") == "better than 2 of 3"

@@ -101,7 +101,7 @@ def identify(
     from allegro_twin.surfaces.cli.twin import identification
 
     weights = [weight_of(text) for text in known_mass or ()]
-    path = identification.hand_file(hand) if hand is not None else None
+    path = identification.file_to_write(hand) if hand is not None else None
     with console.progress() as bar:
         job = bar.add_task("reading", total=None)
         found = identification.identify_drive(
@@ -280,7 +280,7 @@ def weight_of(text: str) -> KnownWeight:
     mass, sign, recording = rest.partition("@")
     try:
         if equals and sign and recording and 0.0 < float(mass) < 1.0:
-            return KnownWeight(at, float(mass), Path(recording).name)
+            return KnownWeight(at, float(mass), recording)
     except ValueError:
         pass  # The error below names the format.
     raise ConfigError(f"--known-mass {text}: say where, kg below 1, and in which recording: tip=0.050@REC")

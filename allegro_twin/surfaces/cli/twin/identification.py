@@ -13,7 +13,7 @@ from rich.table import Table
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file, parse_yaml, refuse_shipped
-from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.atomic_write import atomic_file, check_place
 from allegro_twin.files.yaml_edit import has_content, read_text
 from allegro_twin.spec import HandSpec
 
@@ -37,6 +37,20 @@ def hand_file(name: str) -> Path:
     return find_file(name, "hand", "conf/hands")
 
 
+def file_to_write(name: str) -> Path:
+    """The path of a hand's file that is to be written. Raises ConfigError or RecordingError where it cannot be."""
+    path = Path(name)
+    if path.suffix not in ("", ".yaml"):
+        raise ConfigError(f"--hand {name}: a hand's file ends in .yaml: say {path.with_suffix('.yaml')}")
+    try:
+        path = hand_file(name)
+    except ConfigError as error:
+        raise ConfigError(f"--hand {name}: {error}; a file of your own ends in .yaml") from error
+    refuse_shipped(path)
+    check_place(path)
+    return path
+
+
 def identify_drive(
     recordings: Sequence[Path],
     weights: Sequence[KnownWeight],
@@ -46,8 +60,6 @@ def identify_drive(
     tell: Callable[[str], None],
 ) -> Identification:
     """Identify the drive from recordings. Refuses the file of another hand before the work. Raises HandError."""
-    if path is not None:
-        refuse_shipped(path)
     check_scipy()
     from allegro_twin.twin.identify.motions.motion import read_motion
     from allegro_twin.twin.identify.pipeline import identify_hand
@@ -215,7 +227,7 @@ def _backlash(found: Identification) -> str:
 
 
 def _cell(value: IdentifiedValue, joint: int, by: float) -> str:
-    if value.reason[joint]:
+    if value.reason[joint] or value.absent(joint):
         return "–"
     half = by * value.half[joint]
     digits = max(0, 1 - int(np.floor(np.log10(max(half, 1e-9)))))

@@ -122,6 +122,8 @@ def show(rehearsal: HandRehearsal, result: dict[str, Any], out: Path) -> None:
     if table.row_count:
         console.console.print(table)
     console.console.print(NO_HANDS if hidden is None else hidden.about, highlight=False, soft_wrap=True)
+    for note in rehearsal.notes:
+        console.console.print(note, highlight=False, soft_wrap=True)
     for line in result["problems"]:
         console.warn(line)
     written = f"; the hand's file: {out / 'hand.yaml'}" if (out / "hand.yaml").exists() else ""
@@ -164,7 +166,7 @@ def protocol_of(poses: str | None, grasps: str | None, seed: int) -> RehearsalPr
     from allegro_twin.twin.rehearsal import RehearsalProtocol
 
     usual = RehearsalProtocol()
-    chosen = _parts(poses) or tuple(usual.poses)
+    chosen = tuple(usual.poses) if poses is None else _parts(poses) or ("",)
     for pose in chosen:
         find_pose(pose, "right")
     for scenario in _parts(grasps):

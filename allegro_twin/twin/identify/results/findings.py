@@ -93,7 +93,7 @@ def describe_prediction(written: WrittenDrive) -> str:
     if written.nothing:
         return f"{text} Nominal is best: nothing is to be written."
     nominal = written.source.count("nominal")
-    return f"{text} Of {nominal} joints nominal is best, and stays." if nominal else text
+    return f"{text} Of {nominal} joint{'s' * (nominal > 1)} nominal is best, and stays." if nominal else text
 
 
 def describe_rest(found: DriveFit, labels: tuple[str, ...]) -> str:

@@ -89,6 +89,10 @@ class IdentifiedValue(NamedTuple):
         """Whether each is determined, (n,)."""
         return np.array([not reason for reason in self.reason])
 
+    def absent(self, joint: int) -> bool:
+        """Whether a joint's model has none of it: neither value nor interval."""
+        return bool(self.value[joint] == 0.0 and self.half[joint] == 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class MotionCoverage:
