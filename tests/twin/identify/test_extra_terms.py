@@ -117,8 +117,10 @@ def test_cogging_is_named_only_by_periods_inside_those_tried_and_a_spring_in_its
     slope = np.where(np.arange(16) < 12, 0.012, 0.0)
     (said,) = described(waves, slope, cogging_periods=5.0)
     assert said.startswith("A torque that grows with the angle (a spring or a cable): 12.0 in the median of 12 joints")
-    for more in ({"springs": -slope}, {"springs": slope, "bristly": True}):  # What pushes on is none, nor bristles.
-        assert not any("a spring or" in line for line in described(waves, cogging_periods=5.0, **more))
+    everywhere = np.full(16, 0.012)  # What pushes on is no spring, bristles are their own, and neither is cogging.
+    assert described(waves, -everywhere, cogging_periods=7.0) == []
+    assert described(waves, everywhere, bristly=True, cogging_periods=7.0)[1:] == []
+    assert "Cogging" not in " ".join(described(waves, everywhere, cogging_periods=7.0))
 
 
 @pytest.mark.parametrize(
@@ -138,6 +140,8 @@ def test_of_friction_that_breaks_away_only_what_is_determined_is_said() -> None:
     (both,) = described({"stiction": sure, "load_friction": (0.05, 0.01, "")}, bristly=True)
     assert "it is larger at rest, by 40.0 in the median" in both
     assert "and it grows with the motor's torque, by 5.0" in both
+    (two,) = described({"stiction": (1.02, 0.001, ""), "load_friction": (0.05, 0.01, "")}, bristly=True)
+    assert "at rest" not in two  # Two per cent nobody notices.
     (one,) = described({"stiction": sure, "load_friction": (0.05, 0.41, "wide")}, bristly=True)
     assert "at rest" in one
     assert "torque" not in one

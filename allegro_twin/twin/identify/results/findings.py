@@ -129,7 +129,7 @@ def _describe_lean(tilt: Array, motions: Sequence[RecordedMotion], written: Writ
         f"The palm leans by {lean.max():.1f}° from what the recordings say of gravity, {alike}: torque that all joints "
         "lack together."
     )
-    if len(written.drive.tilt) and written.drive.tilt.any():
+    if written.drive.tilt.any():
         return text if apart < _SAME else f"{text} Their mean is written."
     return (
         f"{text} It is not written: one lean for all recordings predicts what was kept back no better than none. In "

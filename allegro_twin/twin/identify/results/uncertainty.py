@@ -64,7 +64,7 @@ _WIDEST_ABSOLUTE = {
     "cogging_sine": (WIDEST_STRAY, 1000.0, "mN·m"),
     "cold_friction": (WIDEST_COLD, 100.0, "% of the friction"),
 }
-BY_MODEL = "the model is what errs, and more of the same motion does not help"
+BY_MODEL = "the model errs, so more of the same motion does not help"
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
 
