@@ -77,7 +77,7 @@ def one(kind: str, seed: int) -> dict[str, Any]:
         "constant_off": [float(np.median(off / truth.constant)), float((off / truth.constant).max())],
         "covered": covered, **felt,
         "bristly": found.fit.bristly, "loose": found.fit.loose,
-        "said": list(describe_terms(found.fit, found.values, found.motions)),
+        "said": list(describe_terms(found.fit, found.values, found.motions, found.written)),
     }  # fmt: skip
 
 

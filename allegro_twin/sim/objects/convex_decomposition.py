@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
@@ -59,13 +60,16 @@ def convex_parts(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
     best: tuple[Mesh, ...] = (hull,)
     least, coarse = surface_excess(best, mesh), _coarse(mesh)
     for threshold in THRESHOLDS:
-        settings = {"threshold": threshold, "max_convex_hull": MOST, "mcts_iterations": 60, "seed": _SEED}
-        # The surface is closed, so it can be cut as it is.
-        found = _interruptible(
-            lambda settings=settings: coacd.run_coacd(
-                coacd.Mesh(coarse.vertices, coarse.faces), preprocess_mode="off", **settings
-            )
+        cut = partial(
+            coacd.run_coacd,
+            coacd.Mesh(coarse.vertices, coarse.faces),
+            threshold=threshold,
+            preprocess_mode="off",  # The surface is closed, so it can be cut as it is.
+            max_convex_hull=MOST,
+            mcts_iterations=60,
+            seed=_SEED,
         )
+        found = _interruptible(cut)
         pieces = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
         if (apart := surface_excess(pieces, mesh)) < least:
             best, least = pieces, apart

@@ -15,7 +15,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import NAMES
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.shooting import cut_segments
 from allegro_twin.twin.identify.pipeline import Identification
-from allegro_twin.twin.identify.results.findings import describe_prediction, describe_rest, describe_terms
+from allegro_twin.twin.identify.results.findings import describe
 from allegro_twin.twin.identify.results.hand_file import SCALE
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
 from allegro_twin.types import Array
@@ -57,12 +57,8 @@ def report_page(found: Identification) -> str:
 def summary(found: Identification) -> str:
     """What the hand has, and how well each drive predicts what the fit has not seen, joint by joint."""
     labels, written = _joints(found), found.written
-    said = [
-        *describe_terms(found.fit, found.values, found.motions),
-        describe_prediction(written),
-        describe_rest(found.fit, labels),
-    ]
-    text = "".join(f"<p>{escape(line)}</p>" for line in said if line)
+    said = describe(found.fit, found.values, found.motions, written)
+    text = "".join(f"<p>{escape(line)}</p>" for line in said)
     if not written.errors:
         return text
     heads = "".join(f"<th>{name}</th>" for name in ("joint", *written.errors, "file has"))

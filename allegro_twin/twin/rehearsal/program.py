@@ -23,7 +23,7 @@ from allegro_twin.twin.identify.joint_ends import note, store_offsets
 from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
 from allegro_twin.twin.identify.pipeline import identify_hand
 from allegro_twin.twin.identify.report import report_page
-from allegro_twin.twin.identify.results.findings import describe_prediction, describe_rest, describe_terms
+from allegro_twin.twin.identify.results.findings import describe_outcome, describe_terms
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.twin.rehearsal.gain_check import advice_on_gains
 from allegro_twin.twin.rehearsal.measures import (
@@ -242,12 +242,12 @@ class HandRehearsal:
         text = write_hand_file(file, found.fit, found.values, found.motions, self._day)
         with atomic_file(self.folder / IDENTIFICATION) as temporary:
             temporary.write_text(report_page(found), encoding="utf-8")
-        labels, constant = self.spec.joint_labels, found.values["torque_constant"]
+        constant, outcome = found.values["torque_constant"], list(describe_outcome(found.fit, self.spec, found.written))
         advice = advice_on_gains(self._about["hand"], self.hand.settings.version, str(file), self._gains)
-        lines = [*describe_terms(found.fit, found.values, found.motions), describe_prediction(found.written),
-                 describe_rest(found.fit, labels), advice]  # fmt: skip
-        if advice:
-            self.talk.say(advice)
+        lines = [*describe_terms(found.fit, found.values, found.motions, found.written), *outcome, advice]
+        for line in (*outcome, advice):
+            if line:
+                self.talk.say(line)
         return {
             "text": text, "lines": [line for line in lines if line],
             "constant": constant.value.tolist(), "constant_half": constant.half.tolist(),

@@ -17,14 +17,16 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.surfaces.cli.twin.identification import head_lines
-from allegro_twin.twin.identify.fitting.extra_terms import EXTRA, ExtraTerms, _agree, screen_terms
+from allegro_twin.twin.identify.fitting.extra_terms import EXTRA, PERIODS, ExtraTerms, _agree, _Joint, screen_terms
 from allegro_twin.twin.identify.fitting.regress import regress
 from allegro_twin.twin.identify.motions.excitation import G
 from allegro_twin.twin.identify.motions.motion import read_motion
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
 from allegro_twin.twin.identify.report import report_page
+from allegro_twin.twin.identify.results.findings import describe_rest, describe_terms
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
+from allegro_twin.twin.identify.results.uncertainty import BY_MODEL, IdentifiedValue, _misfit, _wide
 from tests.twin.identify import hidden
 
 BIAS = np.tile([0.012, -0.01, 0.008, -0.006], 4)
@@ -65,6 +67,116 @@ def test_motors_of_a_hand_are_alike_so_the_number_of_periods_that_suits_all_coun
         _agree(joints)
         assert [max(each.gains, key=each.gains.get) for each in joints] == ["cogging:8", "cogging:8"]
         assert joints[1].gains == {"cogging:8": 60.0, "cogging:9": 55.0, "bias": 3.0}
+
+
+def left_over(torque: Any) -> _Joint:
+    """A joint of which a torque by its angle is left over, with the cogging taken that suits it best."""
+    rng = np.random.default_rng(3)
+    q = 0.8 * np.sin(np.linspace(0.0, 60.0, 3000)) + 0.1
+    columns = {f"cogging:{count:g}": np.stack([np.cos(count * q), np.sin(count * q)], axis=1) for count in PERIODS}
+    columns["angle"] = np.stack([q**power for power in range(4)], axis=1)
+    u = torque(q) + 1e-3 * rng.standard_normal(len(q))
+    joint = _Joint(u, rng.standard_normal((len(q), 7)), columns, np.zeros((len(q), 3)))
+    joint.weigh()
+    joint.take(joint.best()["cogging"][0])
+    return joint
+
+
+def test_torque_that_grows_with_the_angle_is_a_spring_and_what_comes_again_or_stays_is_none() -> None:
+    spring = left_over(lambda q: 0.01 * q + 0.005 * q**3)
+    assert spring.taken == ["cogging:7"]  # What a ramp looks like.
+    assert spring.spring() == pytest.approx(0.012, rel=0.1)
+    assert left_over(lambda q: 0.01 * np.cos(8.0 * q + 0.4)).spring() == 0.0
+    assert left_over(lambda q: np.full_like(q, 0.01)).spring() == 0.0
+
+
+SPEC = load_spec()
+UPRIGHT = SimpleNamespace(drive=SimpleNamespace(tilt=np.zeros((0, 3))))
+
+
+def described(
+    values: dict[str, tuple[float, float, str]], springs: Any = None, *, bristly: bool = False, tilt: Any = None,
+    written: Any = UPRIGHT, **fixed: float,
+) -> list[str]:  # fmt: skip
+    """What is said of values, each with half its interval and why it is not determined; recordings of 16 s."""
+    told = {name: IdentifiedValue(np.full(16, v), np.full(16, half), (why,) * 16)
+            for name, (v, half, why) in values.items()}  # fmt: skip
+    rows = dict.fromkeys((*EXTRA, "cogging_periods", "warm_up"), 0.0) | {name: v for name, (v, *_) in values.items()}
+    drive = SimpleNamespace(**{name: np.full(16, v) for name, v in (rows | fixed).items()}, tilt=tilt)
+    extras = SimpleNamespace(tilted=tilt is not None, springs=springs)
+    fit: Any = SimpleNamespace(drive=drive, extras=extras, bristly=bristly, loose=False, elastic=False)
+    motion: Any = SimpleNamespace(spec=SPEC, seconds=16.0, gravity=np.array([0.0, 0.0, -9.81]))
+    return list(describe_terms(fit, told, [motion, motion], written))
+
+
+def test_cogging_is_named_only_by_periods_inside_those_tried_and_a_spring_in_its_place() -> None:
+    waves = {"cogging_sine": (0.005, 1e-4, "")}
+    (said,) = described(waves, np.zeros(16), cogging_periods=8.0)
+    assert said.startswith("Cogging, 5.0 in the median of 16 joints")
+    assert described(waves, np.zeros(16), cogging_periods=5.0) == described(waves, cogging_periods=120.0) == []
+    slope = np.where(np.arange(16) < 12, 0.012, 0.0)
+    (said,) = described(waves, slope, cogging_periods=5.0)
+    assert said.startswith("A torque that grows with the angle (a spring or a cable): 12.0 in the median of 12 joints")
+    everywhere = np.full(16, 0.012)  # What pushes on is no spring, bristles are their own, and neither is cogging.
+    assert described(waves, -everywhere, cogging_periods=7.0) == []
+    assert described(waves, everywhere, bristly=True, cogging_periods=7.0)[1:] == []
+    assert "Cogging" not in " ".join(described(waves, everywhere, cogging_periods=7.0))
+
+
+@pytest.mark.parametrize(
+    ("half", "why", "falls", "named"),
+    [(0.1, "", 8.0, True), (0.4, "", 8.0, False), (0.1, "its interval is wide", 8.0, False),
+     (0.1, "", 48.0, False), (0.1, "", 22.0, False), (0.1, "", 2.0, False)],
+)  # fmt: skip
+def test_warmth_is_named_where_it_is_sure_and_falls_within_the_recordings(
+    half: float, why: str, falls: float, named: bool
+) -> None:
+    said = described({"cold_friction": (0.577, half, why)}, warm_up=falls)
+    assert [line.endswith("falls in 8 s: warmth.") for line in said] == [True] * named
+
+
+def test_of_friction_that_breaks_away_only_what_is_determined_is_said() -> None:
+    sure, open_ = (1.4, 0.05, ""), (1.4, 1.3, "its interval is ± 92 %")
+    (both,) = described({"stiction": sure, "load_friction": (0.05, 0.01, "")}, bristly=True)
+    assert "it is larger at rest, by 40.0 in the median" in both
+    assert "and it grows with the motor's torque, by 5.0" in both
+    (two,) = described({"stiction": (1.02, 0.001, ""), "load_friction": (0.05, 0.01, "")}, bristly=True)
+    assert "at rest" not in two  # Two per cent nobody notices.
+    (one,) = described({"stiction": sure, "load_friction": (0.05, 0.41, "wide")}, bristly=True)
+    assert "at rest" in one
+    assert "torque" not in one
+    (none,) = described({"stiction": open_, "load_friction": (0.05, 0.41, "wide")}, bristly=True)
+    assert none.startswith("Friction is not Coulomb's")
+    assert none.endswith("what the cause is stays open.")
+
+
+def test_a_lean_that_is_not_written_is_said_not_to_be_with_what_the_file_lacks() -> None:
+    tilt = np.array([[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0]])
+    (said,) = described({}, tilt=tilt)
+    assert "another way in each recording" in said
+    assert "It is not written: one lean for all recordings predicts what was kept back no better than none" in said
+    assert said.endswith("In the file the palm is upright, so its twin lacks that torque.")
+    leaning = SimpleNamespace(drive=SimpleNamespace(tilt=np.full((1, 3), 0.02)))
+    assert described({}, tilt=tilt, written=leaning)[0].endswith("Their mean is written.")
+    assert "written" not in described({}, tilt=tilt[[0, 0]], written=leaning)[0]
+
+
+def test_a_finger_that_touched_something_is_the_cause_of_two_fingers_at_most() -> None:
+    for bad, touched in (((2, 3, 6), True), ((2, 6, 15), False), (tuple(range(16)), False)):
+        left = np.where(np.isin(np.arange(16), bad), 20.0, 1.0)
+        said = describe_rest(SimpleNamespace(spread=SimpleNamespace(residual=left)), SPEC)  # type: ignore[arg-type]
+        assert said.startswith(f"Not explained, {len(bad)} of 16 joints: index_2 (20)" if touched else "Not explained")
+        assert ("touched something" in said) == touched
+
+
+def test_more_recordings_are_asked_for_only_where_noise_makes_an_interval_wide() -> None:
+    assert _wide("torque_constant", 1.0, 0.4, 1.0) == "its interval is ± 40 %: record more of `excite`"
+    assert _wide("torque_constant", 1.0, 0.4, 50.0) == f"its interval is ± 40 %: {BY_MODEL}"
+    assert _wide("offset", 0.0, 0.1, 4.0) == f"its interval is ± 100 mrad: {BY_MODEL}"
+    assert _wide("offset", 0.0, 0.37, 4.0).endswith("record more")  # Were there noise alone it would be too wide.
+    assert not _wide("offset", 0.0, 0.02, 4.0)
+    np.testing.assert_allclose(_misfit(np.array([0.9, 1.0])), 1.0)
+    np.testing.assert_allclose(_misfit(np.array([1.0, 7.0])), [5.0, 7.0])
 
 
 @pytest.mark.slow

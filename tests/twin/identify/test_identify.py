@@ -518,7 +518,7 @@ def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the
 
 
 def test_a_short_gap_is_bridged_and_a_long_one_leaves_out_what_its_commands_move() -> None:
-    tick = np.delete(np.arange(100, 140), [5, 6, 20, 21, 22])
+    tick = np.delete(np.arange(100.0, 140.0), [5, 6, 20, 21, 22])
     present, missing = _fill_gaps(tick)
     line = present((3.0 * tick)[:, None])[:, 0]
     known = np.ones(40, bool)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,25 @@ def test_everything_is_done_in_order_and_a_person_is_asked_once_for_each_pose(
     assert score_of(result["identified"])["pd"] == pytest.approx(2.0)
     assert "encoder_offset" in (tmp_path / "hand.yaml").read_text()
     assert "It has a cable." in (tmp_path / "report.html").read_text()
+
+
+def test_what_an_identification_ends_with_is_said_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rms = {"nominal": 0.2, "written": 0.03, "determined": 0.4, "all": 0.04}
+    errors = {name: np.full(16, each) for name, each in rms.items()}
+    written = SimpleNamespace(errors=errors, seconds=3.5, nothing=False, source=("all",) * 16)
+    fit = SimpleNamespace(spread=SimpleNamespace(residual=np.full(16, 9.0)))
+    constant = SimpleNamespace(value=np.ones(16), half=np.ones(16))
+    found = SimpleNamespace(fit=fit, written=written, values={"torque_constant": constant}, motions=())
+    for name, made in (("identify_hand", found), ("write_hand_file", ""), ("report_page", ""), ("advice_on_gains", ""),
+                       ("describe_terms", ["A lean."])):  # fmt: skip
+        monkeypatch.setattr(steps_of, name, lambda *args, made=made, **options: made)
+    said: list[str] = []
+    own = rehearsal(tmp_path, talk=Conversation(say=said.append))
+    own.steps = {f"excite {pose}": {"recordings": []} for pose in SHORT.poses}
+    lines = own._identify()["lines"]
+    assert lines == ["A lean.", *said]
+    assert "nominal 200.0 mrad, written 30.0," in said[0]
+    assert said[1].startswith("Not explained, 16 of 16 joints")
 
 
 def test_encoders_are_read_with_the_offsets_that_the_ends_have_shown(tmp_path: Path, sessions: Sessions) -> None:

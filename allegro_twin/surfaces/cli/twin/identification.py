@@ -138,13 +138,9 @@ def table(found: Identification) -> Table:
 
 def head_lines(found: Identification) -> Iterator[str]:
     """What comes first: what the hand has beyond friction, how well it is predicted, what is not explained."""
-    from allegro_twin.twin.identify.results import findings
+    from allegro_twin.twin.identify.results.findings import describe
 
-    labels = found.motions[0].spec.joint_labels
-    yield from findings.describe_terms(found.fit, found.values, found.motions)
-    yield findings.describe_prediction(found.written)
-    if rest := findings.describe_rest(found.fit, labels):
-        yield rest
+    yield from describe(found.fit, found.values, found.motions, found.written)
 
 
 def lines(found: Identification) -> Iterator[str]:

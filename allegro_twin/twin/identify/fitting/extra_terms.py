@@ -8,7 +8,8 @@ With the torque τ that moves the links, every joint is one linear regression (`
 u: fraction of full PWM, f: friction and damping, t: since the motors were switched on. The terms in y are tried one
 kind after the other; the kind that lowers Schwarz's criterion most, over all joints, stays in those where it lowers it
 by more than EVIDENCE; in all, if it does in half of them. ω, the lean of the palm in each recording, is one for all
-joints.
+joints. A spring has no term of its own, so cogging with few periods takes its place: where a low polynomial in the
+angle lowers the criterion more, `ExtraTerms.springs` has its slope.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ EXTRA = tuple(name for names in _TORQUE.values() for name in names)
 _COUNTS = {"cogging": "cogging_periods", "warmth": "warm_up"}
 FIXED = tuple(_COUNTS.values())
 """What the regression finds of them and the fit keeps."""
-WARM_UPS = (3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 22.0, 32.0, 48.0)
+WARM_UPS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 22.0, 32.0, 48.0)
 """Time constants that are tried, s."""
 _TRIED = {"cogging": tuple(PERIODS.tolist()), "warmth": WARM_UPS}
 
@@ -71,6 +72,8 @@ class ExtraTerms:
     """(recordings, 3), rad; no row where the palm does not lean."""
     joints: Mapping[str, NDArray[np.bool_]]
     """Which joints have a term, (n,), by its name."""
+    springs: Vector | None = None
+    """Slope of the torque by the angle where that explains more than cogging does, (n,), N·m/rad; else 0."""
 
     @property
     def tilted(self) -> bool:
@@ -168,19 +171,36 @@ class _Joint:
         first = sum(self.columns[name].shape[1] for name in names[: self.taken.index(key)])
         return np.asarray(found[first : first + self.columns[f"taken {key}"].shape[1]])
 
+    def spring(self) -> float:
+        """Slope by the angle, in u/rad, where a low polynomial explains more than the cogging that was taken, and a
+        constant does not; else 0."""
+        taken = [key for key in self.taken if key.startswith("cogging")]
+        if not taken:
+            return 0.0
+        others = [self.columns[f"taken {key}"] for key in self.taken if key not in taken]
+        Q = np.linalg.qr(np.concatenate([self._always, *others], axis=1))[0]
+        cogging, cubic = self.columns[f"taken {taken[0]}"], self.columns["angle"]
+        u, cogging, cubic = (each - Q @ (Q.T @ each) for each in (self._whole, cogging, cubic))
+        constant, line, whole = (_fall(u, cubic[:, :many], self.count) for many in (1, 2, 4))
+        if max(line, whole) < max(_fall(u, cogging, self.count), constant + EVIDENCE):
+            return 0.0
+        return float(np.linalg.lstsq(cubic[:, :2], u)[0][1])
+
     def _gain(self, columns: Array) -> float:
-        if self.count < FEWEST:
-            return -np.inf
-        own = self.without(columns)
-        left = self.u - own @ np.linalg.lstsq(own, self.u)[0]
-        before, after = float(self.u @ self.u), float(left @ left)
-        return float(self.count * np.log(before / max(after, 1e-30)) - columns.shape[1] * np.log(self.count))
+        return _fall(self.u, self.without(columns), self.count) if self.count >= FEWEST else -np.inf
 
     def lean(self, part: Vector) -> None:
         """Take out what a lean of the palm explains, (rows,), in u."""
         self._whole = self._whole - (part - self._always @ (self._always.T @ part))
         self.u = self.u - self.without(part)
         self.weigh()
+
+
+def _fall(u: Vector, columns: Array, count: float) -> float:
+    """By how much columns lower Schwarz's criterion of what is left over, of so many rows of their own."""
+    left = u - columns @ np.linalg.lstsq(columns, u)[0]
+    before, after = float(u @ u), float(left @ left)
+    return float(count * np.log(before / max(after, 1e-30)) - columns.shape[1] * np.log(count))
 
 
 def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters) -> ExtraTerms:
@@ -223,7 +243,8 @@ def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, star
         if counts.any():
             usual = float(np.median(counts[counts > 0.0]))
             rows[name] = np.where(has[of] & (counts == 0.0), usual, counts)
-    return ExtraTerms(rows, tilt, has)
+    springs = np.array([each.spring() for each in joints]) * start.torque_constant
+    return ExtraTerms(rows, tilt, has, springs)
 
 
 def _agree(joints: Sequence[_Joint]) -> None:
@@ -332,7 +353,8 @@ class _Sensitivity:
         waves = {f"cogging:{count:g}": np.stack([np.cos(count * q), np.sin(count * q)], axis=1) for count in PERIODS}
         rubs = self._friction[joint] * np.tanh(v / STILL) + self._damping[joint] * v
         cold = {f"warmth:{time:g}": (rubs * np.exp(-self._time / time))[:, None] for time in WARM_UPS}
-        return found | waves | cold
+        # Never taken: `_Joint.spring` compares it with cogging.
+        return found | waves | cold | {"angle": np.stack([np.ones_like(q), q, q**2, q**3], axis=1)}
 
     def _links(self, player: OpenLoopPlayer, down: Vector, off: Vector | float = 0.0) -> Array:
         motion = zip(*self.smooth, strict=True)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.kinematics.orientation import rotate_vector
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.fitting.extra_terms import PERIODS, WARM_UPS
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
@@ -23,61 +25,132 @@ _LEAST = {
     "cogging_cosine": 3e-4,
     "cogging_sine": 3e-4,
     "cold_friction": 0.03,
+    "stiction": 0.03,
+    "load_friction": 0.005,
 }
-"""N·m and N·m·s/rad at 1 N·m of full PWM, and a share: less is not worth a sentence."""
+"""N·m and N·m·s/rad at 1 N·m of full PWM, and shares: less is not worth a sentence."""
+SURE = 0.5
+"""Half the interval as a share of the value: with more a term is named as no cause."""
+TOUCHING = 2
+"""Fingers that touch something at once, at most: where more are not explained it is something else."""
+LEAST_SPRING, SPRINGS = 1e-3, 2
+"""N·m/rad, and joints: less is no spring that is worth a sentence."""
 _SAME = np.radians(0.6)  # Between the leans of recordings that count as one.
 
 
+def describe(
+    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], written: WrittenDrive
+) -> Iterator[str]:
+    """All that comes first: what the hand has beyond friction, and the outcome."""
+    yield from describe_terms(found, values, motions, written)
+    yield from describe_outcome(found, motions[0].spec, written)
+
+
+def describe_outcome(found: DriveFit, spec: HandSpec, written: WrittenDrive) -> Iterator[str]:
+    """How well the hand is predicted, and which joints are not explained."""
+    yield describe_prediction(written)
+    if rest := describe_rest(found, spec):
+        yield rest
+
+
 def describe_terms(
-    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion]
+    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], written: WrittenDrive
 ) -> Iterator[str]:
     """What the model has beyond Coulomb's friction, and by which shape of what was left over it was found; not what is
-    smaller than its interval, or than anybody notices."""
+    undetermined, what its interval does not tell from half of it, or what nobody notices."""
     drive, labels = found.drive, motions[0].spec.joint_labels
     if found.bristly:
-        yield "Friction breaks away: it is larger at rest, and grows with the motor's torque."
+        yield _describe_breakaway(values, labels)
     if found.loose:
         yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels, 'mrad')}."
     if found.elastic:
         bends = _up_to(1e3 * drive.gear_compliance, drive.gear_compliance > 0.0, labels, "mrad a N·m")
         yield f"Teeth that bend, {bends}."
     if found.extras.tilted:
-        yield _describe_lean(drive.tilt, motions)
-    if (has := _notable(found, values, "bias_torque")).any():
+        yield _describe_lean(drive.tilt, motions, written)
+    if (has := _notable(values, "bias_torque", labels)).any():
         size = _up_to(1e3 * np.abs(drive.bias_torque), has, labels, "mN·m")
         yield f"Constant torque, {size}: a cable, or dry friction that is larger one way."
-    if (has := _notable(found, values, "uneven_damping")).any():
+    if (has := _notable(values, "uneven_damping", labels)).any():
         size = _up_to(1e3 * np.abs(drive.uneven_damping), has, labels, "mN·m·s/rad")
         yield f"Damping that differs by direction, {size}."
-    if (has := _notable(found, values, "cogging_cosine") | _notable(found, values, "cogging_sine")).any():
-        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels, "mN·m")
-        counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
-        yield f"Cogging, {size}, {counts} times a turn: torque that comes again with the angle."
-    if (has := _notable(found, values, "cold_friction")).any():
+    yield from _describe_angle(found, values, labels)
+    inside = _inside(drive.warm_up, WARM_UPS) & (drive.warm_up <= max(motion.seconds for motion in motions))
+    if (has := _notable(values, "cold_friction", labels) & inside).any():
         size = _up_to(100.0 * drive.cold_friction, has, labels, "%")
         time = float(np.median(drive.warm_up[has]))
         yield f"Friction that is larger at first, by {size}, and falls in {time:.0f} s: warmth."
 
 
-def _describe_lean(tilt: Array, motions: Sequence[RecordedMotion]) -> str:
+def _describe_breakaway(values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> str:
+    """Of both that LuGre's friction adds, what is sure."""
+    said = []
+    if (has := _notable(values, "stiction", labels, none=1.0)).any():
+        said.append(f"it is larger at rest, by {_up_to(100.0 * (values['stiction'].value - 1.0), has, labels, '%')}")
+    if (has := _notable(values, "load_friction", labels)).any():
+        size = _up_to(100.0 * values["load_friction"].value, has, labels, "%")
+        said.append(f"it grows with the motor's torque, by {size}")
+    if said:
+        return f"Friction breaks away: {', and '.join(said)}."
+    return (
+        "Friction is not Coulomb's: a model in which it breaks away leaves less, but none of its values is sure, so "
+        "what the cause is stays open."
+    )
+
+
+def _describe_angle(found: DriveFit, values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> Iterator[str]:
+    """Torque that comes with the angle: a spring, or cogging of a number of periods that is inside the tried ones."""
+    drive, slope = found.drive, found.extras.springs
+    waves = _notable(values, "cogging_cosine", labels) | _notable(values, "cogging_sine", labels)
+    springs = np.zeros(len(labels), dtype=bool) if slope is None else slope != 0.0
+    # Bristles are springs themselves, and a spring resists.
+    pulls = np.zeros(len(labels), dtype=bool) if slope is None or found.bristly else slope > LEAST_SPRING
+    if pulls.sum() >= SPRINGS:
+        assert slope is not None
+        size = _up_to(1e3 * slope, pulls, labels, "mN·m/rad")
+        yield (
+            f"A torque that grows with the angle (a spring or a cable): {size}. No term of the model is that; cogging "
+            "of few periods stands in for it."
+        )
+    if (has := waves & ~springs & _inside(drive.cogging_periods, PERIODS)).any():
+        size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels, "mN·m")
+        counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
+        yield f"Cogging, {size}, {counts} times a turn: torque that comes again with the angle."
+
+
+def _describe_lean(tilt: Array, motions: Sequence[RecordedMotion], written: WrittenDrive) -> str:
     """Of what shows: a turn about gravity itself does not."""
     said = np.array([motion.gravity / np.linalg.norm(motion.gravity) for motion in motions])
     each, common = rotate_vector(said, tilt), rotate_vector(said, np.tile(tilt.mean(axis=0), (len(tilt), 1)))
     lean = np.degrees(np.arccos(np.clip((said * each).sum(axis=1), -1.0, 1.0)))
     apart = np.arccos(np.clip((each * common).sum(axis=1), -1.0, 1.0)).max()
     alike = "the same way in all recordings" if apart < _SAME else "another way in each recording"
-    return (
+    text = (
         f"The palm leans by {lean.max():.1f}° from what the recordings say of gravity, {alike}: torque that all joints "
         "lack together."
     )
+    if written.drive.tilt.any():
+        return text if apart < _SAME else f"{text} Their mean is written."
+    return (
+        f"{text} It is not written: one lean for all recordings predicts what was kept back no better than none. In "
+        "the file the palm is upright, so its twin lacks that torque."
+    )
 
 
-def _notable(found: DriveFit, values: Mapping[str, IdentifiedValue], name: str) -> NDArray[np.bool_]:
-    """Which joints have so much of a term that it is sure and matters, (n,)."""
+def _notable(
+    values: Mapping[str, IdentifiedValue], name: str, labels: tuple[str, ...], none: float = 0.0
+) -> NDArray[np.bool_]:
+    """Which joints have so much of a term that it is sure and matters, (n,). `none`: its value where there is none."""
     if name not in values:
-        return np.zeros(len(found.floor), dtype=bool)
-    size = np.abs(values[name].value)
-    return np.asarray((size > values[name].half) & (size > _LEAST[name]))
+        return np.zeros(len(labels), dtype=bool)
+    size = np.abs(values[name].value - none)
+    sure = values[name].determined & (values[name].half < SURE * size)
+    return np.asarray(sure & (size > _LEAST[name]))
+
+
+def _inside(value: Vector, tried: Sequence[float] | Vector) -> NDArray[np.bool_]:
+    """Which are inside what was tried: at its edge there is a better one beyond, or something else."""
+    return np.asarray((value > tried[0]) & (value < tried[-1]))
 
 
 def describe_prediction(written: WrittenDrive) -> str:
@@ -96,19 +169,21 @@ def describe_prediction(written: WrittenDrive) -> str:
     return f"{text} Of {nominal} joint{'s' * (nominal > 1)} nominal is best, and stays." if nominal else text
 
 
-def describe_rest(found: DriveFit, labels: tuple[str, ...]) -> str:
+def describe_rest(found: DriveFit, spec: HandSpec) -> str:
     """Which joints the model does not explain; empty where it explains all."""
-    left = found.spread.residual
+    left, labels = found.spread.residual, spec.joint_labels
     bad = np.flatnonzero(left > LEFT)
     if not len(bad):
         return ""
     worst = bad[np.argsort(-left[bad])]
     names = ", ".join(f"{labels[k]} ({left[k]:.0f})" for k in worst[:4])
     more = f" and {len(bad) - 4} more" if len(bad) > 4 else ""
-    return (
-        f"Not explained: {names}{more}, in times the noise; intervals do not cover what no term of the model is. "
-        "A finger that touched something looks like that."
+    text = (
+        f"Not explained, {len(bad)} of {len(labels)} joints: {names}{more}, in times the noise; intervals do not cover "
+        "what no term of the model is."
     )
+    touched = sum(bool(np.isin(finger.joints, bad).any()) for finger in spec.fingers)
+    return f"{text} A finger that touched something looks like that." if touched <= TOUCHING else text
 
 
 def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...], unit: str) -> str:

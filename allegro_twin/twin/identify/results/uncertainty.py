@@ -64,6 +64,7 @@ _WIDEST_ABSOLUTE = {
     "cogging_sine": (WIDEST_STRAY, 1000.0, "mN·m"),
     "cold_friction": (WIDEST_COLD, 100.0, "% of the friction"),
 }
+BY_MODEL = "the model errs, so more of the same motion does not help"
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
 
@@ -140,6 +141,7 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
+    errs = _misfit(found.spread.residual)
     strays = tuple(name for name in EXTRA if found.extras.of_joints(name, len(k)).any())
     bent = TEETH if found.elastic else ()
     for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ()), *bent, *strays):
@@ -155,10 +157,11 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
             has = found.extras.of_joints(name, len(k))
             half, sure = np.where(has, half, 0.0), np.where(has, sure, 0.0)
         unseen = [_unseen(name, j, coverage, loose=found.loose) for j in range(len(k))]
-        reasons = tuple(why or _wide(name, value[j], sure[j]) for j, why in enumerate(unseen))
+        reasons = tuple(why or _wide(name, value[j], sure[j], errs[j]) for j, why in enumerate(unseen))
         result[name] = IdentifiedValue(value, half, reasons, tuple(not why for why in unseen))
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
-    short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
+    size, usual = f"± {1000 * half[0]:.1f} ms", float(np.median(errs))
+    short = "" if half[0] < WIDEST_DELAY else _advise(size, "record more fast motion", half[0] < WIDEST_DELAY * usual)
     return result | {"delay": IdentifiedValue(late, half, (short,))}
 
 
@@ -255,13 +258,26 @@ def _lacks(name: str, joint: int, coverage: MotionCoverage) -> Iterator[str]:
         yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
 
 
-def _wide(name: str, value: float, half: float) -> str:
-    """Why an interval is too wide; empty where it is not."""
+def _wide(name: str, value: float, half: float, errs: float) -> str:
+    """Why an interval is too wide; empty where it is not. `errs`: times the noise that the model leaves."""
     if name in WIDEST:
-        wide = half > WIDEST[name] * value
-        return f"its interval is ± {100 * half / value:.0f} %: record more of `excite`" if wide else ""
-    widest, by, unit = _WIDEST_ABSOLUTE[name]
-    return f"its interval is ± {by * half:.0f} {unit}: record more" if half > widest else ""
+        widest, size, more = WIDEST[name] * value, f"± {100 * half / value:.0f} %", "record more of `excite`"
+    else:
+        widest, by, unit = _WIDEST_ABSOLUTE[name]
+        size, more = f"± {by * half:.0f} {unit}", "record more"
+    return _advise(size, more, half <= widest * errs) if half > widest else ""
+
+
+def _advise(size: str, more: str, by_model: bool) -> str:
+    """What narrows an interval that is too wide; `by_model`: noise alone would not make it so."""
+    return f"its interval is {size}: {BY_MODEL if by_model else more}"
+
+
+def _misfit(residual: Vector) -> Vector:
+    """Times the noise that the model leaves of each joint, or of all together, which every interval has, (n,); 1 where
+    it leaves no more than noise."""
+    left = np.maximum(residual, np.sqrt(np.square(residual).mean()))
+    return np.asarray(np.where(left > BELIEVED, left, 1.0))
 
 
 def _directions(motions: list[RecordedMotion]) -> int:
