@@ -92,7 +92,7 @@ def test_an_action_of_words_is_refused() -> None:
     env = HandEnv("Reach")
     env.reset(seed=0)
     with pytest.raises(CommandError, match="actions are numbers, not"):
-        env.step(np.full(16, "left"))  # type: ignore[arg-type]
+        env.step(np.full(16, "left"))
 
 
 @pytest.mark.parametrize("options", ["lemon", [1], 3])
