@@ -73,7 +73,9 @@ def test_what_is_wrong_before_anything_moves_ends_with_2(command: Run) -> None:
     assert command(*CONFIG, "--follow")[0] == 2
 
 
-def test_a_mesh_in_inches_is_taken_by_its_unit(command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_mesh_is_taken_by_the_unit_that_is_said(
+    command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     heard: list[Any] = []
 
     def perform(cell: Any, **stages: Any) -> LabReport:
@@ -82,9 +84,9 @@ def test_a_mesh_in_inches_is_taken_by_its_unit(command: Run, monkeypatch: pytest
 
     monkeypatch.setattr(run, "perform", perform)
     solid = cracker()
-    file = obj(tmp_path / "thing.obj", solid.vertices * 0.4, solid.faces.tolist(), 0.0254)
+    file = obj(tmp_path / "thing.obj", solid.vertices * 0.4, solid.faces.tolist(), 0.005)
     edges = 0.4 * np.ptp(solid.vertices, axis=0)
-    assert command(*CONFIG, "--object", file, "--scale", 0.0254)[0] == 0
+    assert command(*CONFIG, "--object", file, "--scale", 0.005)[0] == 0
     np.testing.assert_allclose(2.0 * heard[0].half_extents(), edges, rtol=1e-4)
 
 
