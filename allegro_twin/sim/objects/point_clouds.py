@@ -116,7 +116,7 @@ def refuse_table(path: Path, points: Numbers, least: float = 0.0) -> None:
     height = (some - at) @ normal
     height *= np.sign((height > 0.03 * size).sum() - (height < -0.03 * size).sum()) or 1.0
     plane, rest = some[np.abs(height) < 0.01 * size], some[height > 0.03 * size]
-    if len(rest) < TABLE / 10 * len(some) or (height < -0.01 * size).sum() > 0.01 * len(some):
+    if len(rest) < 0.01 * len(some) or (height < -0.01 * size).sum() > 0.01 * len(some):
         return
     across = np.linalg.svd(normal[None])[2][1:].T
     turns = [across @ [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in np.radians(np.arange(0, 90, 5))]
