@@ -246,6 +246,36 @@ def test_what_was_scanned_all_around_on_a_table_is_closed_flat_where_it_stood(kn
     assert made.report.triangles[1] <= 8000
 
 
+def table(width: float, step: float) -> Solid:
+    """A sheet about the origin, m."""
+    at = np.arange(-width / 2, width / 2 + step / 2, step)
+    x, y = (each.ravel() for each in np.meshgrid(at, at))
+    count = len(at)
+    corner = (np.arange(count - 1) * count + np.arange(count - 1)[:, None]).ravel()
+    faces = [[corner, corner + 1, corner + count], [corner + 1, corner + count + 1, corner + count]]
+    return Solid(np.stack([x, y, 0 * x], axis=1), np.concatenate([np.stack(each, axis=1) for each in faces]))
+
+
+def test_a_table_that_was_scanned_with_a_thing_is_refused_and_named(tmp_path: Path) -> None:
+    sheet, there = table(0.24, 0.01), np.random.default_rng(1).uniform(-0.12, 0.12, (12_000, 2))
+    points = np.vstack([standing(dome())[0], np.column_stack([there, 0 * there[:, 0]])])
+    points += np.random.default_rng(2).normal(0, 0.0002, points.shape)
+    np.savetxt(tmp_path / "scan.xyz", 1000 * points, fmt="%.3f")
+    stl(tmp_path / "open.stl", soup(merged(bottomless(dome()), sheet)), 0.001)
+    slab = Solid(cracker().vertices * [2.5, 2, 0.05], cracker().faces)
+    stl(tmp_path / "slab.stl", soup(merged(moved(dome(), (0, 0, 0.0015)), slab)), 0.001)
+    for name, size in (("scan.xyz", "23. × 23."), ("open.stl", "2.. × 2.."), ("slab.stl", "4.. × 4..")):
+        wanted = rf"a plane of some {size} mm, wider than the thing on it, is the table .*: crop it off"
+        with pytest.raises(ConfigError, match=wanted):
+            make_clean(tmp_path / name)
+
+
+def test_a_plate_with_a_knob_is_no_table(tmp_path: Path) -> None:
+    plate = Solid(cracker().vertices * [1, 0.8, 0.05], cracker().faces)
+    both = merged(plate, moved(ball(), (0, 0, 0.016), 0.5))
+    assert make_clean(stl(tmp_path / "lid.stl", soup(both), 0.001)).report.extents[0] == pytest.approx(0.16)
+
+
 @pytest.mark.slow
 def test_parts_that_a_decimation_makes_touch_leave_a_closed_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     box = Solid(cracker().vertices, cracker().faces)

@@ -17,7 +17,13 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.sim.objects import mesh_repair as fix
 from allegro_twin.sim.objects.mesh_repair import Repair, Soup
-from allegro_twin.sim.objects.point_clouds import close_cloud, complete_surface, is_walled, whole_points
+from allegro_twin.sim.objects.point_clouds import (
+    close_cloud,
+    complete_surface,
+    is_walled,
+    refuse_table,
+    whole_points,
+)
 from allegro_twin.sim.objects.remesh import Surface, remesh, sample, thicken
 from allegro_twin.sim.objects.scan_files import (
     INSTALL,
@@ -46,6 +52,8 @@ _TRIED = 250_000
 """Triangles of a surface that a deviation is measured to, at most: of a scan of millions one in several."""
 _SHELLS = 40
 """Of one solid; more are a tangle, which is made anew."""
+_TABLE = 0.25
+"""m: a closed plate that is wider than that is no part of a thing for a hand."""
 _WALL = 0.002
 """m: thickness of a wall that a file shows as a surface without one."""
 
@@ -156,6 +164,10 @@ def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
     soup = Soup(soup.vertices * scale, soup.faces)
     if settings.wall is None and fix.is_flat(soup):
         raise ConfigError(f"{path}: is flat and encloses no volume: allegro-twin mesh --wall 2mm makes a plate of it")
+    closed = fix.is_closed(soup)
+    if settings.wall is None and not (closed and fix.loose_parts(soup).max() == 0):
+        some = sample(soup, float(np.sqrt(fix.areas(soup).sum() / 20_000)))[1]
+        refuse_table(path, some, _TABLE if closed else 0.0)  # A closed one may be the lid below a knob.
     before = soup = fix.drop_flaps(soup, repair)  # Without flecks and flaps.
     if len(soup.faces) > fix.MANY:
         soup = fix.decimate(soup, fix.FEW)

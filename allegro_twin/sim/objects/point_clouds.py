@@ -31,6 +31,8 @@ WALLS = 0.3
 """Share of a surface."""
 EVEN = 0.6
 """Of the points per area where a surface faces an end: as many on its sides, and it was seen from more than there."""
+TABLE = 0.3
+"""Share of the points of a scan, from which on their plane may be a table."""
 STEEP = 0.85
 """Cosine between view and axis, above which a view along the axis shows no side."""
 _NEIGHBOURS = 14
@@ -70,6 +72,7 @@ def close_cloud(path: Path, scan: Scan, scale: float, repair: Repair) -> ClosedC
         raise ConfigError(f"{path}: {len(points)} points show no surface; at least {FEWEST}, or --hull")
     unit, scale = find_unit(path, scan, scale, points)
     points = points * scale
+    refuse_table(path, points)
     cloud = _thinned(path, points, normals)
     solid = _closed(path, cloud, normals is not None, repair, points)
     return ClosedCloud(solid, points, cloud.spacing, unit, scale)
@@ -92,6 +95,41 @@ def complete_surface(path: Path, soup: Soup, repair: Repair) -> Soup:
     spacing = max(0.001, float(np.sqrt(fix.areas(soup).sum() / 60_000)))
     points, normals = surface_samples(soup, spacing)
     return _closed(path, _thinned(path, points, normals), True, repair)
+
+
+def refuse_table(path: Path, points: Numbers, least: float = 0.0) -> None:
+    """Raises ConfigError where points, spread evenly over a surface, are of a thing and of what it stands on: a plane
+    that is wider than the rest on three sides or four, with nothing behind it, and at least so many m wide."""
+    rng = np.random.default_rng(0)
+    some = points[rng.choice(len(points), min(len(points), 20_000), replace=False)]
+    size = float(np.ptp(some, axis=0).max())
+    few, best = some[rng.choice(len(some), min(len(some), 3_000), replace=False)], (0, some[0], some[0])
+    for corners in some[rng.integers(len(some), size=(300, 3))]:
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        if (length := np.linalg.norm(normal)) < 1e-3 * size**2:
+            continue
+        near = int((np.abs((few - corners[0]) @ normal) < 0.006 * size * length).sum())
+        best = max(best, (near, corners[0], normal / length), key=lambda each: each[0])
+    if best[0] < TABLE * len(few):
+        return
+    at, normal = _plane(some[np.abs((some - best[1]) @ best[2]) < 0.006 * size])
+    height = (some - at) @ normal
+    height *= np.sign((height > 0.03 * size).sum() - (height < -0.03 * size).sum()) or 1.0
+    plane, rest = some[np.abs(height) < 0.01 * size], some[height > 0.03 * size]
+    if len(rest) < 0.01 * len(some) or (height < -0.01 * size).sum() > 0.01 * len(some):
+        return
+    across = np.linalg.svd(normal[None])[2][1:].T
+    turns = [across @ [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in np.radians(np.arange(0, 90, 5))]
+    frame = min(turns, key=lambda each: float(np.prod(np.ptp(plane @ each, axis=0))))
+    (low, high), (inner, outer) = (np.quantile(each @ frame, [0.005, 0.995], axis=0) for each in (plane, rest))
+    margin = np.concatenate([inner - low, high - outer])
+    wide = 1000 * np.sort(high - low)[::-1]
+    if (margin > 0.1 * float((outer - inner).max())).sum() < 3 or wide[1] < 1000 * least:
+        return
+    raise ConfigError(
+        f"{path}: a plane of some {wide[0]:.0f} × {wide[1]:.0f} mm, wider than the thing on it, is the table that it "
+        "was scanned on: crop it off in the scanner's program, or in MeshLab or CloudCompare"
+    )
 
 
 def _stray(points: Numbers) -> Numbers:
