@@ -93,7 +93,7 @@ def _describe_breakaway(values: Mapping[str, IdentifiedValue], labels: tuple[str
     if said:
         return f"Friction breaks away: {', and '.join(said)}."
     return (
-        "Friction is not Coulomb's: a model in which it breaks away leaves less, but none of its values is sure, so "
+        "Friction is not Coulomb's: a model in which it breaks away leaves less, but none of what it adds is sure, so "
         "what the cause is stays open."
     )
 
