@@ -76,6 +76,14 @@ def test_the_script_picks_an_apple_and_is_paid_for_it(kwargs: dict[str, Any]) ->
     assert earned > 50.0
 
 
+def test_its_specification_says_how_long_an_episode_is_and_it_has_no_state_to_save() -> None:
+    env = gymnasium.make("AllegroTwin/ArmPick-v0")
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == env.unwrapped.episodes.limit  # type: ignore[attr-defined]
+    with pytest.raises(ConfigError, match="ArmPick has no state to save"):
+        env.unwrapped.save_state()  # type: ignore[attr-defined]
+
+
 def test_nothing_earns_little_and_picks_nothing() -> None:
     env = apple()
     env.reset(seed=1)

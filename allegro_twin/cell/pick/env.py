@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
@@ -48,6 +50,22 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         self.action_space = spaces.Box(-1.0, 1.0, (6 + joints,), np.float32)
         self.observation_space = spaces.Box(-BOUND, BOUND, (self.episodes.numbers,), np.float32)
         self._over = True
+        self._spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's, with the length of an episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None and spec.max_episode_steps is None:
+            spec = replace(spec, max_episode_steps=self.episodes.limit)
+        self._spec = spec
+
+    def save_state(self) -> NoReturn:
+        """Raises ConfigError: the hand's own tasks have states to save."""
+        raise ConfigError("ArmPick has no state to save: begin its episode again with reset(seed=…)")
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         super().reset(seed=seed)

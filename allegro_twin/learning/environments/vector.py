@@ -57,6 +57,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             raise ConfigError(f"autoreset_mode {autoreset_mode!r} is none of {', '.join(modes)}")
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = _episode_length(max_episode_steps, self.engine.limit)

@@ -145,6 +145,8 @@ def test_a_reset_mask_must_name_somebody(mask: np.ndarray[Any, Any]) -> None:
 
 
 def test_a_vector_environment_needs_a_mode_and_somebody_in_it() -> None:
+    with pytest.raises(ConfigError, match="render_mode 'ansi' is none of rgb_array, depth_array"):
+        HandVectorEnv("Reach", 2, render_mode="ansi")
     with pytest.raises(ConfigError, match="autoreset_mode 'never' is none of next_step, same_step, disabled"):
         HandVectorEnv("Reach", 2, autoreset_mode="never")
     with pytest.raises(ConfigError, match="num_envs must be at least 1, not 0"):
