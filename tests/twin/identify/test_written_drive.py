@@ -15,6 +15,7 @@ from allegro_twin.surfaces.cli.twin.identification import gap_table, head_lines
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.shooting import LONG, SEEN, UNSEEN, cut_segments
 from allegro_twin.twin.identify.pipeline import Identification
+from allegro_twin.twin.identify.results import written_drive
 from allegro_twin.twin.identify.results.gap import measure_gap
 from allegro_twin.twin.identify.results.hand_file import NOTHING_WRITTEN, drive_to_write, write_hand_file
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
@@ -116,3 +117,16 @@ def test_an_encoder_offset_that_is_not_determined_stays_out_of_the_file_however_
     others = np.arange(16) // 4 != JOINT // 4  # Of its finger the others follow it.
     assert made.drive.offset[JOINT] == 0.0
     np.testing.assert_allclose(made.drive.offset[others], hidden.OFFSET[others], atol=4e-3)
+
+
+def test_what_cannot_be_trusted_decides_nothing() -> None:
+    """A finger that is pushed away, in one recording, from where its commands would move it: its rows say so."""
+    found, motions = hidden.found().fit, list(hidden.found().motions)
+    alone = written_drive._Trial(found, motions).errors(found.drive)
+    position, good = motions[0].position.copy(), motions[0].good.copy()
+    position[len(position) // 2 :, :4] += 0.3
+    good[len(position) // 2 :, :4] = 0.0
+    pushed = [replace(motions[0], position=position, good=good), *motions[1:]]
+    assert (written_drive._Trial(found, pushed).errors(found.drive)[:4] < 2.0 * alone[:4] + 1e-3).all()
+    trusted = [replace(pushed[0], good=np.ones_like(good)), *motions[1:]]
+    assert (written_drive._Trial(found, trusted).errors(found.drive)[:4] > 0.005).all()

@@ -125,6 +125,11 @@ class _Trial:
         self._cuts: MotionSegments | None = None
         if self.seconds >= SHORTEST_TRIAL:
             self._cuts = cut_segments(motions, first.spec, length, max(length // 2, 1), UNSEEN)
+            # At a stop, or around a gap, no drive is right; of a finger that has nothing else all counts.
+            trust = np.zeros((self.pieces, first.spec.n_joints))
+            for number, finger in enumerate(self.fingers):
+                trust[:, finger] = self._cuts.trust[:, [number]]
+            self._weight = np.where(trust.any(axis=0), trust, 1.0)
         self._player: OpenLoopPlayer = found.player(first)
 
     @property
@@ -132,12 +137,12 @@ class _Trial:
         return 0 if self._cuts is None else len(self._cuts.position)
 
     def errors(self, drive: DriveParameters) -> Vector:
-        """Root mean square of each joint, (n,), rad."""
+        """Root mean square of each joint over the pieces that can be trusted, (n,), rad."""
         assert self._cuts is not None
         cuts = self._cuts
         pieces = cuts.pieces._replace(gravity=leaning(cuts.pieces.gravity, drive))
         wrong = self._player.play(drive, cuts.position, cuts.velocity, pieces) - cuts.measured
-        return np.asarray(np.sqrt(np.square(wrong).mean(axis=(0, 1))))
+        return np.asarray(np.sqrt(np.average(np.square(wrong).mean(axis=1), axis=0, weights=self._weight)))
 
     def total(self, drive: DriveParameters) -> float:
         return float(np.square(self.errors(drive)).sum())
