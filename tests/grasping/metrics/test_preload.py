@@ -115,7 +115,7 @@ def test_what_a_finger_loses_to_a_palm_that_the_load_presses_on_is_by_their_spri
 
 
 def test_without_a_load_nothing_is_asked() -> None:
-    assert squeezed(0.6, np.zeros(6)).share == pytest.approx(0.0, abs=1e-9)
+    assert squeezed(0.6, np.zeros(6)).share == pytest.approx(0.0, abs=1e-7)  # As exact as the solver is.
 
 
 def test_a_share_above_one_says_how_much_too_weak_a_hand_is() -> None:
