@@ -149,7 +149,7 @@ def test_a_vector_environment_needs_a_mode_and_somebody_in_it() -> None:
         HandVectorEnv("Reach", 2, render_mode="ansi")
     with pytest.raises(ConfigError, match="autoreset_mode 'never' is none of next_step, same_step, disabled"):
         HandVectorEnv("Reach", 2, autoreset_mode="never")
-    with pytest.raises(ConfigError, match="num_envs must be at least 1, not 0"):
+    with pytest.raises(ConfigError, match="num_envs must be a whole number from 1 on, not 0"):
         HandVectorEnv("Reach", 0)
 
 
