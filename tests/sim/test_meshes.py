@@ -173,16 +173,20 @@ def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, mon
 
 def test_a_fine_scan_is_cut_with_fewer_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
     torus = trimesh.creation.torus(0.05, 0.015, major_sections=64, minor_sections=32)
+    hull = torus.convex_hull  # It fills the hole, and stands out.
     cut: list[int] = []
+    threads: list[threading.Thread] = []
 
     def run(mesh: Any, **_: object) -> list[tuple[Array, Array]]:
         cut.append(len(mesh.indices))
-        return [(mesh.vertices, mesh.indices)] * MOST
+        threads.append(threading.current_thread())
+        return [(np.array(hull.vertices), np.array(hull.faces))] * MOST
 
     monkeypatch.setattr("coacd.run_coacd", run)
     convex_parts(Mesh(np.array(torus.vertices), np.array(torus.faces)), "torus")
     assert len(torus.faces) == 4096
     assert cut == [CUT], "once, for finer cuts would be as many"
+    assert threads != [threading.main_thread()], "which hears signals meanwhile"
 
 
 def test_cutting_can_be_interrupted() -> None:

@@ -20,6 +20,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, env_keyword
 from allegro_twin.learning.environments.snapshot import EpisodeState
 from allegro_twin.learning.mpc.settings import PoseCamera
 from allegro_twin.learning.tasks.in_hand import InHandTask
+from allegro_twin.sim.batch.link_contacts import AssumedContacts
 from allegro_twin.types import Array, HandState
 
 PoseSource = Callable[[], Array]
@@ -101,7 +102,7 @@ class ObservedEpisode:
                               "virtual hand, or Reach")  # fmt: skip
 
         if isinstance(own, InHandTask):
-            own.contacts.measured = False
+            own.contacts = AssumedContacts(own.worlds)
 
     @property
     def engine(self) -> EpisodeEngine:

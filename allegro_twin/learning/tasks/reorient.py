@@ -12,7 +12,7 @@ from allegro_twin.kinematics.orientation import angle_between_quaternions, rotat
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.base import Flags, StepOutcome, Ticks
 from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import twist
 from allegro_twin.sim.batch.cpu import Rows
@@ -93,14 +93,14 @@ class ReorientTask(InHandTask):
         # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         angle = _angle(self.worlds.xp.asarray(self.thing.pose[:, 3:], np.float32), self._goal)
         lost = self.lost()
-        held = self.contacts.any() & ~lost
+        held = self.contacts.in_contact() & ~lost
         there = (angle < REACHED) & held
         self.reached += there
         self._renewed |= there
         xp = self.worlds.xp
         dropped = xp.where(lost, DROPPED, 0.0)
         terms = {
-            "near": self._near(angle), "bonus": xp.where(there, BONUS, 0.0), "dropped": dropped, "angle": angle,
+            "near": self._near(angle), "bonus": _bonus(angle, held), "dropped": dropped, "angle": angle,
             "held": xp.where(held, 1.0, 0.0),
         }  # fmt: skip
         reward = terms["near"] + terms["bonus"] + dropped
@@ -113,9 +113,7 @@ class ReorientTask(InHandTask):
         """Reward for orientations (..., 4): nearness, from 0 to 1 per second, the bonus for a goal with the object
         held, and the cost of a loss."""
         angle = _angle(achieved, desired)
-        xp = array_namespace(angle)
-        bonus: Array = xp.where((angle < REACHED) & (as_array(held) > 0.0), BONUS, 0.0)
-        return self._near(angle) + bonus + dropped
+        return self._near(angle) + _bonus(angle, as_array(held) > 0.0) + dropped
 
     def _near(self, angle: Array) -> Array:
         """A second at the goal is worth 1, for any number of decisions per second."""
@@ -144,3 +142,8 @@ class ReorientTask(InHandTask):
 
 def _angle(achieved: ArrayLike, desired: ArrayLike) -> Array:
     return angle_between_quaternions(as_array(achieved), as_array(desired))
+
+
+def _bonus(angle: Array, held: Flags) -> Array:
+    found: Array = array_namespace(angle).where((angle < REACHED) & held, BONUS, 0.0)
+    return found

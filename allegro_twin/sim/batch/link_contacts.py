@@ -30,16 +30,14 @@ class LinkContacts:
         self.sums: Array = xp.zeros((worlds.n, len(self.links)))
         """Of each link, size of the force summed over periods, (n, links), N."""
         self._touched: Any = xp.zeros((worlds.n, len(self.links)), bool)
-        """Since `begin_decision`; `_touches`: in the last period."""
-        self._touches: Any = xp.zeros((worlds.n, len(self.links)), bool)
+        """Since `begin_decision`; `_now`: in the last period."""
+        self._now: Any = xp.zeros((worlds.n, len(self.links)), bool)
         self._new: Any = xp.zeros(worlds.n, bool)
         """Simulations that have not moved since their reset: their sensors have the forces of the episode before."""
-        self.measured = True
-        """Whether physics moves these hands. Where poses are only written into them, no contact is known."""
         self._xp = xp
 
     def begin(self, rows: Rows) -> None:
-        self.sums[rows], self._touched[rows], self._touches[rows] = 0.0, False, False
+        self.sums[rows], self._touched[rows], self._now[rows] = 0.0, False, False
         self._new[rows] = True
 
     def begin_decision(self) -> None:
@@ -51,13 +49,13 @@ class LinkContacts:
         square = (self._force * self._force).sum(axis=-1)
         square = self._xp.where(self._xp.isfinite(square) & ~self._new[:, None], square, 0.0)
         self.sums += self._xp.sqrt(square)
-        self._touches[...] = square > _TOUCH**2
-        self._touched |= self._touches
+        self._now[...] = square > _TOUCH**2
+        self._touched |= self._now
 
-    def any(self) -> NDArray[np.bool_]:
-        """Whether any link touched the object in the last period, (n,); True where that is not measured."""
-        found: NDArray[np.bool_] = self._touches.any(axis=-1)
-        return found if self.measured else found | True
+    def in_contact(self) -> NDArray[np.bool_]:
+        """Whether any link touched the object in the last period, (n,)."""
+        found: NDArray[np.bool_] = self._now.any(axis=-1)
+        return found
 
     def touching(self, group: str) -> NDArray[np.int64]:
         """Number of a group's links that touched the object in a period since `begin_decision`, (n,)."""
@@ -70,6 +68,13 @@ class LinkContacts:
         total = self.sums.sum(axis=-1)
         safe = self._xp.where(total > 0, total, 1.0)
         return {name: (self.sums * self._member[:, k]).sum(axis=-1) / safe for k, name in enumerate(GROUPS)}
+
+
+class AssumedContacts(LinkContacts):
+    """Of hands into which poses are only written: no contact is known, so every object is taken to be touched."""
+
+    def in_contact(self) -> NDArray[np.bool_]:
+        return super().in_contact() | True
 
 
 def _groups(worlds: SimBatch, links: tuple[str, ...]) -> NDArray[np.int64]:

@@ -358,7 +358,7 @@ def reduce_triangles(soup: Soup, smoothed: bool = True) -> Soup:
     for count in COUNTS:
         if len(soup.faces) <= count:
             return soup
-        found = _decimated(soup, count)
+        found = fix.decimate_closed(soup, count)
         if found is not None and deviation(soup, found) <= LOSS:
             return found
     if found is not None:
@@ -367,16 +367,6 @@ def reduce_triangles(soup: Soup, smoothed: bool = True) -> Soup:
     if solid is None:
         return soup
     return fix.soup_of(solid.simplify(LOSS / 2))
-
-
-def _decimated(soup: Soup, count: int) -> Soup | None:
-    """With at most so many triangles; parts that the decimation made touch at an edge are apart again."""
-    found = fix.decimate(soup, count)
-    solid = fix.manifold_of(found)
-    if solid is None or fix.is_closed(found):
-        return None if solid is None else found
-    apart = fix.soup_of(solid)
-    return apart if fix.is_closed(apart) else None
 
 
 def deviation(

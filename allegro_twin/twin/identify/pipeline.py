@@ -32,7 +32,7 @@ from allegro_twin.twin.identify.results.uncertainty import (
 from allegro_twin.twin.identify.results.written_drive import WrittenDrive
 from allegro_twin.types import Vector
 
-TRUSTED = 0.5
+LEAST_USABLE = 0.5
 """Share of a recording's pieces that a fit needs."""
 
 
@@ -131,12 +131,12 @@ def check_trusted(motions: Sequence[RecordedMotion]) -> None:
     cuts = cut_segments(motions, motions[0].spec)
     for number, motion in enumerate(motions):
         own = cuts.trust[cuts.recording == number]
-        if len(own) and (share := own.any(axis=1).mean()) < TRUSTED:
+        if len(own) and (share := own.any(axis=1).mean()) < LEAST_USABLE:
             raise ConfigError(
                 f"{motion.name}: {100.0 * share:.0f} % of its rows can be used: too few reports arrived; record it "
                 "again on a quieter computer"
             )
-    if len(cuts.trust) and (share := cuts.trust.mean()) < TRUSTED:
+    if len(cuts.trust) and (share := cuts.trust.mean()) < LEAST_USABLE:
         raise ConfigError(
             f"{', '.join(motion.name for motion in motions)}: {100.0 * share:.0f} % of the fingers' rows can be used: "
             "the others are at a limit of driver or joint; record again with `allegro-twin excite`"

@@ -17,6 +17,7 @@ from allegro_twin.learning.tasks.base import GoalTask
 from allegro_twin.learning.tasks.reorient import NEAREST, REACHED
 from allegro_twin.learning.tasks.start_states import StartStates, file_name, load_start_states
 from allegro_twin.learning.tasks.vectors import tilt, twist
+from allegro_twin.sim.batch.link_contacts import AssumedContacts
 from allegro_twin.sim.objects.catalogue import GraspObject, load_object
 
 N = 8
@@ -195,7 +196,7 @@ def test_no_goal_is_reached_at_the_beginning_and_each_that_is_brings_another(goa
     assert (angle_between_quaternions(first, np.array(seen["achieved_goal"], float)) > NEAREST - 0.01).all()
     task: Any = env.engine.task
     thing = task.thing
-    task.contacts.measured = False  # In the air a goal would not count.
+    task.contacts = AssumedContacts(task.worlds)  # In the air a goal would not count.
     task.place[:] = ALOFT
     thing.pose[:, :3], thing.pose[:, 3:] = ALOFT, first
     thing.velocity[:] = thing.spin[:] = 0.0
@@ -338,3 +339,14 @@ def test_a_goal_counts_only_while_the_hand_touches_the_object() -> None:
     assert info["bonus"].tolist() == [10.0, 0.0]
     assert info["is_success"].tolist() == [True, False]
     assert reward[1] < 0.1
+
+
+def test_a_computed_reward_has_the_bonus_only_where_the_object_is_held() -> None:
+    env = HandEnv("Reorient", timestep=0.003)
+    env.reset(seed=0)
+    goal = np.array([1.0, 0.0, 0.0, 0.0])
+    free, held = ({"held": value, "dropped": 0.0} for value in (0.0, 1.0))
+    assert env.compute_reward(goal, goal, held) - env.compute_reward(goal, goal, free) == pytest.approx(10.0)
+    assert env.compute_reward(np.stack([goal] * 2), np.stack([goal] * 2), [free, held]).tolist() == [
+        env.compute_reward(goal, goal, each) for each in (free, held)
+    ]

@@ -16,6 +16,7 @@ from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks import TASKS
 from allegro_twin.learning.tasks.reorient import REACHED
+from allegro_twin.sim.batch.link_contacts import AssumedContacts
 
 N = 6
 FEW = {"HoldDisturbed": ("tennis_ball",), "Grasp": ("tennis_ball", "foam_brick"), "Lift": ("foam_brick",)}
@@ -56,7 +57,7 @@ def test_no_reward_success_or_end_follows_from_what_a_policy_sees(task: str) -> 
 def turned_to(env: Any, off: float) -> None:
     """Let every cube stand beside its goal by so many rad, in the air, at rest; a goal that was reached stays."""
     task = env.engine.task
-    task.contacts.measured = False  # In the air a goal would not count.
+    task.contacts = AssumedContacts(task.worlds)  # In the air a goal would not count.
     task._renewed[:] = False
     task.thing.pose[:, :3] = task.place[:] = BESIDE
     task.thing.pose[:, 3:] = rotate_quaternion(np.asarray(task.goal(), float), (0.0, off, 0.0))

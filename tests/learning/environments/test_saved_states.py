@@ -172,18 +172,25 @@ def test_a_state_brings_the_objects_that_resets_have_named() -> None:
 
 
 def test_the_step_of_a_reset_reports_nothing_of_the_episode_before() -> None:
-    pair, single = HandVectorEnv("Rotate", 2, timestep=0.003, max_episode_steps=5), HandEnv("Rotate", timestep=0.003)
+    pair, single = HandVectorEnv("Rotate", 2, timestep=0.003), HandEnv("Rotate", timestep=0.003)
     pair.reset(seed=[3, 4])
-    still = np.zeros((2, 16), np.float32)
-    for _ in range(5):
-        pair.step(still)
+    wild, still = (
+        np.sign(np.random.default_rng(1).normal(size=(2, 16))).astype(np.float32),
+        np.zeros((2, 16), np.float32),
+    )
+    lost = np.zeros(2, bool)
+    while not lost[0]:
+        _, _, lost, _, info = pair.step(wild)
+    assert info["dropped"][0] < 0.0, "palm or proximal links touch the object"
+    assert info["by_palm"][0] + info["by_middle"][0] > 0.0
     single.reset(seed=3)
     single.reset()
-    *_, info = pair.step(still)  # Both begin anew.
-    assert not any(np.any(value) for name, value in info.items() if name in ("dropped", "by_palm", "by_tips", "turned"))
     *_, info = pair.step(still)
-    *_, alone = single.step(still[0])
+    first, *_, alone = single.step(still[0])
+    assert all(info[name][0] == 0.0 for name in alone), "it begins anew"
+    seen, *_, info = pair.step(still)
     assert {name: info[name][0] for name in alone} == alone
+    np.testing.assert_array_equal(flat(seen[0]), flat(first))
 
 
 def test_what_an_option_changed_since_is_as_it_was() -> None:
