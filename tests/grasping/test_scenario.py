@@ -12,6 +12,7 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.timeline import make_timeline
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import grasp_names, load_grasp, load_posture, posture_names
@@ -87,6 +88,19 @@ def test_a_protocol_names_its_phases_once_and_its_reference(tmp_path: Path) -> N
     path.write_text("version: 1\nphases: [{name: a}]\nreference: a\n")
     with pytest.raises(ConfigError, match="a phase without a hand motion needs `seconds`"):
         load_protocol(str(path))
+
+
+@pytest.mark.parametrize("name", ["mug", "potted_meat_can"])
+def test_fingers_close_as_slowly_in_the_draws_of_a_search_as_in_the_whole_trial(name: str) -> None:
+    spec = load_spec()
+    scenario, _ = load_scenario(name)
+    grasp = load_grasp(scenario.grasp, spec)
+    timelines = [
+        make_timeline(load_protocol(rules), grasp, scenario, grasp.preshape, spec, 0.003)
+        for rules in ("quick", "table_pick")
+    ]
+    draw, whole = (next(w.end - w.begin for w in each.windows if w.name == "close") for each in timelines)
+    assert draw == pytest.approx(whole)
 
 
 def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 
@@ -158,6 +158,16 @@ def test_a_new_environment_goes_on_from_a_state_without_a_reset(task: str, more:
     np.testing.assert_array_equal(np.concatenate(again), np.concatenate(played(fresh, 1, 4)))
 
 
+def test_a_made_environment_goes_on_without_a_reset_and_one_without_either_is_refused() -> None:
+    env, new = (gymnasium.make("AllegroTwin/Reach-v0", timestep=0.003, disable_env_checker=True) for _ in range(2))
+    action = np.zeros(16, np.float32)
+    with pytest.raises(CommandError, match="a step before the first reset"):
+        new.step(action)
+    env.reset(seed=4)
+    new.unwrapped.restore_state(env.unwrapped.save_state())  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(flat(env.step(action)[0]), flat(new.step(action)[0]))
+
+
 def test_a_state_brings_the_objects_that_resets_have_named() -> None:
     env, new, other = (HandEnv("Grasp", timestep=0.003, objects=("apple",)) for _ in range(3))
     env.reset(seed=4, options={"object": "softball"})
@@ -190,7 +200,8 @@ def test_the_step_of_a_reset_reports_nothing_of_the_episode_before() -> None:
     assert all(info[name][0] == 0.0 for name in alone), "it begins anew"
     seen, *_, info = pair.step(still)
     assert {name: info[name][0] for name in alone} == alone
-    np.testing.assert_array_equal(flat(seen[0]), flat(first))
+    assert isinstance(seen, np.ndarray)
+    np.testing.assert_array_equal(seen[0], first)
 
 
 def test_what_an_option_changed_since_is_as_it_was() -> None:
