@@ -7,6 +7,7 @@ warmth and teeth are integrated here, at 0.1 ms. What it tells of itself goes th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,20 +26,35 @@ from allegro_twin.recording.recorder import record
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
 from allegro_twin.types import Command, HandState, Vector, frozen
-from studies.rehearsal.motor_laws import HandPhysics, MotorLaws
+from studies.rehearsal.motor_laws import HandPhysics, MotorLaws, Row
 
 N = 16
 STEP = 1e-4  # s
-KINDS = ("plain", "lugre", "tilt", "tilt_each", "cogging", "direction", "warm", "teeth", "cable")
+KINDS = ("plain", "lugre", "tilt", "tilt_each", "cogging", "direction", "warm", "teeth", "cable", "springs", "coupled",
+         "ripple", "dahl")  # fmt: skip
 """What is unlike our own drives: nothing; friction that breaks away with a weak motor; a base that leans by 3°, as one
 in the palm's frame, or another way in each recording; torque that comes again with the angle; friction of two
-directions with heavier links; warmth with cogging and cables; teeth that bend; cables alone."""
+directions with heavier links; warmth with cogging and cables; teeth that bend; cables alone; springs; springs over
+neighbouring joints, too; motors whose torque ripples with the angle; friction that gives by 15 mrad before it slides
+(Dahl 1968)."""
 
 
-def draw(kind: str, seed: int) -> HandPhysics:
+@dataclass(slots=True)
+class ForeignPhysics(HandPhysics):
+    """What the rehearsal's hands do not have."""
+
+    rate: Row = field(default_factory=lambda: np.zeros((N, N)))
+    """Of springs, N·m/rad: torque of each joint by the angle of each."""
+    rest: Row = field(default_factory=lambda: np.zeros(N))
+    """Angles at which the springs pull nothing, rad."""
+    ripple: tuple[tuple[float, float], ...] = ()
+    """Share by which a motor's torque ripples, and how often in a turn."""
+
+
+def draw(kind: str, seed: int) -> ForeignPhysics:
     """A hand of one kind."""
     rng = np.random.default_rng((seed, 977, KINDS.index(kind)))
-    each = HandPhysics(
+    each = ForeignPhysics(
         rng.uniform(0.85, 1.15, N), rng.uniform(0.002, 0.004, N), rng.uniform(0.05, 0.1, N),
         rng.uniform(0.01, 0.045, N), offset=rng.uniform(-0.01, 0.01, N), delay=int(rng.integers(5, 60)) * STEP,
     )  # fmt: skip
@@ -64,6 +80,16 @@ def draw(kind: str, seed: int) -> HandPhysics:
             each.cable = 0.01 * rng.choice([-1.0, 1.0], N)
         case "teeth":
             each.play, each.spring = np.full(N, 0.008), 15.0
+        case "springs" | "coupled":
+            each.rate, each.rest = np.diag(rng.uniform(0.004, 0.02, N)), rng.uniform(-0.3, 1.2, N)
+            if kind == "coupled":
+                for joint in range(N - 1):
+                    if joint % 4 < 3:  # Of one finger.
+                        each.rate[joint, joint + 1] = each.rate[joint + 1, joint] = rng.uniform(-0.004, 0.004)
+        case "ripple":
+            each.ripple, each.phase = ((0.08, 9.0), (0.04, 27.0)), rng.uniform(0.0, 2.0 * np.pi, N)
+        case "dahl":
+            each.bristle = 0.015
         case "cable":
             each.cable = rng.uniform(-0.015, 0.015, N)
     return each
@@ -88,7 +114,7 @@ class ForeignHand:
     def __init__(
         self,
         spec: HandSpec,
-        physics: HandPhysics,
+        physics: ForeignPhysics,
         gravity: Vector,
         period: float,
         seed: int,
@@ -149,7 +175,10 @@ class ForeignHand:
 
     def _step(self) -> None:
         data, now = self._data, self._steps * STEP
-        torque, slides = self._laws.step(self._duty, data.qpos[self._qpos], data.qvel[self._dofs], now)
+        angle, own = data.qpos[self._qpos], self._truth
+        ripple = 1.0 + sum(share * np.sin(often * angle + own.phase) for share, often in own.ripple)
+        torque, slides = self._laws.step(self._duty * ripple, angle, data.qvel[self._dofs], now)
+        torque = torque - own.rate @ (angle - own.rest)
         if self._laws.link_friction:
             self._model.dof_frictionloss[self._dofs] = slides
         data.qfrc_applied[self._dofs] = torque
@@ -171,7 +200,7 @@ class ForeignHand:
 class _Place:
     """Where a hidden hand stands: what opens it in the place of a simulation."""
 
-    def __init__(self, physics: HandPhysics, gravity: Vector, seed: int, pushes: Sequence[Push]) -> None:
+    def __init__(self, physics: ForeignPhysics, gravity: Vector, seed: int, pushes: Sequence[Push]) -> None:
         self._physics, self._gravity, self._seed, self._pushes = physics, gravity, seed, pushes
 
     def check(self, spec: HandSpec) -> None:

@@ -19,12 +19,19 @@ from allegro_twin.types import Array, Vector
 
 _NONE: Vector = np.zeros(0)
 _UPRIGHT: Array = np.zeros((0, 3))
-PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods")
+PARASITIC = ("bias_torque", "stiffness", "uneven_damping", "cogging_cosine", "cogging_sine", "cogging_periods",
+             "ripple_cosine", "ripple_sine", "ripple_periods")  # fmt: skip
 """What a motor neither commands nor loses evenly to friction."""
 WARMTH = ("cold_friction", "warm_up")
 """What friction has while a hand warms up."""
 BEFORE = 6
 """Periods of commands that are still on their way when a piece begins: the longest delay."""
+
+HISTORY = 100
+"""Periods before a piece in which bristles that give far are followed: 0.3 s."""
+SPRINGY = 3e-3
+"""rad: bristles that give further are bent by where their joint came from. Of others noise hides that, and the torque
+tells more. Ours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +64,9 @@ class DriveParameters:
     backlash: Vector
     """rad, both ways together, for a player that is loose."""
     bias_torque: Vector = field(default_factory=lambda: _NONE)
-    """N·m, for a player with parasitic torque, like the next four; nothing without."""
+    """N·m, for a player with parasitic torque, like the next eight; nothing without."""
+    stiffness: Vector = field(default_factory=lambda: _NONE)
+    """N·m/rad."""
     uneven_damping: Vector = field(default_factory=lambda: _NONE)
     """N·m·s/rad."""
     cogging_cosine: Vector = field(default_factory=lambda: _NONE)
@@ -66,6 +75,12 @@ class DriveParameters:
     """N·m."""
     cogging_periods: Vector = field(default_factory=lambda: _NONE)
     """Periods of the cogging in a turn."""
+    ripple_cosine: Vector = field(default_factory=lambda: _NONE)
+    """Share of the motor's torque."""
+    ripple_sine: Vector = field(default_factory=lambda: _NONE)
+    """Share of the motor's torque."""
+    ripple_periods: Vector = field(default_factory=lambda: _NONE)
+    """Periods of the ripple in a turn."""
     gear_compliance: Vector = field(default_factory=lambda: _NONE)
     """rad/(N·m), for a player that is loose; 0: teeth do not bend."""
     cold_friction: Vector = field(default_factory=lambda: _NONE)
@@ -108,6 +123,8 @@ class Segments(NamedTuple):
     (w, BEFORE + 1, n)."""
     time: Vector
     """Since the motors were switched on, when it begins, (w,), s."""
+    past: Array
+    """Speeds in the HISTORY periods before it begins, (w, HISTORY, n), rad/s, the latest last."""
 
 
 STEP = {False: 0.001, True: 0.0006}
@@ -202,7 +219,8 @@ class OpenLoopPlayer:
     def stray(self, drive: DriveParameters, data: mujoco.MjData) -> None:
         """Set the parasitic torque of the next step of a simulation of the `prepared` model."""
         if self.parasitic:
-            data.ctrl[self._strays] = parasitic_torque.torque(drive, data.qpos[self.qpos], data.qvel[self.dofs])
+            motor = drive.torque_constant * data.ctrl[self.motors]
+            data.ctrl[self._strays] = parasitic_torque.torque(drive, data.qpos[self.qpos], data.qvel[self.dofs], motor)
 
     def late(self, delay: Vector) -> Array:
         """What each of the last BEFORE + 1 commands has of every time step of a period, (steps, BEFORE + 1, n)."""
@@ -278,7 +296,9 @@ class OpenLoopPlayer:
                     dry = drive.frictionloss * warm + share * np.abs(now)
                     rubbing.set(dry, drive.stiction, drive.bristle, drive.armature)
                 if self.parasitic:
-                    ctrl[:, self._strays] = parasitic_torque.torque(drive, qpos[:, self.qpos], qvel[:, self.dofs])
+                    angle, speed = qpos[:, self.qpos], qvel[:, self.dofs]
+                    motor = drive.torque_constant * now
+                    ctrl[:, self._strays] = parasitic_torque.torque(drive, angle, speed, motor)
                 sims.step()
             found[k] = self.links(qpos)
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
@@ -299,7 +319,8 @@ class OpenLoopPlayer:
     def _bent(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
         """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and
         by what its motor's torque leaves for them where it creeps or sticks: there steady motion says nothing, and a
-        wrong guess is a joint that breaks away at another time, or to the other side."""
+        wrong guess is a joint that breaks away at another time, or to the other side. Those that give by more than
+        SPRINGY are followed through the periods before."""
         at = BEFORE - drive.delay / self._period
         floor = np.clip(at.astype(int), 0, BEFORE - 1)
         joints, part = np.arange(len(at)), np.clip(at - floor, 0.0, 1.0)
@@ -309,14 +330,19 @@ class OpenLoopPlayer:
         # Armature is in it, and what the model itself holds against a motion: damping, and the bristles' springs at 0.
         held = push - np.array([self.link_torque(*row) for row in motion])
         if self.parasitic:
-            held = held + parasitic_torque.torque(drive, position - drive.offset, velocity)
+            held = held + parasitic_torque.torque(drive, position - drive.offset, velocity, push)
         dry = drive.frictionloss + drive.load_friction * np.abs(push)
         if self.warming:
             dry = dry + drive.frictionloss * (drive.warmth(pieces.time[:, None]) - 1.0)
         sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
         steady = lugre_friction.steady_deflection(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
         moving = 1.0 - np.exp(-np.square(velocity / _SLIDES))
-        return np.asarray(moving * steady + (1.0 - moving) * sticking)
+        bent = np.asarray(moving * steady + (1.0 - moving) * sticking)
+        if (drive.bristle > SPRINGY).any():
+            past, shape = np.swapaxes(pieces.past, 0, 1), (drive.stiction, drive.stribeck_speed, drive.bristle)
+            came = lugre_friction.followed_deflection(*shape, past, self._period)[-1]
+            bent = np.where(drive.bristle > SPRINGY, came, bent)
+        return bent
 
     def _late(self, duty: Array, delay: Vector) -> Array:
         """What acts in every time step, (steps, w, n): its mean over the step, however the delay divides it."""

@@ -43,6 +43,9 @@ class Drive:
     """Factor on the mass and inertia of the link that each joint moves."""
     bias_torque: Vector
     """Constant torque on the joint, N·m: a cable's, and half of what dry friction differs by between directions."""
+    stiffness: Vector
+    """Torque against the joint's angle, N·m/rad: a spring's, or a cable's that is bent. With `bias_torque` it rests at
+    bias_torque / stiffness."""
     uneven_damping: Vector
     """By how much damping is larger forwards, and smaller backwards, N·m·s/rad."""
     cogging_cosine: Vector
@@ -51,6 +54,12 @@ class Drive:
     """… and this times sin(N q), N·m …"""
     cogging_periods: Vector
     """… with N periods in a turn; 0: none."""
+    ripple_cosine: Vector
+    """Share by which the motor's torque changes with the angle q: this times cos(N q) …"""
+    ripple_sine: Vector
+    """… and this times sin(N q) …"""
+    ripple_periods: Vector
+    """… with N periods in a turn; 0: it does not."""
     cold_friction: Vector
     """Share by which friction and damping are larger when the motors are switched on …"""
     warm_up: Vector
@@ -80,9 +89,9 @@ class Drive:
 
     @property
     def parasitic(self) -> bool:
-        """Whether a joint feels torque that is neither its motor's nor even friction."""
-        rows = (self.bias_torque, self.uneven_damping, self.cogging_cosine, self.cogging_sine)
-        return any(row.any() for row in rows)
+        """Whether a joint feels torque that its motor was not told to give and that is not even friction."""
+        rows = (self.bias_torque, self.stiffness, self.uneven_damping, self.cogging_cosine, self.cogging_sine)
+        return any(row.any() for row in (*rows, self.ripple_cosine, self.ripple_sine))
 
     @property
     def warming(self) -> bool:
@@ -111,7 +120,10 @@ _SINGLE = ("delay", "seed")
 _NOMINAL = dict.fromkeys((field.name for field in fields(Drive)), 0.0) | {
     "strength": 1.0, "stiction": 1.0, "mass_scale": 1.0, "stribeck_speed": 0.1,
 }  # fmt: skip
-_SIGNED = ("encoder_offset", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "cold_friction", "tilt")
+_SIGNED = (
+    "encoder_offset", "bias_torque", "stiffness", "uneven_damping", "cogging_cosine", "cogging_sine", "ripple_cosine",
+    "ripple_sine", "cold_friction", "tilt",
+)  # fmt: skip
 _LEAST = {"stiction": 1.0} | dict.fromkeys(_SIGNED, -math.inf)
 _THREE = {"tilt": 3}
 _POSITIVE = ("strength", "stribeck_speed", "mass_scale")

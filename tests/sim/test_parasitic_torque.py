@@ -22,8 +22,10 @@ from tests.sim.test_windows import MIDDLE, duties, parameters, piece, simulated
 
 DOWN = np.array([0.0, 0.0, -9.81])
 STRAY = {
-    "bias_torque": np.tile([0.01, -0.02, 0.015, -0.005], 4), "uneven_damping": np.tile([0.01, -0.02, 0.02, -0.01], 4),
+    "bias_torque": np.tile([0.01, -0.02, 0.015, -0.005], 4), "stiffness": np.tile([0.02, 0.01, 0.0, 0.005], 4),
+    "uneven_damping": np.tile([0.01, -0.02, 0.02, -0.01], 4),
     "cogging_cosine": np.full(16, 0.004), "cogging_sine": np.full(16, -0.006), "cogging_periods": np.full(16, 7.0),
+    "ripple_cosine": np.full(16, 0.1), "ripple_sine": np.full(16, -0.05), "ripple_periods": np.full(16, 5.0),
 }  # fmt: skip
 
 
@@ -55,6 +57,20 @@ def test_damping_by_direction_holds_back_forwards_and_pushes_on_backwards() -> N
     terms = parameters_of(uneven_damping=np.full(16, 0.02))
     np.testing.assert_allclose(torque(terms, MIDDLE, np.full(16, 2.0)), -0.04)
     np.testing.assert_allclose(torque(terms, MIDDLE, np.full(16, -2.0)), -0.04)
+
+
+def test_a_spring_pulls_in_proportion_to_the_angle_and_rests_where_the_constant_torque_holds_it() -> None:
+    terms, rest = parameters_of(stiffness=np.full(16, 0.02), bias_torque=np.full(16, 0.01)), np.full(16, 0.5)
+    np.testing.assert_allclose(torque(terms, rest, np.ones(16)), 0.0, atol=1e-15)
+    np.testing.assert_allclose(torque(terms, rest + 0.3, np.ones(16)), -0.006)
+
+
+def test_ripple_is_a_share_of_what_the_motor_gives() -> None:
+    terms = parameters_of(**{name: STRAY[name] for name in ("ripple_cosine", "ripple_sine", "ripple_periods")})
+    still, pull = np.zeros(16), np.full(16, 0.3)
+    np.testing.assert_allclose(torque(terms, still, still, pull), 0.03)
+    np.testing.assert_allclose(torque(terms, MIDDLE, still, -2.0 * pull), -2.0 * torque(terms, MIDDLE, still, pull))
+    assert not torque(terms, MIDDLE, still).any()
 
 
 def test_cogging_comes_again_with_the_angle() -> None:

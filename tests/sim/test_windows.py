@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
+from allegro_twin.sim.open_loop import BEFORE, HISTORY, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Array, TorqueCommand
@@ -52,7 +52,9 @@ def piece(player: OpenLoopPlayer, drive: DriveParameters, duty: Array, gravity: 
     player.links_only(drive.mass_scale, np.zeros(16))
     weight = player.link_torque(MIDDLE, np.zeros(16), np.zeros(16), gravity)
     push = np.broadcast_to(weight / drive.torque_constant, (1, BEFORE + 1, 16))
-    return Segments(duty[None], gravity[None], np.zeros((1, 16)), np.zeros((1, 16)), push, np.zeros(1))
+    return Segments(
+        duty[None], gravity[None], np.zeros((1, 16)), np.zeros((1, 16)), push, np.zeros(1), np.zeros((1, HISTORY, 16))
+    )
 
 
 def played(spec: HandSpec, drive: DriveParameters, duty: Array, *, bristly: bool = False) -> Array:
@@ -64,6 +66,25 @@ def played(spec: HandSpec, drive: DriveParameters, duty: Array, *, bristly: bool
 
 def test_a_piece_is_the_simulation_to_a_few_encoder_counts(spec: HandSpec, make_sim: MakeSim) -> None:
     np.testing.assert_allclose(played(spec, parameters(spec), duties()), simulated(make_sim, spec, duties()), atol=4e-4)
+
+
+def test_a_piece_knows_by_the_motion_before_it_how_far_friction_that_gives_far_is_bent(
+    spec: HandSpec, make_sim: MakeSim
+) -> None:
+    shape: dict[str, Any] = {"stiction": 1.1, "stribeck_speed": 0.1, "bristle": 0.012}
+    soft = replace(spec, drive=Drive.from_values(shape, 16))
+    drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
+    there, duty, first = simulated(make_sim, soft, duties()), duties(), 60
+    velocity = np.gradient(there, 0.003, axis=0)
+    player = OpenLoopPlayer(spec, 0.003, 0.001, bristly=True)
+    began = piece(player, drive, duty[first + 1 - BEFORE :], np.array([0.0, 0.0, -9.81]))
+    past = np.concatenate([np.zeros((HISTORY - first, 16)), velocity[:first]])[None]
+    off = []
+    for came in (past, np.zeros_like(past)):
+        played_on = player.play(drive, there[[first]], velocity[[first]], began._replace(past=came))[0]
+        off.append(np.abs(played_on - there[first + 1 :]).max(axis=0))
+    assert np.median(off[0]) < 1.5e-3
+    assert np.median(off[0]) < 0.3 * np.median(off[1])
 
 
 def test_half_the_command_at_twice_the_constant_is_the_same(spec: HandSpec) -> None:

@@ -40,27 +40,29 @@ NORMAL = 1.96
 SHARE_WIDE = {"strength": 0.25, "armature": 2.0 / 3.0, "damping": 0.3}
 WIDE = {
     "frictionloss": 0.01, "encoder_offset": 0.03, "delay": 0.003, "load_friction": 0.03,
-    "bias_torque": 0.005, "uneven_damping": 0.02, "cogging_cosine": 0.005, "cogging_sine": 0.005,
+    "bias_torque": 0.005, "uneven_damping": 0.02, "cogging_cosine": 0.005, "cogging_sine": 0.005, "stiffness": 0.005,
+    "ripple_cosine": 0.03, "ripple_sine": 0.03,
 }  # fmt: skip
 """Half-widths about the file's value, uniform, of what is not determined: shares of it, and N·m per N·m of full PWM,
-rad, s, 1, and per full PWM N·m and N·m·s/rad. The wider of today's nominal range (armature 0.001 to 0.005 kg·m²) and
-the interval beyond which `identify` calls a value not determined."""
+rad, s, 1, per full PWM N·m, N·m·s/rad and N·m/rad, and 1. The wider of today's nominal range (armature 0.001 to 0.005
+kg·m²) and the interval beyond which `identify` calls a value not determined."""
 CORE = ("strength", "armature", "damping", "frictionloss", "encoder_offset", "delay")
 """Values that are always drawn; the others where the file has them."""
 _FILE_NAMES = {"strength": "torque_constant", "encoder_offset": "offset"}
 """Names under `identified`, where they differ."""
 _SHARED = ("delay", "warmth")
 """Values of a hand, not of each joint."""
-_PER_PWM = ("armature", "damping", "frictionloss", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
-_SIGNED = ("encoder_offset", "bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
+PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine", "stiffness")
+_PER_PWM = ("armature", "damping", "frictionloss", *PARASITIC)
+RIPPLE = ("ripple_cosine", "ripple_sine")
+_SIGNED = ("encoder_offset", *PARASITIC, *RIPPLE)
 _LEAST = 0.1
 """Least strength and armature, as a share of the file's: with none a joint cannot be simulated."""
 _SIMULATED = ("mass_scale", "tip_mass", "tilt")
 """What is compiled into the models."""
 _NOT_SIMULATED = ("stiction", "bristle", "backlash")
 """What takes steps of half a millisecond, which no environment takes. `stribeck_speed` belongs to the first two."""
-PARASITIC = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
-_ORDER = (*CORE, "load_friction", *PARASITIC)
+_ORDER = (*CORE, "load_friction", *PARASITIC[:4], "warmth", *PARASITIC[4:], *RIPPLE)
 """Values in the order of their random numbers: one more does not change the others'."""
 _STREAM = 12
 """Stream of the numbers of a reset (random_streams); encoder noise has the next one."""
@@ -90,6 +92,7 @@ class DrivePosterior:
     quantisation: Vector
     """(joints,), rad; 0: none."""
     cogging_periods: Vector
+    ripple_periods: Vector
     cold_friction: Vector
     """Share by which friction and damping are larger when cold, (joints,)."""
     correlated: tuple[str, ...] = ()
@@ -128,6 +131,7 @@ def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
         noise=noise,
         quantisation=drive.quantisation,
         cogging_periods=drive.cogging_periods,
+        ripple_periods=drive.ripple_periods,
         cold_friction=np.where(drive.warm_up > 0.0, drive.cold_friction, 0.0),
         correlated=correlated,
         mixing=mixing,
@@ -263,7 +267,8 @@ class RandomDrive:
         self._strength, self._dry = xp.ones((n, joints)), xp.zeros((n, joints))
         self._load = xp.zeros((n, joints)) if "load_friction" in self._known else None
         self._strays = {name: xp.zeros((n, joints)) for name in PARASITIC if name in self._known}
-        self._periods = xp.asarray(posterior.cogging_periods)
+        self._ripples = {name: xp.zeros((n, joints)) for name in RIPPLE if name in self._known}
+        self._periods, self._often = (xp.asarray(row) for row in (posterior.cogging_periods, posterior.ripple_periods))
         self._applied = worlds.joint_force if self._strays else None
         self._mixing = None if posterior.mixing is None else xp.asarray(posterior.mixing)
         self._noise = xp.asarray(math.sqrt(3.0) * posterior.noise) if posterior.noise.any() else None
@@ -289,7 +294,7 @@ class RandomDrive:
         self._past[:, rows] = 0.0
         if self._load is not None:
             self._load[rows] = drawn["load_friction"]
-        for name, own in self._strays.items():
+        for name, own in (self._strays | self._ripples).items():
             own[rows] = drawn[name]
         return drawn
 
@@ -307,13 +312,18 @@ class RandomDrive:
         """Torques that motors are told in this period, (n, joints), N·m, of what was commanded in it and before.
 
         A delay of n + f periods lets the command before last act for f of a period: (1 - f) u[t - n] + f u[t - n - 1],
-        which has the same impulse. Friction by load and parasitic torque are those at the beginning of the period.
+        which has the same impulse. Friction by load, parasitic torque and ripple are those at the beginning of the
+        period.
         """
         xp, past, own = self._xp, self._past, self._own
         past[tick % len(past), own] = xp.clip(command, -self._limit, self._limit)
         whole = xp.floor(self._late)
         n, part = xp.asarray(whole[:, 0], np.int64), self._late - whole
         found: Array = (1.0 - part) * past[(tick - n) % len(past), own] + part * past[(tick - n - 1) % len(past), own]
+        if self._ripples:
+            angle = self._often * self._worlds.position
+            waves = {"ripple_cosine": xp.cos(angle), "ripple_sine": xp.sin(angle)}
+            found = found * (1.0 + sum(own * waves[name] for name, own in self._ripples.items()))
         if self._load is not None:
             loss = self._dry + self._load * xp.abs(found * self._strength)
             self._worlds.expand("dof_frictionloss")[:, self._dofs] = loss
@@ -324,7 +334,7 @@ class RandomDrive:
     def _stray_torque(self, position: Array, velocity: Array) -> Array:
         """As `sim/drivetrain/parasitic_torque.py` has it, (n, joints), N·m."""
         xp, angle, found = self._xp, self._periods * position, 0.0 * position
-        of = {"bias_torque": 1.0, "uneven_damping": -xp.abs(velocity),
+        of = {"bias_torque": 1.0, "stiffness": -position, "uneven_damping": -xp.abs(velocity),
               "cogging_cosine": xp.cos(angle), "cogging_sine": xp.sin(angle)}  # fmt: skip
         for name, own in self._strays.items():
             found = found + own * of[name]
@@ -348,7 +358,7 @@ class RandomDrive:
             found[name] = value
         found["delay"] = xp.minimum(found["delay"][:, 0], self._longest)
         if self._cold is not None:
-            even = jitter(key, xp.zeros(len(draws), np.int64) + len(_ORDER), _STREAM, 1)
+            even = jitter(key, xp.zeros(len(draws), np.int64) + _ORDER.index("warmth"), _STREAM, 1)
             found["warmth"] = (1.0 + even[:, 0]) / 2.0
         return found
 

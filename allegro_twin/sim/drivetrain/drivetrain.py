@@ -124,7 +124,8 @@ class Drivetrain:
             self._model.dof_damping[self._dofs] = self._warmed(self._damping)
         if self._strays:
             angle, speed = data.qpos[self._angles], data.qvel[self._dofs]
-            data.ctrl[self._strays] = parasitic_torque.torque(self._drive, angle, speed)
+            motor = self._drive.strength * data.ctrl[self._motors]
+            data.ctrl[self._strays] = parasitic_torque.torque(self._drive, angle, speed, motor)
         self._step += 1
         self._moved += self._drift * self._model.opt.timestep
 

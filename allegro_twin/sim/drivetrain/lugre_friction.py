@@ -74,6 +74,17 @@ class BatchedFriction:
         self._bias[:, :, 3], self._bias[:, :, 4] = dry, breakaway
 
 
+def followed_deflection(ratio: Vector, speed: Vector, bristle: Vector, velocity: Array, period: float) -> Array:
+    """How far the bristles are bent after each of some periods, (k, …, n), rad, by the speeds in them, (k, …, n),
+    rad/s: each period's motion at a constant speed, bent by nothing before the first."""
+    found, bent = np.empty(velocity.shape), np.zeros(velocity.shape[1:])
+    for k, moved in enumerate(velocity):
+        level = (1.0 + (ratio - 1.0) * np.exp(-np.square(moved / speed))) / ratio
+        steady = np.sign(moved) * bristle * level
+        bent = found[k] = steady + (bent - steady) * np.exp(-np.abs(moved) * period / (bristle * level))
+    return found
+
+
 def steady_deflection(ratio: Vector, speed: Vector, bristle: Vector, velocity: Array) -> Array:
     """How far the bristles are bent in steady motion, rad: g(v) sgn(v) / σ₀."""
     level = (1.0 + (ratio - 1.0) * np.exp(-np.square(velocity / speed))) / ratio

@@ -27,7 +27,9 @@ _UNITS = {
     "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
     "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
     "backlash": ("backlash, mrad", 1e3), "bias_torque": ("constant torque / k, mN·m", 1e3),
+    "stiffness": ("stiffness / k, mN·m/rad", 1e3),
     "gear_compliance": ("teeth bend, mrad/(N·m)", 1e3), "cold_friction": ("more friction when cold, %", 100.0),
+    "ripple_cosine": ("ripple, cosine, %", 100.0), "ripple_sine": ("ripple, sine, %", 100.0),
     "uneven_damping": ("damping by direction / k, mN·m·s/rad", 1e3),
     "cogging_cosine": ("cogging, cosine / k, mN·m", 1e3), "cogging_sine": ("cogging, sine / k, mN·m", 1e3),
 }  # fmt: skip

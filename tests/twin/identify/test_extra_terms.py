@@ -36,11 +36,14 @@ HANDS: dict[str, dict[str, Any]] = {
     "direction": {"uneven_damping": np.tile([0.015, -0.02, 0.015, -0.02], 4).tolist()},
     "cogging": {"cogging_sine": 0.005, "cogging_cosine": -0.003, "cogging_periods": 8.0},
     "warmth": {"cold_friction": 0.5, "warm_up": 3.0},
+    "ripple": {"ripple_sine": 0.08, "ripple_cosine": -0.05, "ripple_periods": 9.0},
+    "spring": {"stiffness": np.tile([0.015, 0.01, 0.02, 0.006], 4).tolist(), "bias_torque": BIAS.tolist()},
     "lean": {"tilt": [0.04, -0.03, 0.02]},
 }
 TERMS = {
     "plain": set(), "lean": set(), "cable": {"bias_torque"}, "direction": {"uneven_damping"},
     "cogging": {"cogging_cosine", "cogging_sine"}, "warmth": {"cold_friction"},
+    "spring": {"stiffness", "bias_torque"}, "ripple": {"ripple_cosine", "ripple_sine"},
 }  # fmt: skip
 
 
@@ -82,12 +85,12 @@ def left_over(torque: Any) -> _Joint:
     return joint
 
 
-def test_torque_that_grows_with_the_angle_is_a_spring_and_what_comes_again_or_stays_is_none() -> None:
-    spring = left_over(lambda q: 0.01 * q + 0.005 * q**3)
-    assert spring.taken == ["cogging:7"]  # What a ramp looks like.
-    assert spring.spring() == pytest.approx(0.012, rel=0.1)
-    assert left_over(lambda q: 0.01 * np.cos(8.0 * q + 0.4)).spring() == 0.0
-    assert left_over(lambda q: np.full_like(q, 0.01)).spring() == 0.0
+def test_torque_that_bends_with_the_angle_is_no_cogging_and_what_comes_again_is_or_stays() -> None:
+    bends = left_over(lambda q: 0.01 * q + 0.005 * q**3)
+    assert bends.taken == ["cogging:7"]  # What a ramp looks like.
+    assert bends.is_smooth()
+    assert not left_over(lambda q: 0.01 * np.cos(8.0 * q + 0.4)).is_smooth()
+    assert not left_over(lambda q: np.full_like(q, 0.01)).is_smooth()
 
 
 SPEC = load_spec()
@@ -95,32 +98,54 @@ UPRIGHT = SimpleNamespace(drive=SimpleNamespace(tilt=np.zeros((0, 3))))
 
 
 def described(
-    values: dict[str, tuple[float, float, str]], springs: Any = None, *, bristly: bool = False, tilt: Any = None,
+    values: dict[str, tuple[float, float, str]], smooth: Any = None, *, bristly: bool = False, far: bool = False,
+    tilt: Any = None,
     written: Any = UPRIGHT, **fixed: float,
 ) -> list[str]:  # fmt: skip
     """What is said of values, each with half its interval and why it is not determined; recordings of 16 s."""
     told = {name: IdentifiedValue(np.full(16, v), np.full(16, half), (why,) * 16)
             for name, (v, half, why) in values.items()}  # fmt: skip
-    rows = dict.fromkeys((*EXTRA, "cogging_periods", "warm_up"), 0.0) | {name: v for name, (v, *_) in values.items()}
+    rows = dict.fromkeys((*EXTRA, "cogging_periods", "ripple_periods", "warm_up"), 0.0) | {
+        name: v for name, (v, *_) in values.items()
+    }
     drive = SimpleNamespace(**{name: np.full(16, v) for name, v in (rows | fixed).items()}, tilt=tilt)
-    extras = SimpleNamespace(tilted=tilt is not None, springs=springs)
-    fit: Any = SimpleNamespace(drive=drive, extras=extras, bristly=bristly, loose=False, elastic=False)
+    extras = SimpleNamespace(tilted=tilt is not None, smooth=smooth)
+    fit: Any = SimpleNamespace(drive=drive, extras=extras, bristly=bristly, far=far, loose=False, elastic=False)
     motion: Any = SimpleNamespace(spec=SPEC, seconds=16.0, gravity=np.array([0.0, 0.0, -9.81]))
     return list(describe_terms(fit, told, [motion, motion], written))
 
 
-def test_cogging_is_named_only_by_periods_inside_those_tried_and_a_spring_in_its_place() -> None:
+def test_cogging_is_named_only_by_periods_inside_those_tried_and_where_no_bend_explains_more() -> None:
     waves = {"cogging_sine": (0.005, 1e-4, "")}
-    (said,) = described(waves, np.zeros(16), cogging_periods=8.0)
+    (said,) = described(waves, np.zeros(16, dtype=bool), cogging_periods=8.0)
     assert said.startswith("Cogging, 5.0 in the median of 16 joints")
-    assert described(waves, np.zeros(16), cogging_periods=5.0) == described(waves, cogging_periods=120.0) == []
-    slope = np.where(np.arange(16) < 12, 0.012, 0.0)
-    (said,) = described(waves, slope, cogging_periods=5.0)
-    assert said.startswith("A torque that grows with the angle (a spring or a cable): 12.0 in the median of 12 joints")
-    everywhere = np.full(16, 0.012)  # What pushes on is no spring, bristles are their own, and neither is cogging.
-    assert described(waves, -everywhere, cogging_periods=7.0) == []
-    assert described(waves, everywhere, bristly=True, cogging_periods=7.0)[1:] == []
-    assert "Cogging" not in " ".join(described(waves, everywhere, cogging_periods=7.0))
+    assert described(waves, cogging_periods=5.0) == described(waves, cogging_periods=120.0) == []
+    (said,) = described(waves, np.ones(16, dtype=bool), cogging_periods=7.0)
+    assert said.startswith("Torque that bends with the angle, in 16 joints")
+    some, rest = described(waves, np.arange(16) < 12, cogging_periods=7.0)
+    assert "in 12 joints" in some
+    assert "median of 4 joints" in rest
+    assert len(described(waves, np.arange(16) < 1, cogging_periods=7.0)) == 1  # One is not worth a sentence.
+
+
+def test_friction_that_gives_far_is_named_by_how_far_and_not_as_one_that_breaks_away() -> None:
+    (said,) = described({"stiction": (1.4, 0.05, "")}, bristly=True, far=True, bristle=0.015)
+    assert said.startswith("Friction gives before it slides, by 15.0 in the median of 16 joints")
+
+
+def test_ripple_is_named_by_its_share_and_periods() -> None:
+    (said,) = described({"ripple_sine": (0.08, 0.01, ""), "ripple_cosine": (0.06, 0.01, "")}, ripple_periods=9.0)
+    assert said.startswith("Torque ripple, 10.0 in the median of 16 joints")
+    assert ", 9 times a turn" in said
+    assert described({"ripple_sine": (0.08, 0.01, "")}, ripple_periods=5.0) == []
+
+
+def test_a_spring_resists_and_is_named_where_it_is_sure() -> None:
+    (said,) = described({"stiffness": (0.012, 0.001, "")})
+    assert said.startswith("Torque that grows with the angle, 12.0 in the median of 16 joints")
+    assert described({"stiffness": (-0.012, 0.001, "")}) == []  # What pushes on is none.
+    assert described({"stiffness": (0.012, 0.007, "")}) == []
+    assert described({"stiffness": (0.012, 0.001, "wide")}) == []
 
 
 @pytest.mark.parametrize(
@@ -206,12 +231,14 @@ def test_a_term_is_named_by_the_shape_of_what_is_left_over_and_no_other_is(kind:
         for pose, lean in zip(hidden.POSES, found.tilt, strict=True):
             down = read_motion(recorded(kind, pose)).gravity / G
             np.testing.assert_allclose(rotate_vector(down, lean), rotate_vector(down, HANDS[kind]["tilt"]), atol=0.025)
+    if kind == "ripple":
+        assert set(found.values["ripple_periods"][found.of_joints("ripple_sine", 16)]) == {9.0}
     if kind == "cogging":
         assert set(found.values["cogging_periods"][found.of_joints("cogging_sine", 16)]) == {8.0}  # Motors are alike.
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["cable", "cogging", "lean", "warmth"])
+@pytest.mark.parametrize("kind", ["cable", "cogging", "lean", "ripple", "spring", "warmth"])
 def test_what_is_found_is_written_and_predicts_a_motion_in_a_pose_that_nothing_has_seen(
     kind: str, tmp_path: Path
 ) -> None:
@@ -227,9 +254,18 @@ def test_what_is_found_is_written_and_predicts_a_motion_in_a_pose_that_nothing_h
     assert drive.tilt.any() == (kind == "lean")
     kept = yaml.safe_load(file.read_text())["identified"]["kept_back"]["rms_rad"]
     assert np.median(kept["written"]) < 0.1 * np.median(kept["nominal"])
-    first = {"cable": "Constant torque", "cogging": "Cogging", "lean": "The palm leans", "warmth": "Friction that is"}
+    first = {
+        "spring": "Constant torque",
+        "ripple": "Torque ripple",
+        "cable": "Constant torque",
+        "cogging": "Cogging",
+        "lean": "The palm leans",
+        "warmth": "Friction that is",
+    }
     said = list(head_lines(found))
     assert said[0].startswith(first[kind])
+    if kind == "spring":
+        assert said.pop(1).startswith("Torque that grows with the angle")
     assert said[1].startswith("Kept back")  # And of nothing else.
     assert ("the same way in all recordings" in said[0]) == (kind == "lean")
     assert "What the fit has not seen" in report_page(found)

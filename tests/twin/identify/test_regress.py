@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.sim.open_loop import OpenLoopPlayer
-from allegro_twin.twin.identify.fitting.regress import _solve_near_likely, regress, regress_breakaway, shifted_duty
+from allegro_twin.twin.identify.fitting.regress import (
+    _solve_near_likely,
+    friction_side,
+    regress,
+    regress_breakaway,
+    regress_presliding,
+    shifted_duty,
+)
 from allegro_twin.twin.identify.motions.motion import read_motion
 from allegro_twin.types import Array, Vector
 from tests.twin.identify import hidden
@@ -110,6 +117,32 @@ def test_friction_that_is_larger_when_slow_is_found_beside_that_of_a_load() -> N
     assert set(found.stribeck_speed) <= {0.07, 0.1, 0.14, 0.2}
     assert ((found.load_friction > 0.01) & (found.load_friction < 0.08)).all()
     assert found.delay.tolist() == start.delay.tolist()
+
+
+@pytest.mark.parametrize(("give", "found"), [(0.01, True), (0.0, False)])
+def test_friction_that_gives_far_before_it_slides_is_told_from_one_that_does_not(give: float, *, found: bool) -> None:
+    def rubbed(torque: Array, v: Array) -> Array:
+        return np.asarray((torque + 5.0 * F * friction_side(v, np.full(2, give), PERIOD)) / K)
+
+    motions: Any = [moved(seed, rubbed) for seed in (1, 2, 3)]
+    start = regress(motions, Links(), np.ones(2))  # type: ignore[arg-type]  # Likewise.
+    far = regress_presliding(motions, Links(), start)  # type: ignore[arg-type]  # Likewise.
+    assert (far is not None) == found
+    if far is not None:
+        np.testing.assert_allclose(far.bristle, give, rtol=0.5)  # The filter shortens it.
+        np.testing.assert_allclose(far.frictionloss, 5.0 * F, rtol=0.15)
+        np.testing.assert_allclose(far.torque_constant, K, rtol=0.05)
+
+
+def test_friction_acts_against_the_motion_and_where_it_gives_by_the_way_come_so_far() -> None:
+    velocity = np.tile([[0.1, 0.1]], (40, 1))  # 0.3 mrad a period, 12 in all.
+    share = friction_side(velocity, np.array([0.0, 0.006]), 0.003)
+    np.testing.assert_allclose(share[:, 0], 1.0, atol=1e-4)
+    np.testing.assert_allclose(share[:, 1], 1.0 - np.exp(-np.arange(1, 41) * 0.0003 / 0.006))
+    back = friction_side(np.concatenate([velocity, -velocity]), np.array([0.0, 0.006]), 0.003)
+    assert (back[40:, 0] < -0.99).all()
+    assert back[40, 1] > 0.7  # It still pulls the other way.
+    assert back[-1, 1] < -0.7
 
 
 def test_what_acted_around_a_row_is_the_mean_of_the_periods_beside_it_earlier_by_the_delay() -> None:

@@ -3,13 +3,15 @@
 With the torque τ that moves the links, every joint is one linear regression (`regress`):
 
     u = [τ, a, v, sgn v, sgn v exp(−(v/v_s)²), |u| sgn v, ∂τ/∂q] x
-        + [1 | |v| | cos Nq, sin Nq | f exp(−t/τ_w) | ∂τ/∂ω] y
+        + [1 | 1, q − q_m | q − q_m | |v| | cos Nq, sin Nq | û cos Nq, û sin Nq | f exp(−t/τ_w) | ∂τ/∂ω] y
 
-u: fraction of full PWM, f: friction and damping, t: since the motors were switched on. The terms in y are tried one
-kind after the other; the kind that lowers Schwarz's criterion most, over all joints, stays in those where it lowers it
-by more than EVIDENCE; in all, if it does in half of them. ω, the lean of the palm in each recording, is one for all
-joints. A spring has no term of its own, so cogging with few periods takes its place: where a low polynomial in the
-angle lowers the criterion more, `ExtraTerms.springs` has its slope.
+u: fraction of full PWM, û: what x alone explains of it, f: friction and damping, t: since the motors were switched on,
+q_m: the middle of the joint's range, about which a spring's torque does not look like a constant one; sgn v: what
+`friction_side` says. The terms in y are tried one kind after the other; the kind that lowers Schwarz's criterion most,
+over all joints, stays in those where it lowers it by more than EVIDENCE; in all, if it does in half of them. ω, the
+lean of the palm in each recording, is one for all joints. A torque that bends with the angle has no term of its own, so
+cogging with few periods takes its place: where a low polynomial in the angle lowers the criterion more,
+`ExtraTerms.smooth` says so.
 """
 
 from __future__ import annotations
@@ -21,12 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.kinematics.orientation import rotate_vector
-from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
-from allegro_twin.twin.identify.fitting.parameterisation import COLD, STRAY
+from allegro_twin.sim.open_loop import SPRINGY, DriveParameters, OpenLoopPlayer
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.fitting.parameterisation import COLD, RIPPLE, STRAY
 from allegro_twin.twin.identify.fitting.regress import (
     BAND,
     STILL,
     THIN,
+    friction_side,
     low_pass,
     shifted_duty,
     smooth_motion,
@@ -47,19 +51,20 @@ ALIKE = 10.0
 """By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
 LIKELY = 0.02
 """Standard deviation of a term's torque, in full PWM: what looks like weight and friction together is not enormous."""
-_LIKELY = {"warm": 0.5}  # Likewise, a share.
+_LIKELY = {"warm": 0.5, "ripp": 0.1}  # Likewise, shares.
 _STRIBECK = 0.1  # rad/s, of the friction that is taken away first.
 _NUDGE = 1e-3  # rad, of finite differences.
-_TORQUE = {"bias": ("bias_torque",), "uneven": ("uneven_damping",), "cogging": ("cogging_cosine", "cogging_sine"),
-           "warmth": ("cold_friction",)}  # fmt: skip
-EXTRA = tuple(name for names in _TORQUE.values() for name in names)
+_TORQUE = {"bias": ("bias_torque", "stiffness"), "spring": ("stiffness",), "uneven": ("uneven_damping",),
+           "cogging": ("cogging_cosine", "cogging_sine"), "ripple": RIPPLE, "warmth": ("cold_friction",)}  # fmt: skip
+_SPRING = "bias:spring"  # Both at once: cogging of few periods mimics the two better than either does alone.
+EXTRA = tuple(dict.fromkeys(name for names in _TORQUE.values() for name in names))
 """Parameters that only some joints have."""
-_COUNTS = {"cogging": "cogging_periods", "warmth": "warm_up"}
+_COUNTS = {"cogging": "cogging_periods", "ripple": "ripple_periods", "warmth": "warm_up"}
 FIXED = tuple(_COUNTS.values())
 """What the regression finds of them and the fit keeps."""
 WARM_UPS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 22.0, 32.0, 48.0)
 """Time constants that are tried, s."""
-_TRIED = {"cogging": tuple(PERIODS.tolist()), "warmth": WARM_UPS}
+_TRIED = {"cogging": tuple(PERIODS.tolist()), "ripple": tuple(PERIODS.tolist()), "warmth": WARM_UPS}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,8 +77,8 @@ class ExtraTerms:
     """(recordings, 3), rad; no row where the palm does not lean."""
     joints: Mapping[str, NDArray[np.bool_]]
     """Which joints have a term, (n,), by its name."""
-    springs: Vector | None = None
-    """Slope of the torque by the angle where that explains more than cogging does, (n,), N·m/rad; else 0."""
+    smooth: NDArray[np.bool_] | None = None
+    """Joints of which a low polynomial in the angle explains more than the cogging that was taken, (n,)."""
 
     @property
     def tilted(self) -> bool:
@@ -82,7 +87,7 @@ class ExtraTerms:
     @property
     def parasitic(self) -> bool:
         """Whether any joint feels parasitic torque."""
-        return any(self.joints[name].any() for name in STRAY if name in self.joints)
+        return any(self.joints[name].any() for name in (*STRAY, *RIPPLE) if name in self.joints)
 
     @property
     def warming(self) -> bool:
@@ -119,7 +124,10 @@ class _Joint:
     def __init__(self, u: Vector, base: Array, columns: dict[str, Array], tilt: Array) -> None:
         scale = np.sqrt(np.square(base).sum(axis=0))
         self._Q: Array = np.linalg.qr(base / np.maximum(scale, 1e-12))[0]
-        self.columns = columns
+        # A ripple of what the motor needs, not of what it was told: that is the other side of the equation.
+        needed, angle = (self._Q @ (self._Q.T @ u))[:, None], columns["angle"][:, 1]
+        waves = {n: np.stack([np.cos(n * angle), np.sin(n * angle)], axis=1) for n in PERIODS}
+        self.columns = columns | {f"ripple:{n:g}": needed * wave for n, wave in waves.items()}
         """The terms that may be taken: (rows, 1), or for every number of cogging periods (rows, 2)."""
         self.u, self.tilt, self.count = self.without(u), self.without(tilt), len(u) / INDEPENDENT
         self._always, self._whole = self._Q, self.u
@@ -140,7 +148,8 @@ class _Joint:
         self.taken.append(key)
         family = key.partition(":")[0]
         self.columns |= {f"taken {key}": self.columns[key]}
-        self.columns = {name: each for name, each in self.columns.items() if name.partition(":")[0] != family}
+        gone = {family, "spring"} if key == _SPRING else {family}
+        self.columns = {name: each for name, each in self.columns.items() if name.partition(":")[0] not in gone}
         self.weigh()
 
     def weigh(self) -> None:
@@ -158,6 +167,18 @@ class _Joint:
                 found[family] = key, gain
         return found
 
+    def settle(self) -> None:
+        """Let a spring go that was taken with a constant torque where the terms that came later explain it as well."""
+        if _SPRING not in self.taken:
+            return
+        pair = self.columns[f"taken {_SPRING}"]
+        others = [self.columns[f"taken {key}"] for key in self.taken if key != _SPRING]
+        Q = np.linalg.qr(np.concatenate([self._always, pair[:, :1], *others], axis=1))[0]
+        u, spring = (each - Q @ (Q.T @ each) for each in (self._whole, pair[:, 1:]))
+        if _fall(u, spring, self.count) <= EVIDENCE:
+            self.taken[self.taken.index(_SPRING)] = "bias"
+            self.columns["taken bias"] = pair[:, :1]
+
     def value(self, key: str) -> Vector:
         """Coefficients of a taken term, the others that are taken as well; in u."""
         names = [f"taken {each}" for each in self.taken]
@@ -171,20 +192,18 @@ class _Joint:
         first = sum(self.columns[name].shape[1] for name in names[: self.taken.index(key)])
         return np.asarray(found[first : first + self.columns[f"taken {key}"].shape[1]])
 
-    def spring(self) -> float:
-        """Slope by the angle, in u/rad, where a low polynomial explains more than the cogging that was taken, and a
-        constant does not; else 0."""
+    def is_smooth(self) -> bool:
+        """Whether a low polynomial in the angle explains more than the cogging that was taken, and a constant does
+        not."""
         taken = [key for key in self.taken if key.startswith("cogging")]
         if not taken:
-            return 0.0
+            return False
         others = [self.columns[f"taken {key}"] for key in self.taken if key not in taken]
         Q = np.linalg.qr(np.concatenate([self._always, *others], axis=1))[0]
         cogging, cubic = self.columns[f"taken {taken[0]}"], self.columns["angle"]
         u, cogging, cubic = (each - Q @ (Q.T @ each) for each in (self._whole, cogging, cubic))
         constant, line, whole = (_fall(u, cubic[:, :many], self.count) for many in (1, 2, 4))
-        if max(line, whole) < max(_fall(u, cogging, self.count), constant + EVIDENCE):
-            return 0.0
-        return float(np.linalg.lstsq(cubic[:, :2], u)[0][1])
+        return max(line, whole) >= max(_fall(u, cogging, self.count), constant + EVIDENCE)
 
     def _gain(self, columns: Array) -> float:
         return _fall(self.u, self.without(columns), self.count) if self.count >= FEWEST else -np.inf
@@ -226,25 +245,38 @@ def screen_terms(motions: Sequence[RecordedMotion], player: OpenLoopPlayer, star
         for each, (key, gain) in zip(joints, families[family], strict=True):
             if gain > EVIDENCE:
                 each.take(key)
+    for each in joints:
+        each.settle()
     rows = {name: np.zeros(n) for name in (*EXTRA, *FIXED)}
     has = {name: np.zeros(n, dtype=bool) for name in EXTRA}
     for number, (each, k) in enumerate(zip(joints, start.torque_constant, strict=True)):
         for key in each.taken:
             family, _, count = key.partition(":")
-            for name, value in zip(_TORQUE[family], each.value(key), strict=True):
+            for name, value in zip(_TORQUE[family], each.value(key), strict=False):  # A bias may be one alone.
                 # What is a torque resists in the equation of u.
-                rows[name][number], has[name][number] = value if name in COLD else -k * value, True
-            if count:
+                rows[name][number] = value if name in COLD else -value if name in RIPPLE else -k * value
+                has[name][number] = True
+            if count and family in _COUNTS:
                 rows[_COUNTS[family]][number] = float(count)
+    # A spring's torque is none in the middle of a range, in the regression.
+    rows["bias_torque"] = rows["bias_torque"] + rows["stiffness"] * _middle(player.spec)
+    has["bias_torque"] |= has["stiffness"]
     for mask in has.values():
         mask |= mask.sum() >= n / 2.0
-    for name, of in (("cogging_periods", "cogging_sine"), ("warm_up", "cold_friction")):
+    for name, of in (
+        ("cogging_periods", "cogging_sine"),
+        ("ripple_periods", "ripple_sine"),
+        ("warm_up", "cold_friction"),
+    ):
         counts = rows[name]
         if counts.any():
             usual = float(np.median(counts[counts > 0.0]))
             rows[name] = np.where(has[of] & (counts == 0.0), usual, counts)
-    springs = np.array([each.spring() for each in joints]) * start.torque_constant
-    return ExtraTerms(rows, tilt, has, springs)
+    return ExtraTerms(rows, tilt, has, np.array([each.is_smooth() for each in joints]))
+
+
+def _middle(spec: HandSpec) -> Vector:
+    return np.asarray((spec.lower + spec.upper) / 2.0)
 
 
 def _agree(joints: Sequence[_Joint]) -> None:
@@ -314,6 +346,9 @@ class _Sensitivity:
 
     def __init__(self, motion: RecordedMotion, player: OpenLoopPlayer, start: DriveParameters) -> None:
         self.smooth = smooth_motion(motion)
+        self._middle = _middle(player.spec)
+        springy = np.where(start.bristle > SPRINGY, start.bristle, 0.0)
+        self._side = friction_side(self.smooth.velocity, springy, motion.period)
         self._time = np.arange(len(motion.position)) * motion.period
         self._friction = start.frictionloss / start.torque_constant
         self._damping = start.damping / start.torque_constant
@@ -332,8 +367,7 @@ class _Sensitivity:
 
     def base(self, joint: int, duty: Array) -> Array:
         """The columns that are always there, (k, 7)."""
-        v = self.smooth.velocity[:, joint]
-        side = np.tanh(v / STILL)
+        v, side = self.smooth.velocity[:, joint], self._side[:, joint]
         slow, load = side * np.exp(-np.square(v / _STRIBECK)), side * np.abs(duty[:, joint])
         columns = (
             self.torque[:, joint],
@@ -347,13 +381,15 @@ class _Sensitivity:
         return np.stack(columns, axis=1)
 
     def terms(self, joint: int) -> dict[str, Array]:
-        """The columns that may be there."""
+        """The columns that may be there, but for the ripple's, which `_Joint` makes."""
         q, v = self.smooth.position[:, joint], self.smooth.velocity[:, joint]
         found = {"bias": np.ones((len(q), 1)), "uneven": -np.abs(v)[:, None]}
+        found["spring"] = (self._middle[joint] - q)[:, None]
+        found[_SPRING] = np.concatenate([found["bias"], found["spring"]], axis=1)
         waves = {f"cogging:{count:g}": np.stack([np.cos(count * q), np.sin(count * q)], axis=1) for count in PERIODS}
-        rubs = self._friction[joint] * np.tanh(v / STILL) + self._damping[joint] * v
+        rubs = self._friction[joint] * self._side[:, joint] + self._damping[joint] * v
         cold = {f"warmth:{time:g}": (rubs * np.exp(-self._time / time))[:, None] for time in WARM_UPS}
-        # Never taken: `_Joint.spring` compares it with cogging.
+        # Never taken: `_Joint.is_smooth` compares it with cogging.
         return found | waves | cold | {"angle": np.stack([np.ones_like(q), q, q**2, q**3], axis=1)}
 
     def _links(self, player: OpenLoopPlayer, down: Vector, off: Vector | float = 0.0) -> Array:

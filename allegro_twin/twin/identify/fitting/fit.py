@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from allegro_twin.twin.identify.fitting.extra_terms import NO_EXTRAS, ExtraTerms
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing_cost
 from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
+from allegro_twin.twin.identify.fitting.regress import regress_presliding
 from allegro_twin.twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.twin.identify.fitting.spread import Spread, mass_variance, spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor
@@ -56,6 +58,8 @@ class ModelKind(NamedTuple):
     """Terms that some joints have besides."""
     elastic: bool = False
     """Teeth bend."""
+    far: bool = False
+    """Friction gives far before it slides (Dahl 1968)."""
 
     def player(self, spec: HandSpec, period: float, step: float | None = None) -> OpenLoopPlayer:
         """The model that plays motions."""
@@ -114,6 +118,8 @@ class DriveFit:
     """Terms that some joints have besides."""
     elastic: bool
     """Teeth bend."""
+    far: bool
+    """Friction gives far before it slides."""
 
     def player(self, motion: RecordedMotion) -> OpenLoopPlayer:
         """The model that plays a motion with this drive."""
@@ -140,14 +146,15 @@ def fit_drive(
 
     def problem(kind: ModelKind, stage: FitStage) -> Problem:
         player = kind.player(spec, period, stage.step)
+        middle = prior_center(nominal, presliding() or start) if kind.far else center
         return Problem(
-            motions, player, floor, center, masses, stage.every or few, stage.length, kind.extras, elastic=kind.elastic
-        )
+            motions, player, floor, middle, masses, stage.every or few, stage.length, kind.extras,
+            elastic=kind.elastic, far=kind.far,
+        )  # fmt: skip
 
-    def screened() -> ExtraTerms:
-        return screen_terms(motions, COULOMB.player(spec, period), start)
-
-    drive, kind = _rough_fit(problem, start, slow, friction, screened)
+    links = COULOMB.player(spec, period)
+    presliding = cache(partial(regress_presliding, motions, links, start))
+    drive, kind = _rough_fit(problem, start, slow, friction, partial(screen_terms, motions, links), presliding)
     spreads = []
     plain = not (kind.bristly or kind.loose)
     for stage in (FURTHER,) if plain and kind.extras else FINE[not plain]:
@@ -182,17 +189,19 @@ def _rough_fit(
     start: DriveParameters,
     slow: DriveParameters,
     friction: Friction,
-    screen: Callable[[], ExtraTerms],
+    screen: Callable[[DriveParameters], ExtraTerms],
+    presliding: Callable[[], DriveParameters | None],
 ) -> tuple[DriveParameters, ModelKind]:
     """A drive from some of the motion, and the kind of its model. Where Coulomb's friction leaves more than PLAIN, the
-    terms that `screen` finds are added. With `auto`, breakaway friction is tried where SUSPICIOUS is still left.
+    terms that `screen` finds are added. With `auto`, breakaway friction is tried where SUSPICIOUS is still left, and
+    where that leaves as much, friction that gives far before it slides, by `presliding`, with the terms found beside.
     Backlash is tried where more than PLAIN is left and backlash would remove some of that; with it, teeth that bend.
     Schwarz's criterion (1978) chooses among the models, on the same pieces."""
     stage = ROUGH[False]
     first, kind = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough), COULOMB
     if first.left <= PLAIN and friction != "lugre":
         return first.drive, COULOMB
-    extras = screen()
+    extras = screen(start)
     if extras:
         kind = ModelKind(False, False, extras)
         first = descend(problem(kind, NEAR), extras.add_to(start), NEAR.rounds, NEAR.enough)
@@ -203,6 +212,10 @@ def _rough_fit(
         begun.append((extras.add_to(slow), kind._replace(bristly=True)))
     tried = [_try(problem, drive, each) for drive, each in begun]
     best = min(tried, key=_Candidate.least)
+    if best.left > SUSPICIOUS and friction != "coulomb" and (far := presliding()) is not None:
+        own = screen(far)
+        tried.append(_try(problem, own.add_to(far), ModelKind(True, False, own, far=True)))
+        best = min(tried, key=_Candidate.least)
     if best.left > PLAIN and (play := _find_backlash(problem, best)):
         row = np.full(len(best.drive.backlash), play)
         loose = [_try(problem, replace(o.drive, backlash=row), o.kind._replace(loose=True)) for o in tried]

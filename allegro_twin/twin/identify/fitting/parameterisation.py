@@ -16,8 +16,10 @@ from allegro_twin.sim.drivetrain.backlash import SMALLEST
 from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.types import Array, Vector
 
-STRAY = ("bias_torque", "uneven_damping", "cogging_cosine", "cogging_sine")
+STRAY = ("bias_torque", "stiffness", "uneven_damping", "cogging_cosine", "cogging_sine")
 """Parameters of parasitic torque."""
+RIPPLE = ("ripple_cosine", "ripple_sine")
+"""Parameters of a motor's torque that changes with the angle, as a share of it."""
 COLD = ("cold_friction",)
 """Parameters of friction that falls while a hand warms up."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
@@ -27,23 +29,24 @@ SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Parameters of friction that breaks away and grows with the motor's torque."""
 PLAY, TEETH = ("backlash",), ("gear_compliance",)
 """Parameters of loose links, and of teeth that bend."""
-ALL = (*NAMES, *SHAPE, *PLAY, *STRAY, *COLD, *TEETH)
+ALL = (*NAMES, *SHAPE, *PLAY, *STRAY, *RIPPLE, *COLD, *TEETH)
 """All parameters that every joint has."""
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
     "load_friction": 0.02, "backlash": 5e-4,
-    "bias_torque": 2e-3, "uneven_damping": 3e-3, "cogging_cosine": 1e-3, "cogging_sine": 1e-3, "tilt": 0.01,
+    "bias_torque": 2e-3, "stiffness": 2e-3, "uneven_damping": 3e-3, "cogging_cosine": 1e-3, "cogging_sine": 1e-3,
+    "ripple_cosine": 0.02, "ripple_sine": 0.02, "tilt": 0.01,
     "cold_friction": 0.1, "gear_compliance": 0.02,
 }  # fmt: skip
-"""How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad, N·m, N·m·s/rad, N·m,
-N·m, rad, 1, rad/(N·m)."""
+"""How far each may change, about: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad, N·m, N·m/rad,
+N·m·s/rad, N·m, N·m, 1, 1, rad, 1, rad/(N·m)."""
 _FAR = -1e3
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
     "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
     "backlash": SMALLEST, "cold_friction": -0.5, "gear_compliance": 0.0,
-} | dict.fromkeys(STRAY, _FAR)  # fmt: skip
+} | dict.fromkeys((*STRAY, *RIPPLE), _FAR)  # fmt: skip
 
 
 def index(name: str, n: int) -> slice:

@@ -37,8 +37,8 @@ PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
     "load_friction": LOAD[1], "backlash": 5e-3,
-    "bias_torque": 0.03, "uneven_damping": 0.05, "cogging_cosine": 0.02, "cogging_sine": 0.02,
-    "cold_friction": 0.5, "gear_compliance": 0.1,
+    "bias_torque": 0.03, "stiffness": 0.03, "uneven_damping": 0.05, "cogging_cosine": 0.02, "cogging_sine": 0.02,
+    "ripple_cosine": 0.1, "ripple_sine": 0.1, "cold_friction": 0.5, "gear_compliance": 0.1,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that any informative data outweigh them."""
 TILT_OF_ALL, TILT_OF_EACH = 0.05, 0.02
@@ -64,13 +64,16 @@ class Problem:
         extras: ExtraTerms = NO_EXTRAS,
         *,
         elastic: bool = False,
+        far: bool = False,
     ) -> None:
-        """`nominal`: the center of the prior; `extras`: terms that some joints have besides; `elastic`: teeth bend."""
+        """`nominal`: the center of the prior; `extras`: terms that some joints have besides; `elastic`: teeth bend;
+        `far`: friction gives far before it slides."""
         self.elastic = elastic
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
         self.cuts = cut_segments(motions, player.spec, length, every * length, SEEN)
-        self.shooting = Shooting(player, self.cuts, floor)
+        give = float(np.median(nominal.bristle)) if far else 0.0
+        self.shooting = Shooting(player, self.cuts, floor, give)
         self.extras, tilted = extras, len(motions) if extras.tilted else 0
         self._like = extras.begin(nominal, len(motions))
         self.unit, self.least = units(self.n, tilted), lower_bounds(self.n, tilted)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
+from allegro_twin.sim.drivetrain.lugre_friction import followed_deflection
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
@@ -26,6 +27,8 @@ STILL = 0.02  # rad/s. Slower than this a joint may stick, and friction has any 
 LOAD = (0.03, 0.03)  # Of friction per torque: loss of spur gears, and its standard deviation.
 KIN = 10.0  # Neighbouring rows with the same error, since it is the model's and not noise.
 STRIBECK = np.array([0.07, 0.1, 0.14, 0.2])  # rad/s, tried.
+GIVES = np.array([0.004, 0.006, 0.009, 0.013, 0.018, 0.025])  # rad, of friction that gives far before it slides.
+CLEAR = 0.7  # Share of what Coulomb's friction leaves over that such friction may leave, in the median joint. Ours.
 THIN = 5  # Rows: after the filter they say the same.
 
 
@@ -98,6 +101,43 @@ def regress_breakaway(motions: list[RecordedMotion], player: OpenLoopPlayer, sta
     )
 
 
+def regress_presliding(
+    motions: list[RecordedMotion], player: OpenLoopPlayer, start: DriveParameters
+) -> DriveParameters | None:
+    """The linear fit with friction that gives far before it slides (Dahl 1968): F z / g, z followed through the motion,
+    g the best of GIVES for each joint. None where that explains no more than CLEAR."""
+    delay = float(start.delay[0])
+    parts = [_link_torques(motion, player, start.mass_scale) for motion in motions]
+    _, before = _solve(motions, parts, delay)
+    tried = [_solve(motions, parts, delay, give=give) for give in GIVES]
+    best = np.argmin([left for _, left in tried], axis=0)
+    left = np.min([left for _, left in tried], axis=0)
+    if np.median(left / np.maximum(before, 1e-12)) > CLEAR:
+        return None
+    x = np.stack([tried[which][0][joint] for joint, which in enumerate(best)])
+    constant = 1.0 / np.clip(x[:, 0], 0.2, 5.0)
+    return replace(
+        start,
+        torque_constant=constant,
+        armature=np.clip(x[:, 1] * constant, 3e-4, 3e-2),
+        damping=np.clip(x[:, 2] * constant, 3e-3, 1.0),
+        frictionloss=np.clip(x[:, 3] * constant, 5e-4, 0.2),
+        stiction=np.full(len(constant), 1.02),
+        bristle=GIVES[best],
+    )
+
+
+def friction_side(velocity: Array, bristle: Vector, period: float) -> Array:
+    """Which way dry friction acts, and what share of it, (k, n), by joint speeds, rad/s; `bristle`, (n,), rad: of
+    joints whose friction gives far before it slides, 0 of others."""
+    side = np.tanh(velocity / STILL)
+    if not bristle.any():
+        return np.asarray(side)
+    ones, far = np.ones(len(bristle)), np.where(bristle > 0.0, bristle, 1.0)
+    share = followed_deflection(ones, ones, far, velocity, period) / far
+    return np.where(bristle > 0.0, share, side)
+
+
 def _link_torques(motion: RecordedMotion, player: OpenLoopPlayer, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
     """The smoothed motion, and the torque that its links take, (k, n), N·m."""
     smooth = smooth_motion(motion)
@@ -107,18 +147,24 @@ def _link_torques(motion: RecordedMotion, player: OpenLoopPlayer, mass_scale: Ve
 
 
 def _solve(
-    motions: list[RecordedMotion], parts: list[tuple[SmoothedMotion, Array]], delay: float, stribeck: float = 0.0
+    motions: list[RecordedMotion],
+    parts: list[tuple[SmoothedMotion, Array]],
+    delay: float,
+    stribeck: float = 0.0,
+    give: float = 0.0,
 ) -> tuple[Array, Vector]:
     """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the unexplained share, (n,); with a Stribeck speed [1/k, A/k,
-    B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
+    B/k, F/k, (F_s - F)/k, load friction], (n, 6). `give`: how far friction gives before it slides, rad."""
     n = motions[0].spec.n_joints
     solved, left = np.zeros((n, 6 if stribeck else 4)), np.zeros(n)
     late = [low_pass(shifted_duty(m.duty, delay / m.period), m.period, BAND) for m in motions]
+    sides = [
+        friction_side(part.velocity, np.full(n, give), m.period) for m, (part, _) in zip(motions, parts, strict=True)
+    ]
     for joint in range(n):
         rows, right = [], []
-        for motion, (smooth, torque), duty in zip(motions, parts, late, strict=True):
-            v = smooth.velocity[:, joint]
-            side = np.tanh(v / STILL)
+        for motion, (smooth, torque), duty, ways in zip(motions, parts, late, sides, strict=True):
+            v, side = smooth.velocity[:, joint], ways[:, joint]
             terms = [torque[:, joint], smooth.acceleration[:, joint], v, side]
             if stribeck:
                 terms += [side * np.exp(-np.square(v / stribeck)), side * np.abs(duty[:, joint])]

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from allegro_twin.kinematics.orientation import rotate_vector
-from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
+from allegro_twin.sim.open_loop import BEFORE, HISTORY, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.parameterisation import PULLED
 from allegro_twin.twin.identify.fitting.regress import smooth_duty, smooth_motion
@@ -62,6 +62,8 @@ MEAN = 3  # Periods whose residuals are averaged.
 TRUSTED = 0.85  # Share of a piece's rows: with a frame in 33 lost one report in nine is.
 START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
 """rad, rad/s, rad: standard deviation of a smoothed start; the last where friction has bristles."""
+UNKNOWN = 0.15
+"""Share of a far presliding displacement that its bend at a start is uncertain by, likewise. Ours."""
 FURTHEST = 4.0
 """Times START: otherwise a model that is still wrong would explain itself by its starts."""
 SHARES = (1.0, 0.4, 0.15)
@@ -71,11 +73,12 @@ NUDGE = {
     "mass_scale": 0.03,
     "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
     "load_friction": 0.01, "backlash": 2e-4,
-    "bias_torque": 5e-4, "uneven_damping": 1.5e-3, "cogging_cosine": 5e-4, "cogging_sine": 5e-4, "tilt": 2e-3,
+    "bias_torque": 5e-4, "stiffness": 5e-4, "uneven_damping": 1.5e-3, "cogging_cosine": 5e-4, "cogging_sine": 5e-4,
+    "ripple_cosine": 0.01, "ripple_sine": 0.01, "tilt": 2e-3,
     "cold_friction": 0.05, "gear_compliance": 0.005,
 }  # fmt: skip
 """Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
-rad, 1, rad, N·m, N·m·s/rad, N·m, N·m, rad, 1, rad/(N·m)."""
+rad, 1, rad, N·m, N·m/rad, N·m·s/rad, N·m, N·m, 1, 1, rad, 1, rad/(N·m)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,9 +111,10 @@ def cut_segments(
     part: tuple[float, float] = WHOLE,
 ) -> MotionSegments:
     """Cut a part of each motion into all whole pieces, `stride` rows apart; by default one after the other."""
-    parts: list[list[Array]] = [[] for _ in range(11)]
+    parts: list[list[Array]] = [[] for _ in range(12)]
     for number, motion in enumerate(motions):
         smooth, push = smooth_motion(motion), smooth_duty(motion)
+        came = np.concatenate([np.zeros((HISTORY, spec.n_joints)), smooth.velocity])
         begin, end = (round(share * len(motion.position)) for share in part)
         for first in range(max(begin, BEFORE), end - length, stride or length):
             rows = slice(first + 1, first + 1 + length)
@@ -119,27 +123,30 @@ def cut_segments(
             found = (
                 smooth.position[first], smooth.velocity[first], motion.duty[first + 1 - BEFORE : first + 1 + length],
                 motion.gravity, motion.weight, smooth.acceleration[first], push[first - BEFORE : first + 1],
-                np.array(first * motion.period),
+                np.array(first * motion.period), came[first : first + HISTORY],
                 motion.position[rows], trust, np.array(number),
             )  # fmt: skip
             for column, value in zip(parts, found, strict=True):
                 column.append(value)
     arrays = [np.array(part) for part in parts]
-    return MotionSegments(arrays[0], arrays[1], Segments(*arrays[2:8]), *arrays[8:])
+    return MotionSegments(arrays[0], arrays[1], Segments(*arrays[2:9]), *arrays[9:])
 
 
 class Shooting:
     """Residuals of motion pieces, and their derivatives."""
 
-    def __init__(self, player: OpenLoopPlayer, cuts: MotionSegments, sigma: Vector) -> None:
+    def __init__(self, player: OpenLoopPlayer, cuts: MotionSegments, sigma: Vector, give: float = 0.0) -> None:
+        """`sigma`: noise of the reported positions, (n,), rad; `give`: about how far friction gives before it slides,
+        rad, where that is far."""
         self._player, self._cuts = player, cuts
+        self._start = START | {"bend": max(START["bend"], UNKNOWN * give)}
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
         self.moments: int = cuts.measured.shape[1] // MEAN
         """Rows of a piece's residuals."""
         self._states = ("position", "velocity", "bend") if player.bristly else ("position", "velocity")
         self._off = np.zeros((3, *cuts.position.shape))  # Displacement of the starts, as in START.
-        self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
+        self._furthest = FURTHEST * np.array(list(self._start.values()))[:, None, None]
         self._bases: list[Array] = []
         self._answers = Sensitivities(self._fingers)
 
@@ -155,7 +162,7 @@ class Shooting:
             off, name = self._off.copy(), self._states[which]
             off[which][:, joints] += NUDGE[name]
             change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
-            return np.asarray(change / NUDGE[name] * START[name])
+            return np.asarray(change / NUDGE[name] * self._start[name])
 
         each = [self._answers.derivatives(name, partial(nudged, which)) for which, name in enumerate(self._states)]
         starts = [answer for place in zip(*each, strict=True) for answer in place]
@@ -196,7 +203,7 @@ class Shooting:
             step = -np.einsum("wij,wj->wi", inverse, _within(Q, self._augmented(residual, finger)))  # (w, starts)
             for place, joint in enumerate(finger):
                 for which, name in enumerate(self._states):
-                    found[which][:, joint] = START[name] * step[:, len(self._states) * place + which]
+                    found[which][:, joint] = self._start[name] * step[:, len(self._states) * place + which]
         return found
 
     def _costs(self, residual: Array) -> Array:
@@ -259,7 +266,7 @@ class Shooting:
         if start:
             for place, joint in enumerate(finger):
                 for which, name in enumerate(self._states):
-                    off[:, len(self._states) * place + which] = self._off[which][:, joint] / START[name]
+                    off[:, len(self._states) * place + which] = self._off[which][:, joint] / self._start[name]
         return np.concatenate([own, off], axis=1)
 
 

@@ -21,9 +21,12 @@ LEFT = 3.0
 """Times the noise: with more left over the model does not explain a joint."""
 _LEAST = {
     "bias_torque": 5e-4,
+    "stiffness": 1e-3,
     "uneven_damping": 1e-3,
     "cogging_cosine": 3e-4,
     "cogging_sine": 3e-4,
+    "ripple_cosine": 0.01,
+    "ripple_sine": 0.01,
     "cold_friction": 0.03,
     "stiction": 0.03,
     "load_friction": 0.005,
@@ -33,8 +36,8 @@ SURE = 0.5
 """Half the interval as a share of the value: with more a term is named as no cause."""
 TOUCHING = 2
 """Fingers that touch something at once, at most: where more are not explained it is something else."""
-LEAST_SPRING, SPRINGS = 1e-3, 2
-"""N·m/rad, and joints: less is no spring that is worth a sentence."""
+FEW = 2
+"""Joints with a torque by the angle: one alone may be what something else looks like."""
 _SAME = np.radians(0.6)  # Between the leans of recordings that count as one.
 
 
@@ -59,7 +62,10 @@ def describe_terms(
     """What the model has beyond Coulomb's friction, and by which shape of what was left over it was found; not what is
     undetermined, what its interval does not tell from half of it, or what nobody notices."""
     drive, labels = found.drive, motions[0].spec.joint_labels
-    if found.bristly:
+    if found.far:
+        size = _up_to(1e3 * drive.bristle, np.ones(len(labels), dtype=bool), labels, "mrad")
+        yield f"Friction gives before it slides, by {size}: presliding, as of teeth, belts or seals that bend."
+    elif found.bristly:
         yield _describe_breakaway(values, labels)
     if found.loose:
         yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels, 'mrad')}."
@@ -100,22 +106,30 @@ def _describe_breakaway(values: Mapping[str, IdentifiedValue], labels: tuple[str
 
 def _describe_angle(found: DriveFit, values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> Iterator[str]:
     """Torque that comes with the angle: a spring, or cogging of a number of periods that is inside the tried ones."""
-    drive, slope = found.drive, found.extras.springs
+    drive, smooth = found.drive, found.extras.smooth
+    if (has := _notable(values, "stiffness", labels) & (drive.stiffness > 0.0)).sum() >= FEW:
+        size = _up_to(1e3 * drive.stiffness, has, labels, "mN·m/rad")
+        yield f"Torque that grows with the angle, {size}: a spring, or a cable that is bent."
     waves = _notable(values, "cogging_cosine", labels) | _notable(values, "cogging_sine", labels)
-    springs = np.zeros(len(labels), dtype=bool) if slope is None else slope != 0.0
-    # Bristles are springs themselves, and a spring resists.
-    pulls = np.zeros(len(labels), dtype=bool) if slope is None or found.bristly else slope > LEAST_SPRING
-    if pulls.sum() >= SPRINGS:
-        assert slope is not None
-        size = _up_to(1e3 * slope, pulls, labels, "mN·m/rad")
+    bends = np.zeros(len(labels), dtype=bool) if smooth is None else smooth
+    if (waves & bends).sum() >= FEW:
         yield (
-            f"A torque that grows with the angle (a spring or a cable): {size}. No term of the model is that; cogging "
-            "of few periods stands in for it."
+            f"Torque that bends with the angle, in {(waves & bends).sum()} joints: a cable that slackens, or one over "
+            "several joints. No term of the model is that; cogging of few periods stands in for it."
         )
-    if (has := waves & ~springs & _inside(drive.cogging_periods, PERIODS)).any():
+    if (has := waves & ~bends & _inside(drive.cogging_periods, PERIODS)).any():
         size = _up_to(1e3 * np.hypot(drive.cogging_cosine, drive.cogging_sine), has, labels, "mN·m")
-        counts = ", ".join(f"{count:g}" for count in np.unique(drive.cogging_periods[has]))
-        yield f"Cogging, {size}, {counts} times a turn: torque that comes again with the angle."
+        often = _counts(drive.cogging_periods[has])
+        yield f"Cogging, {size}, {often} times a turn: torque that comes again with the angle."
+    shares = _notable(values, "ripple_cosine", labels) | _notable(values, "ripple_sine", labels)
+    if (has := shares & _inside(drive.ripple_periods, PERIODS)).any():
+        size = _up_to(100.0 * np.hypot(drive.ripple_cosine, drive.ripple_sine), has, labels, "%")
+        often = _counts(drive.ripple_periods[has])
+        yield f"Torque ripple, {size}, {often} times a turn: a motor's torque that changes with the angle."
+
+
+def _counts(periods: Vector) -> str:
+    return ", ".join(f"{count:g}" for count in np.unique(periods))
 
 
 def _describe_lean(tilt: Array, motions: Sequence[RecordedMotion], written: WrittenDrive) -> str:

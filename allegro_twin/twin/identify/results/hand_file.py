@@ -159,7 +159,7 @@ def _blocks(
             without = (source == "nominal") | ((source == "determined") & doubted[name])
             drive[name] = _plain(np.where(without, none, getattr(own, name)))
     if found.extras.parasitic:
-        drive["cogging_periods"] = _plain(own.cogging_periods)
+        drive |= {name: _plain(getattr(own, name)) for name in ("cogging_periods", "ripple_periods")}
     if found.extras.warming:
         drive["warm_up"] = _plain(own.warm_up)
     if len(own.tilt):

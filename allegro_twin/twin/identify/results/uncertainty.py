@@ -46,7 +46,8 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
     0.003,
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
 WIDEST_PLAY = 0.001  # rad, of backlash.
-WIDEST_STRAY, WIDEST_UNEVEN = 0.005, 0.02  # N·m and N·m·s/rad, at 1 N·m of full PWM, of parasitic torque.
+WIDEST_STRAY, WIDEST_UNEVEN = 0.005, 0.02  # N·m (a rad, of a spring) and N·m·s/rad, at 1 N·m of full PWM.
+WIDEST_RIPPLE = 0.03  # Share of a motor's torque.
 WIDEST_BEND = 0.03  # rad/(N·m), of teeth.
 WIDEST_COLD = 0.2  # Share, of friction when cold.
 SOLVED = {"damping": (1.5e-4, 0.0), "frictionloss": (0.0, 1e-5)}
@@ -59,9 +60,12 @@ _WIDEST_ABSOLUTE = {
     "backlash": (WIDEST_PLAY, 1000.0, "mrad"),
     "gear_compliance": (WIDEST_BEND, 1000.0, "mrad a N·m"),
     "bias_torque": (WIDEST_STRAY, 1000.0, "mN·m"),
+    "stiffness": (WIDEST_STRAY, 1000.0, "mN·m/rad"),
     "uneven_damping": (WIDEST_UNEVEN, 1000.0, "mN·m·s/rad"),
     "cogging_cosine": (WIDEST_STRAY, 1000.0, "mN·m"),
     "cogging_sine": (WIDEST_STRAY, 1000.0, "mN·m"),
+    "ripple_cosine": (WIDEST_RIPPLE, 100.0, "% of the torque"),
+    "ripple_sine": (WIDEST_RIPPLE, 100.0, "% of the torque"),
     "cold_friction": (WIDEST_COLD, 100.0, "% of the friction"),
 }
 BY_MODEL = "the model errs, so more of the same motion does not help"
