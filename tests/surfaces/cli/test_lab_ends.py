@@ -94,6 +94,8 @@ def test_a_mesh_is_taken_by_the_unit_that_is_said(
     (["--film", "run.gif"], "--film run.gif: must end in .mp4 or .mkv or .mov"),
     (["--object", "lemon", "--scale", "0.001"], "--scale is for the mesh of --object; lemon is none"),
     (["--scale", "0.001"], "--scale is for the mesh of --object; apple is none"),
+    (["--panel", "--film", "a.mp4"], "--film is of a cell that picks by itself, and with --panel somebody leads it"),
+    (["--follow", "--panel", "--clear"], "--clear is of a cell that picks by itself, and with --follow somebody leads"),
 ])  # fmt: skip
 def test_a_wrong_option_is_one_line_before_anything_moves(words: list[str], said: str, command: Run) -> None:
     code, _, errors = command(*CONFIG, *words)

@@ -87,6 +87,11 @@ def lab(
     )
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
+    if (follow or panel) and (film is not None or clear):
+        raise ConfigError(
+            f"{'--clear' if clear else '--film'} is of a cell that picks by itself, and with "
+            f"{'--follow' if follow else '--panel'} somebody leads it: leave out one of them"
+        )
     cell = make_cell(settings, wanted=None if thing is None else settings.objects[0].name)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
