@@ -199,5 +199,6 @@ def test_a_mirror_that_knows_it_feels_nothing_from_outside(spec: HandSpec, make_
 def test_a_tilt_is_three_numbers_and_a_cogging_needs_no_sign() -> None:
     with pytest.raises(Exception, match="tilt needs one number or 3, not 16"):
         Drive.from_values({"tilt": [0.1] * 16}, 16)
-    assert Drive.from_values({"cogging_sine": -0.01}, 16).parasitic
+    for name in ("cogging_sine", "stiffness", "ripple_cosine", "ripple_sine"):
+        assert Drive.from_values({name: -0.01}, 16).parasitic
     assert not Drive.from_values({"tilt": [0.1, 0.0, 0.0]}, 16).parasitic

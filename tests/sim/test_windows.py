@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.sim.drivetrain.lugre_friction import followed_deflection, steady_deflection
 from allegro_twin.sim.open_loop import BEFORE, HISTORY, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
@@ -85,6 +86,16 @@ def test_a_piece_knows_by_the_motion_before_it_how_far_friction_that_gives_far_i
         off.append(np.abs(played_on - there[first + 1 :]).max(axis=0))
     assert np.median(off[0]) < 1.5e-3
     assert np.median(off[0]) < 0.3 * np.median(off[1])
+
+
+def test_bristles_follow_the_motion_at_first_and_end_where_steady_motion_bends_them() -> None:
+    ratio, speed, bristle = np.array([1.4]), np.array([0.1]), np.array([0.01])
+    bent = followed_deflection(ratio, speed, bristle, np.full((3000, 1), 0.05), 0.001)
+    np.testing.assert_allclose(bent[1], 2.0 * 0.05 * 0.001, rtol=0.02)  # Way come, so far.
+    np.testing.assert_allclose(bent[-1], steady_deflection(ratio, speed, bristle, np.array([0.05])), rtol=0.02)
+    np.testing.assert_allclose(bent[:50, 0].max(), 0.05 * 0.05, rtol=0.2)
+    level = bent[-1, 0]  # By e of the level that this speed has, not of the bristle's largest.
+    np.testing.assert_allclose(bent[round(level / (0.05 * 0.001)) - 1], level * (1.0 - np.exp(-1.0)), rtol=0.01)
 
 
 def test_half_the_command_at_twice_the_constant_is_the_same(spec: HandSpec) -> None:

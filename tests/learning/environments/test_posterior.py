@@ -330,10 +330,14 @@ def test_a_hand_that_is_known_exactly_moves_as_its_own_simulation_does() -> None
 
 
 def test_part_of_a_period_of_delay_and_what_changes_within_one_are_nearly_as_in_its_own_simulation() -> None:
-    drive = {"delay": 0.004, "load_friction": 0.1, "uneven_damping": 0.01, "cogging_sine": 0.005, "cogging_periods": 20}
+    drive = {"delay": 0.004, "load_friction": 0.1, "uneven_damping": 0.01, "cogging_sine": 0.005, "cogging_periods": 20,
+             "stiffness": 0.02, "ripple_sine": 0.1, "ripple_periods": 9}  # fmt: skip
     ours, own = open_loop(known(**drive))
     assert 1e-6 < np.abs(ours - own).max() < 0.002  # 0.8 mrad of 70.
-    for without in ({"load_friction": 0.0}, {"uneven_damping": 0.0}, {"cogging_sine": 0.0}, {"delay": 0.006}):
+    for without in (
+        {"load_friction": 0.0}, {"uneven_damping": 0.0}, {"cogging_sine": 0.0}, {"delay": 0.006}, {"stiffness": 0.0},
+        {"ripple_sine": 0.0},
+    ):  # fmt: skip
         other, _ = open_loop(known(**(drive | without)))
         assert np.abs(other - ours).max() > 0.001, without
 

@@ -85,6 +85,42 @@ def left_over(torque: Any) -> _Joint:
     return joint
 
 
+def with_line(torque: Any) -> _Joint:
+    """A joint of which a torque by its angle is left over, with constant torque and spring taken, then cogging."""
+    rng = np.random.default_rng(4)
+    q = 0.8 * np.sin(np.linspace(0.0, 60.0, 3000)) + 0.1
+    columns = {f"cogging:{count:g}": np.stack([np.cos(count * q), np.sin(count * q)], axis=1) for count in PERIODS}
+    columns |= {"bias": np.ones((len(q), 1)), "spring": -q[:, None], "angle": np.stack([q**0, q], axis=1)}
+    columns["bias:spring"] = np.concatenate([columns["bias"], columns["spring"]], axis=1)
+    u = torque(q) + 1e-3 * rng.standard_normal(len(q))
+    joint = _Joint(u, rng.standard_normal((len(q), 7)), columns, np.zeros((len(q), 3)))
+    joint.take("bias:spring")
+    assert "spring" not in joint.gains
+    joint.take("cogging:8")
+    joint.settle()
+    return joint
+
+
+def test_a_spring_goes_again_where_the_cogging_that_comes_later_explains_as_much() -> None:
+    wave = with_line(lambda q: 0.01 + 0.006 * np.cos(8.0 * q))
+    assert wave.taken == ["bias", "cogging:8"]
+    np.testing.assert_allclose(wave.value("bias"), 0.01, rtol=0.02)
+    both = with_line(lambda q: 0.01 - 0.004 * q + 0.006 * np.cos(8.0 * q))
+    assert both.taken == ["bias:spring", "cogging:8"]
+    np.testing.assert_allclose(both.value("bias:spring"), [0.01, 0.004], rtol=0.05)
+
+
+def test_a_ripple_comes_again_as_often_as_suits_all_joints_unless_a_joint_knows_better() -> None:
+    own = [
+        {"ripple:9": 60.0, "ripple:10": 66.0, "ripple:30": 0.0},
+        {"ripple:9": 55.0, "ripple:10": 40.0, "ripple:30": 1.0},
+        {"ripple:9": 10.0, "ripple:10": 9.0, "ripple:30": 90.0},
+    ]
+    joints: Any = [SimpleNamespace(gains=dict(gains), usual=set[str](), taken=[]) for gains in own]
+    _agree(joints)
+    assert [max(each.gains, key=each.gains.get) for each in joints] == ["ripple:9", "ripple:9", "ripple:30"]
+
+
 def test_torque_that_bends_with_the_angle_is_no_cogging_and_what_comes_again_is_or_stays() -> None:
     bends = left_over(lambda q: 0.01 * q + 0.005 * q**3)
     assert bends.taken == ["cogging:7"]  # What a ramp looks like.
@@ -99,12 +135,12 @@ UPRIGHT = SimpleNamespace(drive=SimpleNamespace(tilt=np.zeros((0, 3))))
 
 def described(
     values: dict[str, tuple[float, float, str]], smooth: Any = None, *, bristly: bool = False, far: bool = False,
-    tilt: Any = None,
+    tilt: Any = None, told: Any = None,
     written: Any = UPRIGHT, **fixed: float,
 ) -> list[str]:  # fmt: skip
     """What is said of values, each with half its interval and why it is not determined; recordings of 16 s."""
     told = {name: IdentifiedValue(np.full(16, v), np.full(16, half), (why,) * 16)
-            for name, (v, half, why) in values.items()}  # fmt: skip
+            for name, (v, half, why) in values.items()} | (told or {})  # fmt: skip
     rows = dict.fromkeys((*EXTRA, "cogging_periods", "ripple_periods", "warm_up"), 0.0) | {
         name: v for name, (v, *_) in values.items()
     }
@@ -146,6 +182,8 @@ def test_a_spring_resists_and_is_named_where_it_is_sure() -> None:
     assert described({"stiffness": (-0.012, 0.001, "")}) == []  # What pushes on is none.
     assert described({"stiffness": (0.012, 0.007, "")}) == []
     assert described({"stiffness": (0.012, 0.001, "wide")}) == []
+    one = IdentifiedValue(np.where(np.arange(16) == 5, 0.012, 0.0), np.full(16, 1e-4), ("",) * 16)
+    assert described({}, told={"stiffness": one}, stiffness=0.012) == []  # What something else may look like.
 
 
 @pytest.mark.parametrize(
@@ -269,3 +307,17 @@ def test_what_is_found_is_written_and_predicts_a_motion_in_a_pose_that_nothing_h
     assert said[1].startswith("Kept back")  # And of nothing else.
     assert ("the same way in all recordings" in said[0]) == (kind == "lean")
     assert "What the fit has not seen" in report_page(found)
+
+
+@pytest.mark.long
+def test_friction_that_gives_far_is_found_named_and_predicts_an_unseen_motion(tmp_path: Path) -> None:
+    HANDS["presliding"] = {"bristle": 0.012, "stiction": 1.01, "stribeck_speed": 0.1}
+    found = identify_hand([recorded("presliding", pose) for pose in hidden.POSES], (), masses_known=True)
+    assert found.fit.far
+    np.testing.assert_allclose(np.median(found.fit.drive.bristle), 0.012, rtol=0.2)
+    assert next(iter(head_lines(found))).startswith("Friction gives before it slides")
+    file = tmp_path / "mine.yaml"
+    write_hand_file(file, found.fit, found.values, found.motions, "2026-01-02")
+    (gap,) = measure_gaps([recorded("presliding", "palm-down")], str(file))
+    assert gap.after.all[-1] < 0.01
+    assert gap.after.all[-1] < gap.before.all[-1] / 8.0

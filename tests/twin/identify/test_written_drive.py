@@ -13,6 +13,7 @@ from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.surfaces.cli.twin.identification import gap_table, head_lines
 from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.shooting import LONG, SEEN, UNSEEN, cut_segments
 from allegro_twin.twin.identify.pipeline import Identification
 from allegro_twin.twin.identify.results import written_drive
@@ -44,6 +45,17 @@ def test_what_is_kept_back_is_the_end_of_every_motion_and_no_fit_sees_it() -> No
     assert seen.pieces.time.max() + LONG * motions[0].period <= last + 1e-6
     assert unseen.pieces.time.min() >= last - 0.004
     assert len(unseen.position) >= 3
+
+
+def test_a_piece_brings_the_speeds_that_came_before_it() -> None:
+    motion = hidden.found().motions[0]
+    cuts, smooth = cut_segments([motion], motion.spec, LONG, LONG, SEEN), smooth_motion(motion)
+    for number in (0, 3):
+        first = round(float(cuts.pieces.time[number]) / motion.period)
+        came = cuts.pieces.past[number]
+        np.testing.assert_array_equal(came[-1], smooth.velocity[first - 1])
+        np.testing.assert_array_equal(came[-5], smooth.velocity[first - 5])
+    assert not cuts.pieces.past[0, 0].any()  # Nothing is known from before the recording.
 
 
 def test_a_drive_that_was_found_out_is_written_for_every_joint_and_proves_itself() -> None:

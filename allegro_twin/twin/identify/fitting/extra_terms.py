@@ -49,6 +49,8 @@ PERIODS = np.arange(5.0, 121.0, 1.0)
 _LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
 ALIKE = 10.0
 """By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
+NEARLY = 0.7
+"""Share of a ripple's best gain with which the number of periods that suits all joints is a joint's own. Ours."""
 LIKELY = 0.02
 """Standard deviation of a term's torque, in full PWM: what looks like weight and friction together is not enormous."""
 _LIKELY = {"warm": 0.5, "ripp": 0.1}  # Likewise, shares.
@@ -294,6 +296,16 @@ def _agree(joints: Sequence[_Joint]) -> None:
         for key in each.gains:
             each.gains[key] += ALIKE * ((key in usual) - (key in each.usual))
         each.usual = usual
+        _share_ripple(each)
+
+
+def _share_ripple(joint: _Joint) -> None:
+    """Let a joint's ripple come again as often as suits all joints, where that explains nearly as much as its own best
+    number: what a ripple is a share of is known too roughly to tell neighbouring numbers apart by one joint."""
+    own = {key: gain for key, gain in joint.gains.items() if key.startswith("ripple")}
+    usual = next((key for key in own if key in joint.usual), None)
+    if usual is not None and own[usual] >= NEARLY * max(own.values()) > 0.0:
+        joint.gains |= dict.fromkeys(own.keys() - {usual}, -np.inf)
 
 
 def _lean(joints: Sequence[_Joint], constant: Vector, recordings: int) -> tuple[Vector, float]:
