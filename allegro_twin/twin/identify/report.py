@@ -63,7 +63,9 @@ def summary(found: Identification) -> str:
     text = "".join(f"<p>{escape(line)}</p>" for line in said)
     if not written.errors:
         return text
-    heads = "".join(f"<th>{name}</th>" for name in ("joint", *written.errors, "file has"))
+    heads = "".join(
+        f"<th{' class=n' * (name in written.errors)}>{name}</th>" for name in ("joint", *written.errors, "file has")
+    )
     lines = []
     for joint, alias in enumerate(labels):
         cells = "".join(f"<td class='n'>{1e3 * row[joint]:.1f}</td>" for row in written.errors.values())
@@ -86,7 +88,7 @@ def values_table(found: Identification) -> str:
     stops = np.isfinite(found.end_stop_offsets).all()
     both = ("offset by end stops, mrad", "by weight − by stops") if stops else ()
     titles = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
-    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in titles), []
+    heads, lines = "".join(f"<th{' class=n' * (each != 'joint')}>{escape(each)}</th>" for each in titles), []
     for joint, alias in enumerate(_joints(found)):
         cells = [_cell(found, name, joint) for name in names] + (_by_stops(found, joint) if stops else [])
         left = f"<td class='n'>{found.fit.spread.residual[joint]:.1f} × noise</td>"
@@ -198,7 +200,9 @@ def spread_tables(found: Identification) -> str:
             own = moved[found.fit.columns(name)]
             cells.append(f"<td class='n'>{_UNITS[name][1] * float(np.median(np.abs(own))):.3g}</td>")
         rows.append(f"<tr><td>{escape(motion.name)}</td>{''.join(cells)}</tr>")
-    heads = "".join(f"<th>{escape(name if name not in PER_PWM else name + ', absolute')}</th>" for name in VALUES)
+    heads = "".join(
+        f"<th class='n'>{escape(name if name not in PER_PWM else name + ', absolute')}</th>" for name in VALUES
+    )
     return (
         "<h2>Without one recording</h2><p class='soft'>By how much the median joint's value would change (N·m, g·m², "
         "mN·m·s/rad, mN·m, mrad).</p>"

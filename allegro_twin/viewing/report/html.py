@@ -66,7 +66,7 @@ table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nu
 caption { text-align: left; padding: 8px; }
 th, td { padding: 4px 10px; border-bottom: 1px solid var(--line); text-align: left; white-space: nowrap; }
 td.long { white-space: normal; min-width: 24em; }
-td.n { text-align: right; } thead th { position: sticky; top: 0; background: var(--card); padding: 6px 10px; }
+td.n, th.n { text-align: right; } thead th { position: sticky; top: 0; background: var(--card); padding: 6px 10px; }
 thead th:has(button) { padding: 0; }
 thead button { all: unset; cursor: pointer; padding: 6px 10px; font-weight: 600; display: block; }
 button:focus-visible, a:focus-visible, .wide:focus-visible { outline: 3px solid var(--good); outline-offset: -3px; }

@@ -154,7 +154,7 @@ def described(
 def test_cogging_is_named_only_by_periods_inside_those_tried_and_where_no_bend_explains_more() -> None:
     waves = {"cogging_sine": (0.005, 1e-4, "")}
     (said,) = described(waves, np.zeros(16, dtype=bool), cogging_periods=8.0)
-    assert said.startswith("Cogging, 5.0 in the median of 16 joints")
+    assert said.startswith("Cogging, 5.0 mN·m in the median of 16 joints")
     assert described(waves, cogging_periods=5.0) == described(waves, cogging_periods=120.0) == []
     (said,) = described(waves, np.ones(16, dtype=bool), cogging_periods=7.0)
     assert said.startswith("Torque that bends with the angle, in 16 joints")
@@ -166,19 +166,19 @@ def test_cogging_is_named_only_by_periods_inside_those_tried_and_where_no_bend_e
 
 def test_friction_that_gives_far_is_named_by_how_far_and_not_as_one_that_breaks_away() -> None:
     (said,) = described({"stiction": (1.4, 0.05, "")}, bristly=True, far=True, bristle=0.015)
-    assert said.startswith("Friction gives before it slides, by 15.0 in the median of 16 joints")
+    assert said.startswith("Friction gives before it slides, by 15.0 mrad in the median of 16 joints")
 
 
 def test_ripple_is_named_by_its_share_and_periods() -> None:
     (said,) = described({"ripple_sine": (0.08, 0.01, ""), "ripple_cosine": (0.06, 0.01, "")}, ripple_periods=9.0)
-    assert said.startswith("Torque ripple, 10.0 in the median of 16 joints")
+    assert said.startswith("Torque ripple, 10.0 % in the median of 16 joints")
     assert ", 9 times a turn" in said
     assert described({"ripple_sine": (0.08, 0.01, "")}, ripple_periods=5.0) == []
 
 
 def test_a_spring_resists_and_is_named_where_it_is_sure() -> None:
     (said,) = described({"stiffness": (0.012, 0.001, "")})
-    assert said.startswith("Torque that grows with the angle, 12.0 in the median of 16 joints")
+    assert said.startswith("Torque that grows with the angle, 12.0 mN·m/rad in the median of 16 joints")
     assert described({"stiffness": (-0.012, 0.001, "")}) == []  # What pushes on is none.
     assert described({"stiffness": (0.012, 0.007, "")}) == []
     assert described({"stiffness": (0.012, 0.001, "wide")}) == []
@@ -201,7 +201,7 @@ def test_warmth_is_named_where_it_is_sure_and_falls_within_the_recordings(
 def test_of_friction_that_breaks_away_only_what_is_determined_is_said() -> None:
     sure, open_ = (1.4, 0.05, ""), (1.4, 1.3, "its interval is ± 92 %")
     (both,) = described({"stiction": sure, "load_friction": (0.05, 0.01, "")}, bristly=True)
-    assert "it is larger at rest, by 40.0 in the median" in both
+    assert "it is larger at rest, by 40.0 % in the median" in both
     assert "and it grows with the motor's torque, by 5.0" in both
     (two,) = described({"stiction": (1.02, 0.001, ""), "load_friction": (0.05, 0.01, "")}, bristly=True)
     assert "at rest" not in two  # Two per cent nobody notices.

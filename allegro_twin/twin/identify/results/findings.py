@@ -206,5 +206,6 @@ def _up_to(size: Vector, has: NDArray[np.bool_], labels: tuple[str, ...], unit: 
     if has.sum() == 1:
         return f"{size[most]:.1f} {unit} ({labels[most]})"
     return (
-        f"{np.median(size[has]):.1f} in the median of {has.sum()} joints and {size[most]:.1f} at most ({labels[most]})"
+        f"{np.median(size[has]):.1f} {unit} in the median of {has.sum()} joints and {size[most]:.1f} at most "
+        f"({labels[most]})"
     )
