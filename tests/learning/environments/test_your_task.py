@@ -49,11 +49,24 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
             "allegro_twin.errors:Stack",
             "'Stack' in allegro_twin.errors is no subclass of allegro_twin.gym.Task",
         ),
+        (":Stack", "task ':Stack': no module '' can be imported: '' is no name of a module"),
     ],
 )
 def test_a_task_that_is_none_is_named(task: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         HandEnv(task)
+
+
+def test_a_console_script_finds_a_task_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hovering_task.py").write_text(
+        "from allegro_twin.learning.tasks.reach import ReachTask\nclass Hover(ReachTask):\n    name = 'Hover'\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(tmp_path))])
+    before = list(sys.path)
+    assert tasks.task_type("hovering_task:Hover").name == "Hover"
+    assert sys.path == before
+    sys.modules.pop("hovering_task")
 
 
 class Hover(ReachTask):
@@ -80,11 +93,24 @@ def test_an_object_that_nobody_knows_how_to_grasp_is_refused_with_the_ways_out()
         HandEnv("Grasp", objects=({"name": "soap", "shpae": "box"},))
 
 
+@pytest.mark.parametrize("task", ["Grasp", "Lift", "HoldDisturbed"])
+def test_an_object_too_large_for_the_grasp_it_is_given_is_refused_when_the_environment_is_made(task: str) -> None:
+    large = BOX | {"like": "rubiks_cube", "size": [0.13, 0.13, 0.13]}
+    with pytest.raises(ConfigError, match=r"soap at 1 times its size is too large for prismatic_3_finger_cube: it wou"):
+        HandEnv(task, objects=(large,), timestep=0.003)
+
+
+@pytest.mark.parametrize("task", ["Grasp", "Rotate"])
+def test_two_objects_of_one_name_are_refused(task: str) -> None:
+    with pytest.raises(ConfigError, match="objects has soap twice: leave one out, or give each a name of its own"):
+        HandEnv(task, objects=(BOX | {"like": "apple"}, BOX | {"like": "apple", "mass": 0.2}))
+
+
 def test_a_scenario_is_an_object_of_its_own(tmp_path: Path) -> None:
-    scenario = (ROOT / "scenarios" / "demo" / "lemon.yaml").read_text().replace("name: lemon", "name: orange")
+    scenario = (ROOT / "scenarios" / "demo" / "lemon.yaml").read_text().replace("name: lemon", "name: golf_ball")
     (tmp_path / "mine.yaml").write_text(scenario)
     env = HandEnv("Lift", objects=(str(tmp_path / "mine.yaml"),))
-    assert env.reset(seed=0)[1]["object"] == "orange"
+    assert env.reset(seed=0)[1]["object"] == "golf_ball"
 
 
 def test_a_recipe_takes_a_task_and_objects_of_one_s_own() -> None:
