@@ -243,22 +243,36 @@ class EpisodeEngine:
 
     def outcome(self, action: Array, observation: Observation) -> tuple[StepOutcome, Flags]:
         """Outcome of the last step, for actions from `clip_actions`; and which simulations have diverged: those have
-        failed, whatever they show."""
-        xp, position = self.worlds.xp, self.worlds.position
+        failed, whatever they show. Raises ConfigError for a task whose outcome is none."""
+        xp, thing = self.worlds.xp, self.task.thing
         outcome = self.task.outcome(self.memory.tick, action, observation)
+        _check_outcome(outcome, self.task.name, self.n)
         for term, factor in self.task.settings.reward.items():
             if term not in outcome.terms:
                 raise ConfigError(f"{self.task.name} reports no {term} to weigh: name its own terms in reward_terms")
             more = factor - self.task.reward_terms[term]
             outcome = outcome._replace(reward=outcome.reward + more * outcome.terms[term])
-        if _finite(position):
-            return outcome, xp.zeros(self.n, bool)
-        diverged = ~xp.isfinite(position).all(axis=-1)
-        return outcome._replace(
-            reward=xp.where(diverged, 0.0, outcome.reward),
-            failed=outcome.failed | diverged,
-            success=outcome.success & ~diverged,
-        ), diverged
+        moving = [self.worlds.position] if thing is None else [self.worlds.position, thing.pose]
+        if all(map(_finite, moving)):
+            diverged = xp.zeros(self.n, bool)
+        else:
+            diverged = ~xp.stack([xp.isfinite(each).all(axis=-1) for each in moving]).all(axis=0)
+            outcome = outcome._replace(
+                reward=xp.where(diverged, 0.0, outcome.reward),
+                failed=outcome.failed | diverged,
+                success=outcome.success & ~diverged,
+            )
+        # On a device this check would wait.
+        if isinstance(outcome.reward, np.ndarray) and not _finite(outcome.reward):
+            self._check_reward(outcome.reward)
+        return outcome, diverged
+
+    def _check_reward(self, reward: Array) -> None:
+        """Raise ConfigError for a reward that is not finite."""
+        for row in np.flatnonzero(~np.isfinite(reward))[:1]:
+            where = f" of simulation {row}" if self.n > 1 else ""
+            raise ConfigError(f"{self.task.name}: the reward{where} at step {self.count[row]} is {reward[row]}, and its "
+                              "simulation has not diverged: have the task's outcome give finite rewards")  # fmt: skip
 
     def _possible_sizes(self, variant: Rows, drawn: Array, chosen: ResetOptions) -> Array:
         sizes = self._physics.sizes(variant, drawn)
@@ -292,6 +306,21 @@ class EpisodeEngine:
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
+
+
+def _check_outcome(outcome: Any, task: str, n: int) -> None:
+    """Raise ConfigError for what is no outcome of `n` simulations."""
+    if not isinstance(outcome, StepOutcome):
+        raise ConfigError(f"{task}: outcome returns a StepOutcome, not {type(outcome).__name__}")
+    named = {"reward": outcome.reward, "failed": outcome.failed, "success": outcome.success, **outcome.terms}
+    for name, value in named.items():
+        if tuple(getattr(value, "shape", ())) != (n,):
+            shape = tuple(getattr(value, "shape", ())) or type(value).__name__
+            raise ConfigError(f"{task}: outcome's {name} is {shape}, not an array of shape ({n},): one value for each "
+                              "simulation")  # fmt: skip
+    for name in ("failed", "success"):
+        if "bool" not in str(kind := named[name].dtype):
+            raise ConfigError(f"{task}: outcome's {name} is of {kind}: give bool, true where it is so")
 
 
 def _append_numbers(seen: Floats, more: list[Array]) -> Floats:
