@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
 from allegro_twin.learning.environments.posterior import RandomDrive
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.randomise import PhysicsRandomiser, draw_values
+from allegro_twin.learning.environments.randomise import PhysicsRandomiser, check_without_object, draw_values
 from allegro_twin.learning.environments.settings import (
     VARIATIONS,
     EnvSettings,
@@ -46,6 +47,8 @@ def read_keywords(task: str, keywords: dict[str, Any]) -> EnvSettings:
     given = read_settings({key: value for key, value in keywords.items() if key != "policy"})
     if name is None:
         return given
+    if not isinstance(name, str | Path) or not str(name):
+        raise ConfigError(f"policy is the path of a policy's file, or the name of one that ships, not {name!r}")
     card = read_card(policy_file(name))
     if card.environment is None:
         raise ConfigError(
@@ -96,10 +99,14 @@ class EpisodeEngine:
     lines."""
 
     def __init__(self, task: str, settings: EnvSettings, n: int, threads: int = 0) -> None:
+        if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 0:
+            raise ConfigError(f"threads is a whole number, 0 for one per processor, not {threads!r}")
         self.settings, self.n = settings, n
         self._substeps = substeps(settings.period, settings.timestep)
         self.task = make_task(task, settings, n, threads)
         self.worlds = self.task.worlds
+        if self.task.thing is None:
+            check_without_object(settings.randomise, self.task.name)
         self._physics = PhysicsRandomiser(self.worlds, self.task.thing)
         known = self.task.posterior
         self._drive = None if known is None else RandomDrive(known, self.worlds, settings.period)
@@ -271,8 +278,10 @@ class EpisodeEngine:
         """Raise ConfigError for a reward that is not finite."""
         for row in np.flatnonzero(~np.isfinite(reward))[:1]:
             where = f" of simulation {row}" if self.n > 1 else ""
-            raise ConfigError(f"{self.task.name}: the reward{where} at step {self.count[row]} is {reward[row]}, and its "
-                              "simulation has not diverged: have the task's outcome give finite rewards")  # fmt: skip
+            raise ConfigError(
+                f"{self.task.name}: the reward{where} at step {self.count[row]} is {reward[row]}, and its simulation "
+                "has not diverged: have the task's outcome give finite rewards"
+            )
 
     def _possible_sizes(self, variant: Rows, drawn: Array, chosen: ResetOptions) -> Array:
         sizes = self._physics.sizes(variant, drawn)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse_settings
@@ -108,6 +108,16 @@ class EnvSettings(Settings):
     reward: dict[str, Annotated[float, Field(ge=0)]] = {}  # noqa: RUF012  # Pydantic copies it.
     """Factors of terms in the reward, by the names that `info` reports, instead of the task's own. For tasks without
     goals."""
+
+    @field_validator(
+        "position_noise", "period", "timestep", "noslip", "decimation", "step", "contacts", "constraints", "reach",
+        "history", "farthest", mode="before",
+    )  # fmt: skip
+    @classmethod
+    def _check_number(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("input should be a number")
+        return value
 
     @model_validator(mode="before")
     @classmethod

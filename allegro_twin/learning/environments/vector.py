@@ -17,6 +17,7 @@ from allegro_twin.learning.environments.snapshot import EpisodeState, restore_ep
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.viewing.batch import BatchCamera
+from allegro_twin.viewing.views import check_edges
 
 Rows = NDArray[np.int64]
 
@@ -55,10 +56,11 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         mode = autoreset_mode if isinstance(autoreset_mode, AutoresetMode) else named.get(autoreset_mode)
         if mode is None:
             raise ConfigError(f"autoreset_mode {autoreset_mode!r} is none of {', '.join(modes)}")
-        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
+        if not isinstance(num_envs, int | np.integer) or isinstance(num_envs, bool) or num_envs < 1:
             raise ConfigError(f"num_envs must be a whole number from 1 on, not {num_envs!r}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
+        check_edges(width, height)
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = _episode_length(max_episode_steps, self.engine.limit)

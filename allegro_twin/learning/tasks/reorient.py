@@ -30,9 +30,9 @@ class ReorientTask(InHandTask):
     """A goal is an orientation, a quaternion w, x, y, z in the world; the fingers point along x. When it is reached,
     the next step brings another.
 
-    A goal counts, its bonus is paid, and an episode is a success, while the hand touches the object (`held`). Rewards,
-    `reached` and success follow from the true orientation. `achieved_goal` is what a camera observes, with the
-    noise and delay of `randomise`, so `compute_reward` of it differs from the reward.
+    A goal counts, its bonus is paid, and an episode is a success, only where the hand touched the object in the last
+    decision (`held`). Rewards, `reached` and success follow from the true orientation. `achieved_goal` is what a camera
+    observes, with the noise and delay of `randomise`, so `compute_reward` of it differs from the reward.
     """
 
     name = "Reorient"

@@ -160,7 +160,7 @@ class ScriptedClosingTask(Task):
         """Who touches the object in the last period, (n,): without that nothing counts as held. Call once per
         decision."""
         self.contacts.add_period()
-        return self.contacts.in_contact()
+        return self.contacts.in_contact_now()
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]

@@ -89,7 +89,7 @@ def outcome_of(change: Callable[[Any], Any]) -> type[Hover]:
 @pytest.mark.parametrize(("change", "message"), [
     (lambda found: found._replace(reward=np.array([0.0, np.nan, 0.0, 0.0])),
      "Hover: the reward of simulation 1 at step 1 is nan, and its simulation has not diverged: have the task's"),
-    (lambda found: found._replace(reward=np.zeros(3)), r"Hover: outcome's reward is \(3,\), not an array of shape \(4,\)"),
+    (lambda found: found._replace(reward=np.zeros(3)), r"Hover: outcome's reward is \(3,\), not an array of shape"),
     (lambda found: found._replace(reward=0.5), r"Hover: outcome's reward is float, not an array of shape \(4,\): one"),
     (lambda found: found._replace(terms={"odd": np.zeros((4, 2))}), r"Hover: outcome's odd is \(4, 2\), not an array"),
     (lambda found: found._replace(failed=np.zeros(4)), "Hover: outcome's failed is of float64: give bool"),
