@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+    from types import ModuleType
 
 PROVIDERS = {"link tree": "allegro_twin.sim.model.link_tree:read_link_tree"}
 """What a wing needs from a higher one, which it does not import: for each role `package.module:name`."""
@@ -38,6 +40,19 @@ def provided(role: str) -> Any:
     """What `PROVIDERS` names for a role."""
     module, _, name = PROVIDERS[role].partition(":")
     return getattr(import_module(module), name)
+
+
+def import_user_module(name: str) -> ModuleType:
+    """A module that a user names, from the current folder too, where a console script does not look by itself.
+    `sys.path` is as before afterwards. Raises ImportError, also for what is no name of a module."""
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise ImportError(f"{name!r} is no name of a module")
+    here = os.getcwd()
+    sys.path.insert(0, here)
+    try:
+        return import_module(name)
+    finally:
+        sys.path.remove(here)
 
 
 @cache

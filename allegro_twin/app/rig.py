@@ -111,7 +111,7 @@ def context_of(config: RunConfig, scene: SimulatedScene, physics: Physics | None
             other, scene.trial = physics(spec, step)
             return other  # type: ignore[return-value]  # Who drives it knows a backend only.
         if config.task.episode is not None:
-            scene.episode = episode_of(config.task.episode, spec, step)
+            scene.episode = episode_of(config.task.episode, spec, step, config.task.posture)
             return scene.episode  # type: ignore[return-value]  # Likewise.
         wanted = SceneSettings(kind="sim") if settings is None else settings
         assert isinstance(wanted, SimSettings)

@@ -24,6 +24,7 @@ from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import TrialReport
+    from allegro_twin.learning.environments.episode import EpisodeBackend
     from allegro_twin.learning.mpc.controller import MpcController
 
 
@@ -64,6 +65,8 @@ class RunOutcome:
     """How long the controller's motion takes, s; 0 where it has none of its own."""
     missed: str = ""
     """Which joints are not where the task was to bring them, and by how much; empty where they all are."""
+    failed: bool = False
+    """The episode has lost its object, or a posture's fingertips were its goal and are not there at its end."""
     unconfirmed: str = ""
     """Why it is not sure that the hand was left limp; empty when it is."""
 
@@ -113,7 +116,8 @@ def perform(
         notes += rig.device.warnings()
         notes += [] if planner is None else [planner.report(last.t)]
         notes += _became_of(rig)
-    return RunOutcome(last, report, tuple(notes), beside.motion, missed, rig.device.unconfirmed)
+    failed = rig.episode is not None and _failed(rig.episode)
+    return RunOutcome(last, report, tuple(notes), beside.motion, missed, failed, rig.device.unconfirmed)
 
 
 def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
@@ -140,10 +144,14 @@ def _became_of(rig: Rig) -> list[str]:
     if episode is None:
         return []
     task = episode.engine.task
-    counted = f", {episode.count:.2f} {task.count_unit}" if task.count_term else ""
     t = int(episode.engine.count[0]) * task.interface.seconds
-    lost = episode.over and episode.engine.count[0] < episode.engine.limit
-    return [f"{task.name}: {f'lost at {t:.2f} s' if lost else f'{t:.2f} s'}{counted}"]
+    came = task.describe_outcome(episode.terms, episode.success) if episode.terms else ""
+    lasted = f"lost at {t:.2f} s" if episode.lost else f"{t:.2f} s"
+    return [f"{task.name}: {', '.join(filter(None, (lasted, came)))}"]
+
+
+def _failed(episode: EpisodeBackend) -> bool:
+    return episode.lost or (episode.over and episode.wanted_goal is not None and not episode.success)
 
 
 class _Beside:

@@ -10,13 +10,13 @@ import numpy as np
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import posture_of
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import parse_settings
+from allegro_twin.files.schema import PerJoint, parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import EpisodeSettings, HandSettings, TaskSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
@@ -52,11 +52,18 @@ def episode_environment(episode: EpisodeSettings, spec: HandSpec, period: float)
     return parse_settings(EnvSettings, episode.environment | own, "task.episode.environment")
 
 
-def episode_of(episode: EpisodeSettings, spec: HandSpec, period: float) -> EpisodeBackend:
-    """A hand in the scene of a config's episode, its object included. Raises ConfigError."""
+def episode_of(
+    episode: EpisodeSettings, spec: HandSpec, period: float, posture: str | PerJoint | None = None
+) -> EpisodeBackend:
+    """A hand in the scene of a config's episode, its object included. `posture`: the task's, whose fingertips are the
+    goal of an episode that has such goals. Raises ConfigError."""
     from allegro_twin.learning.environments.episode import EpisodeBackend
 
-    return EpisodeBackend(episode.task, episode_environment(episode, spec, period), episode.seed)
+    made = EpisodeBackend(episode.task, episode_environment(episode, spec, period), episode.seed)
+    interface = made.engine.task.interface
+    if posture is not None and interface.goal == "fingertips":
+        made.wanted_goal = frozen(interface.fingertips(posture_of(posture, spec)))
+    return made
 
 
 def trial_of(task: TaskSettings, spec: HandSpec, period: float, start: Vector | None = None) -> Trial | None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.sim.batch.cpu import SimBatch, Snapshot
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.overlays import Mark, add
@@ -90,7 +90,7 @@ class PictureSensor:
     def __init__(
         self, worlds: SimBatch, width: int, height: int, *, views: Sequence[str], kinds: Sequence[str]
     ) -> None:
-        self._worlds, self._size, self._kinds = worlds, (height, width), kinds
+        self._worlds, self._size, self._kinds, self._closed = worlds, (height, width), kinds, False
         # Of the scene as it is built, so that no draw moves a camera.
         self._seen = worlds.snapshot(0)
         self._cameras: dict[str, Camera] = {}
@@ -111,7 +111,10 @@ class PictureSensor:
 
     def take(self) -> dict[str, NDArray[Any]]:
         """All pictures, new arrays: `rgb` (n, rows, columns, 3), bytes, and `depth` (n, rows, columns), m, of one
-        camera; of several with the name of each, `rgb_side`. Those of a simulation that has diverged are zeros."""
+        camera; of several with the name of each, `rgb_side`. Those of a simulation that has diverged are zeros.
+        Raises CommandError once closed."""
+        if self._closed:
+            raise CommandError("the environment is closed, and takes no more pictures: make a new one")
         n = len(self._worlds.position)
         found = {name: np.zeros((n, *shape), kind) for name, (shape, kind, _) in self.shapes().items()}
         for row in np.flatnonzero(np.isfinite(self._worlds.position).all(axis=-1)).tolist():
@@ -124,6 +127,7 @@ class PictureSensor:
         return found
 
     def close(self) -> None:
+        self._closed = True
         for camera in self._cameras.values():
             camera.close()
 

@@ -81,7 +81,7 @@ def view(name: str, target: Aim, palm: Array) -> View:
             elevation = -math.degrees(math.asin(np.clip(inward[2], -1.0, 1.0)))
             place = inward if abs(inward[2]) < 0.9 else ahead + 0.1 * inward
             return _from(place, float(np.clip(elevation, -60.0, -8.0)), 0.42)
-    raise ConfigError(f"--camera {name}: {', '.join(NAMES)}, or AZIMUTH,ELEVATION,DISTANCE (degrees, m)")
+    raise ConfigError(f"camera {name}: {', '.join(NAMES)}, or AZIMUTH,ELEVATION,DISTANCE (degrees, m)")
 
 
 def aimed_view(name: str | View, side: str, straight: Array, bent: Array, palm: Array) -> tuple[Aim, View]:
@@ -111,6 +111,13 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
+def check_edges(width: object, height: object) -> None:
+    """Raise ConfigError for what is no width or height of a picture, pixels."""
+    for name, value in (("width", width), ("height", height)):
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 1 <= value <= _LARGEST:
+            raise ConfigError(f"{name} is a whole number of pixels from 1 to {_LARGEST}, not {value!r}")
+
+
 def _from(place: Array, elevation: float, distance: float) -> View:
     """Looking back from a place, whose height counts nothing."""
     return View(math.degrees(math.atan2(-place[1], -place[0])), elevation, distance)
@@ -126,7 +133,7 @@ def _given(text: str) -> View:
     try:
         azimuth, elevation, distance = (float(part) for part in text.split(","))
     except ValueError:
-        raise ConfigError(f"--camera {text}: three numbers AZIMUTH,ELEVATION,DISTANCE (degrees, m)") from None
+        raise ConfigError(f"camera {text}: three numbers AZIMUTH,ELEVATION,DISTANCE (degrees, m)") from None
     if not (math.isfinite(azimuth) and abs(elevation) <= 90.0 and 0.05 <= distance <= 10.0):
-        raise ConfigError(f"--camera {text}: elevation within ±90 degrees and distance from 0.05 to 10 m")
+        raise ConfigError(f"camera {text}: elevation within ±90 degrees and distance from 0.05 to 10 m")
     return View(azimuth, elevation, distance)

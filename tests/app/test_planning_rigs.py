@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from allegro_twin.app import rig, session
@@ -77,6 +78,7 @@ def test_an_episode_that_is_lost_ends_the_run() -> None:
     outcome = perform(made, chosen, Outputs())
     assert outcome.last.t == pytest.approx(0.12)
     assert outcome.notes[-1].startswith("Rotate: lost at 0.12 s, ")
+    assert outcome.failed
 
 
 def test_a_posture_is_a_goal_of_fingertips() -> None:
@@ -88,6 +90,24 @@ def test_a_posture_is_a_goal_of_fingertips() -> None:
     assert made.controller.start(made.backend.reset()).action.shape == (16,)
     assert made.controller.episode.engine.task.goal()[0] == pytest.approx(goal)  # type: ignore[attr-defined]
     made.backend.close()
+
+
+def test_success_is_judged_about_the_posture_that_is_planned_for() -> None:
+    task = {"posture": "ok", "episode": {"task": "Reach", "environment": {"timestep": 0.003}}}
+    chosen = config(task=task, seconds=2.0, planning=TINY | {"stride": 1})
+    made = assemble(chosen)
+    assert made.episode is not None
+    made.backend.reset()
+    planned = made.controller.episode.goal  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(made.episode.goal, planned.astype(np.float32))
+    outcome = perform(made, chosen, Outputs())
+    assert outcome.notes[-1].endswith(" mm from their goals in the mean, not reached (every one within 10 mm)")
+    assert outcome.failed
+    follows = chosen.changed(controller={"kind": "pd", "gravity": [0.0, 0.0, -9.81], "speed": 2.0}, seconds=None)
+    followed = perform(assemble(follows), follows, Outputs())
+    assert followed.notes[-1].startswith("Reach: 1.99 s, fingertips ")
+    assert followed.notes[-1].endswith(" in the mean, reached")
+    assert not followed.failed
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def test_a_size_that_is_none_is_refused_with_an_example_or_the_bounds(text: str)
     "text", ["", "behind", "1,2", "1,2,3,4", "a,b,c", "0,0,nan", "inf,0,1", "0,91,1", "0,0,0", "0,0,99"]
 )
 def test_a_camera_that_is_none_is_refused_with_the_names_or_the_bounds(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"--camera .*(front, side, top, palm|AZIMUTH|within)"):
+    with pytest.raises(ConfigError, match=r"camera .*(front, side, top, palm|AZIMUTH|within)"):
         checked(text)
     assert checked("-120,-20,0.4") == "-120,-20,0.4"
 

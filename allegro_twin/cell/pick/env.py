@@ -19,7 +19,7 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
-from allegro_twin.viewing.views import View
+from allegro_twin.viewing.views import View, check_edges
 
 Floats = NDArray[np.float32]
 BOUND = 5.0
@@ -42,6 +42,9 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")
+        check_edges(width, height)
+        if "policy" in kwargs:
+            raise ConfigError("ArmPick has no policies that ship, and no cards of them: leave policy out")
         self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)

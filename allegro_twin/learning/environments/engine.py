@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
 from allegro_twin.learning.environments.posterior import RandomDrive
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.randomise import PhysicsRandomiser, draw_values
+from allegro_twin.learning.environments.randomise import PhysicsRandomiser, check_without_object, draw_values
 from allegro_twin.learning.environments.settings import (
     VARIATIONS,
     EnvSettings,
@@ -46,6 +47,8 @@ def read_keywords(task: str, keywords: dict[str, Any]) -> EnvSettings:
     given = read_settings({key: value for key, value in keywords.items() if key != "policy"})
     if name is None:
         return given
+    if not isinstance(name, str | Path) or not str(name):
+        raise ConfigError(f"policy is the path of a policy's file, or the name of one that ships, not {name!r}")
     card = read_card(policy_file(name))
     if card.environment is None:
         raise ConfigError(
@@ -96,10 +99,14 @@ class EpisodeEngine:
     lines."""
 
     def __init__(self, task: str, settings: EnvSettings, n: int, threads: int = 0) -> None:
+        if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 0:
+            raise ConfigError(f"threads is a whole number, 0 for one per processor, not {threads!r}")
         self.settings, self.n = settings, n
         self._substeps = substeps(settings.period, settings.timestep)
         self.task = make_task(task, settings, n, threads)
         self.worlds = self.task.worlds
+        if self.task.thing is None:
+            check_without_object(settings.randomise, self.task.name)
         self._physics = PhysicsRandomiser(self.worlds, self.task.thing)
         known = self.task.posterior
         self._drive = None if known is None else RandomDrive(known, self.worlds, settings.period)
@@ -243,22 +250,38 @@ class EpisodeEngine:
 
     def outcome(self, action: Array, observation: Observation) -> tuple[StepOutcome, Flags]:
         """Outcome of the last step, for actions from `clip_actions`; and which simulations have diverged: those have
-        failed, whatever they show."""
-        xp, position = self.worlds.xp, self.worlds.position
+        failed, whatever they show. Raises ConfigError for a task whose outcome is none."""
+        xp, thing = self.worlds.xp, self.task.thing
         outcome = self.task.outcome(self.memory.tick, action, observation)
+        _check_outcome(outcome, self.task.name, self.n)
         for term, factor in self.task.settings.reward.items():
             if term not in outcome.terms:
                 raise ConfigError(f"{self.task.name} reports no {term} to weigh: name its own terms in reward_terms")
             more = factor - self.task.reward_terms[term]
             outcome = outcome._replace(reward=outcome.reward + more * outcome.terms[term])
-        if _finite(position):
-            return outcome, xp.zeros(self.n, bool)
-        diverged = ~xp.isfinite(position).all(axis=-1)
-        return outcome._replace(
-            reward=xp.where(diverged, 0.0, outcome.reward),
-            failed=outcome.failed | diverged,
-            success=outcome.success & ~diverged,
-        ), diverged
+        moving = [self.worlds.position] if thing is None else [self.worlds.position, thing.pose]
+        if all(map(_finite, moving)):
+            diverged = xp.zeros(self.n, bool)
+        else:
+            diverged = ~xp.stack([xp.isfinite(each).all(axis=-1) for each in moving]).all(axis=0)
+            outcome = outcome._replace(
+                reward=xp.where(diverged, 0.0, outcome.reward),
+                failed=outcome.failed | diverged,
+                success=outcome.success & ~diverged,
+            )
+        # On a device this check would wait.
+        if isinstance(outcome.reward, np.ndarray) and not _finite(outcome.reward):
+            self._check_reward(outcome.reward)
+        return outcome, diverged
+
+    def _check_reward(self, reward: Array) -> None:
+        """Raise ConfigError for a reward that is not finite."""
+        for row in np.flatnonzero(~np.isfinite(reward))[:1]:
+            where = f" of simulation {row}" if self.n > 1 else ""
+            raise ConfigError(
+                f"{self.task.name}: the reward{where} at step {self.count[row]} is {reward[row]}, and its simulation "
+                "has not diverged: have the task's outcome give finite rewards"
+            )
 
     def _possible_sizes(self, variant: Rows, drawn: Array, chosen: ResetOptions) -> Array:
         sizes = self._physics.sizes(variant, drawn)
@@ -292,6 +315,21 @@ class EpisodeEngine:
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
+
+
+def _check_outcome(outcome: Any, task: str, n: int) -> None:
+    """Raise ConfigError for what is no outcome of `n` simulations."""
+    if not isinstance(outcome, StepOutcome):
+        raise ConfigError(f"{task}: outcome returns a StepOutcome, not {type(outcome).__name__}")
+    named = {"reward": outcome.reward, "failed": outcome.failed, "success": outcome.success, **outcome.terms}
+    for name, value in named.items():
+        if tuple(getattr(value, "shape", ())) != (n,):
+            shape = tuple(getattr(value, "shape", ())) or type(value).__name__
+            raise ConfigError(f"{task}: outcome's {name} is {shape}, not an array of shape ({n},): one value for each "
+                              "simulation")  # fmt: skip
+    for name in ("failed", "success"):
+        if "bool" not in str(kind := named[name].dtype):
+            raise ConfigError(f"{task}: outcome's {name} is of {kind}: give bool, true where it is so")
 
 
 def _append_numbers(seen: Floats, more: list[Array]) -> Floats:

@@ -18,6 +18,7 @@ from allegro_twin.learning.environments.spaces import action_space, observation_
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import GoalTask
 from allegro_twin.viewing.batch import BatchCamera, has_screen
+from allegro_twin.viewing.views import check_edges
 
 _ONE = np.zeros(1, np.int64)
 
@@ -40,6 +41,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
+        check_edges(width, height)
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), 1, threads=1)
         self.action_space = action_space(self.engine.task)
         self.observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)

@@ -31,13 +31,15 @@ class EpisodeBackend:
 
     def __init__(self, task: str, settings: EnvSettings, seed: int = 0) -> None:
         self.engine, self.seed = EpisodeEngine(task, settings, 1, threads=1), seed
+        self.wanted_goal: Vector | None = None
+        """A goal in place of the one that a reset draws, for tasks that take one, from the next reset on."""
         self._unknown = frozen(np.full(self.spec.n_actuators, math.nan))
         self._told = frozen(np.zeros(self.spec.n_actuators))
         self._most: NDArray[np.float64] | None = None
         """Force limits of the motors in this episode, for hands that close their own loop, (motors, 2), N·m."""
         self._decimation = self.engine.task.interface.decimation
-        self.success, self.over = False, False
-        """State of the episode, as the environment would report it after its last step."""
+        self.success, self.over, self.lost = False, False, False
+        """State of the episode, as the environment would report it after its last step; whether it has failed."""
         self.reward = 0.0
         """Reward of the last period: that of a step where a step ended with it, without the cost of actions."""
         self.report: dict[str, Any] = {}
@@ -46,6 +48,8 @@ class EpisodeBackend:
         """Value of the task's `count_term`, where it has one: rad turned, goals reached."""
         self.shares: dict[str, float] = {}
         """Shares of the episode's time, by name, where the task has such terms."""
+        self.terms: dict[str, float] = {}
+        """All terms of the last step; empty before the first."""
 
     @property
     def spec(self) -> HandSpec:
@@ -81,8 +85,10 @@ class EpisodeBackend:
 
     def reset(self) -> HandState:
         self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
-        self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
-        self.count, self.shares = 0.0, dict.fromkeys(self.engine.task.share_terms, 0.0)
+        if self.wanted_goal is not None:
+            self.engine.task.set_goal(0, self.wanted_goal)
+        self._tick, self.reward, self.success, self.over, self.lost = 0, 0.0, False, False, False
+        self.count, self.terms, self.shares = 0.0, {}, dict.fromkeys(self.engine.task.share_terms, 0.0)
         self._most = None
         if self.engine.worlds.closes_loop:
             self._most = np.array(self._ranges())
@@ -136,10 +142,11 @@ class EpisodeBackend:
         engine.count += 1
         outcome, _ = engine.outcome(np.zeros((1, self.spec.n_joints)), engine.observe())
         self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
-        if name := engine.task.count_term:
-            self.count = float(outcome.terms[name][0])
-        self.shares = {each: float(outcome.terms[each][0]) for each in engine.task.share_terms}
-        self.over = bool(outcome.failed[0] or engine.count[0] >= engine.limit)
+        self.terms = {name: float(rows[0]) for name, rows in outcome.terms.items()}
+        self.count = self.terms.get(engine.task.count_term, 0.0)
+        self.shares = {each: self.terms[each] for each in engine.task.share_terms}
+        self.lost = bool(outcome.failed[0])
+        self.over = bool(self.lost or engine.count[0] >= engine.limit)
 
     def _state(self) -> HandState:
         position, velocity = (frozen(x[0]) for x in self.engine.measure(np.array([self._tick])))

@@ -148,6 +148,16 @@ def check_randomise(settings: Randomise, spec: HandSpec) -> None:
                               "leave it out")  # fmt: skip
 
 
+_OF_OBJECTS = ("mass", "size", "camera_shift", "camera_turn", "camera_delay")
+
+
+def check_without_object(settings: Randomise, task: str) -> None:
+    """Raise ConfigError for ranges of an object in a task that has none. `default` names all of them, of any task."""
+    named = [name for name in _OF_OBJECTS if getattr(settings, name) is not None]
+    if 0 < len(named) < len(_OF_OBJECTS):
+        raise ConfigError(f"randomise.{named[0]} is of an object, and {task} has none: leave it out")
+
+
 LATER = ("touch_noise",)
 """Drawn by their user, after everything else: the episodes of a seed are the same with and without."""
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse_settings
@@ -28,6 +29,11 @@ VARIATIONS = (
 )  # fmt: skip
 """Settings that change neither what a policy sees, nor what its actions do, nor what is asked of it: how much differs
 from episode to episode, how it is simulated, and what the terms of its reward weigh."""
+
+NEAREST = 0.3
+"""rad: least distance of a new goal of Reorient, so that it is never reached already."""
+GoalDistance: TypeAlias = Annotated[float, Field(ge=NEAREST, le=math.pi)]
+"""rad, between two orientations, which are at most π apart."""
 
 
 class EnvSettings(Settings):
@@ -88,8 +94,8 @@ class EnvSettings(Settings):
     """Width and height of these pictures, pixels."""
     goals: Literal["any", "yaw"] = "any"
     """For Reorient: turns about any axis, or about the vertical alone."""
-    farthest: Positive | None = None
-    """For Reorient: largest distance of a goal, rad. None: π, and π / 2 about the vertical."""
+    farthest: GoalDistance | None = None
+    """For Reorient: largest distance of a goal, rad, from 0.3 to π. None: π, and π / 2 about the vertical."""
     palm: Literal["forbidden", "allowed"] = "forbidden"
     """For tasks with an object in the hand: whether palm and proximal links may touch it, or end the episode."""
     starts: Literal["train", "test"] = "train"
@@ -102,6 +108,16 @@ class EnvSettings(Settings):
     reward: dict[str, Annotated[float, Field(ge=0)]] = {}  # noqa: RUF012  # Pydantic copies it.
     """Factors of terms in the reward, by the names that `info` reports, instead of the task's own. For tasks without
     goals."""
+
+    @field_validator(
+        "position_noise", "period", "timestep", "noslip", "decimation", "step", "contacts", "constraints", "reach",
+        "history", "farthest", mode="before",
+    )  # fmt: skip
+    @classmethod
+    def _check_number(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("input should be a number")
+        return value
 
     @model_validator(mode="before")
     @classmethod

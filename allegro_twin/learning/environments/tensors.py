@@ -52,7 +52,8 @@ class TensorVectorEnv:
         info = {"is_success": outcome.success, "diverged": diverged, **outcome.terms}
         rows = own.flatnonzero(outcome.failed | truncated)
         if len(rows):
-            info["final_obs"] = observation
+            # A reset writes into what the task counts.
+            info = {name: own.copy(value) for name, value in info.items()} | {"final_obs": observation}
             self._begin(rows)
             observation = engine.observe()
         return self._as_tensors((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]

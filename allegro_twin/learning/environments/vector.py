@@ -17,6 +17,7 @@ from allegro_twin.learning.environments.snapshot import EpisodeState, restore_ep
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.viewing.batch import BatchCamera
+from allegro_twin.viewing.views import check_edges
 
 Rows = NDArray[np.int64]
 
@@ -55,10 +56,11 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         mode = autoreset_mode if isinstance(autoreset_mode, AutoresetMode) else named.get(autoreset_mode)
         if mode is None:
             raise ConfigError(f"autoreset_mode {autoreset_mode!r} is none of {', '.join(modes)}")
-        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
+        if not isinstance(num_envs, int | np.integer) or isinstance(num_envs, bool) or num_envs < 1:
             raise ConfigError(f"num_envs must be a whole number from 1 on, not {num_envs!r}")
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
+        check_edges(width, height)
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = _episode_length(max_episode_steps, self.engine.limit)
@@ -124,11 +126,11 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             for array in (terminated, truncated, success):
                 array[new] = False
             reward[new] = 0.0
-            for term in outcome.terms.values():
-                term[new] = 0.0
-        info |= {"is_success": success} | outcome.terms
+        stepped = np.ones(self.num_envs, bool)
+        stepped[new] = False
+        info |= _masked({"is_success": success} | outcome.terms, stepped)
         if diverged.any():
-            info["diverged"] = diverged
+            info |= _masked({"diverged": diverged}, diverged)
         self._ended = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
             observation, info = self._same_step_reset(observation, info)
@@ -182,25 +184,39 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
 
     def _same_step_reset(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         """Reset simulations that ended in this step, and return what they saw and reported last."""
-        rows = np.flatnonzero(self._ended)
-        last = info.copy()
-        mask = self._ended.copy()
-        info |= {"final_obs": observation, "_final_obs": mask, "final_info": last, "_final_info": mask.copy()}
+        rows, ended = np.flatnonzero(self._ended), self._ended.copy()
+        own = {name: value for name, value in info.items() if not name.startswith("_")}
+        info = {}
+        for name, value in own.items():
+            info |= _masked({name: value}, value if name == "diverged" else ~ended, ~ended)
+        last: dict[str, Any] = {}
+        for name, value in own.items():
+            last |= _masked({name: value}, value if name == "diverged" else ended, ended)
+        info |= {"final_obs": observation, "_final_obs": ended, "final_info": last, "_final_info": ended.copy()}
         info |= self._restart(rows, None)
         return self.engine.fetch(self.engine.observe()), info
 
     def _spread(self, report: dict[str, Any], rows: Rows) -> dict[str, Any]:
         spread: dict[str, Any] = {}
+        mask = np.zeros(self.num_envs, bool)
+        mask[rows] = True
         for name, values in report.items():
             if isinstance(values, dict):
-                spread[name] = self._spread(values, rows)
+                spread |= {name: self._spread(values, rows), f"_{name}": mask.copy()}
                 continue
             whole = np.zeros((self.num_envs, *values.shape[1:]), values.dtype)
             whole[rows] = values
-            mask = np.zeros(self.num_envs, bool)
-            mask[rows] = True
-            spread |= {name: whole, f"_{name}": mask}
+            spread |= {name: whole, f"_{name}": mask.copy()}
         return spread
+
+
+def _masked(values: dict[str, NDArray[Any]], *masks: NDArray[np.bool_]) -> dict[str, Any]:
+    """Copies of values, zero where a mask is False, and that mask under `_name`, as Gymnasium has them."""
+    mask = np.logical_and.reduce(masks)
+    return {
+        key: part for name, value in values.items()
+        for key, part in ((name, np.where(mask, value, np.zeros(1, value.dtype))), (f"_{name}", mask.copy()))
+    }  # fmt: skip
 
 
 def _episode_length(asked: int | None, usual: int) -> int:

@@ -49,10 +49,11 @@ def run_episodes(
     threads: int = 0,
     shown: Callable[[Any], None] | None = None,
     advance: Callable[[int, int], None] = lambda done, of: None,
+    ended: Callable[[MpcEpisode], None] = lambda episode: None,
 ) -> list[MpcEpisode]:
     """Run episodes of a task; number i is that of the environment with the seed `seed + i`. `seconds`: of each at most,
     in place of the task's own; `shown` gets a picture of every decision; `advance` the decisions of an episode that are
-    done. Raises ConfigError."""
+    done; `ended` each episode when it has ended. Raises ConfigError."""
     env = HandEnv(task, render_mode=None if shown is None else "rgb_array", **env_keywords(environment))
     mpc, found = SamplingMpc(task, environment, settings, threads), []
     own, step = env.engine.task, env.engine.task.interface.seconds
@@ -75,5 +76,6 @@ def run_episodes(
         tips = float(info.get("by_tips", np.nan))
         kept, good = not failed, bool(info["is_success"])
         found.append(MpcEpisode(kind, done * step, kept, good, total, count, tips, spent / done, used / done))
+        ended(found[-1])
     env.close()
     return found

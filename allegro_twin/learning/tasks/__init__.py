@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from allegro_twin._lazy import entry_points_of
+from allegro_twin._lazy import entry_points_of, import_user_module
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Task
@@ -31,8 +31,8 @@ def task_names() -> tuple[str, ...]:
 
 
 def task_type(name: str) -> type[Task]:
-    """A task of the package or of an installed one, or `module:Class` of your own. Raises ConfigError with the nearest
-    names."""
+    """A task of the package or of an installed one, or `module:Class` of your own, of the current folder too. Raises
+    ConfigError with the nearest names."""
     if name == NO_BATCH:
         raise ConfigError(explain_no_batch())
     if name in TASKS:
@@ -54,7 +54,7 @@ def explain_no_batch() -> str:
 def _user_task(name: str) -> type[Task]:
     module, _, attribute = name.partition(":")
     try:
-        found = getattr(import_module(module), attribute, None)
+        found = getattr(import_user_module(module), attribute, None)
     except ImportError as error:
         raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Task)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.learning.environments.objects import ObjectChoice
+from allegro_twin.learning.environments.objects import ObjectChoice, object_name
 from allegro_twin.learning.environments.posterior import load_posterior
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.randomise import check_randomise
@@ -69,6 +69,8 @@ class Task(ABC):
     count_term: ClassVar[str] = ""
     """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
     count_unit: ClassVar[str] = ""
+    count_digits: ClassVar[int] = 2
+    """After the point, where that term is printed; 0 for whole numbers."""
     reward_terms: ClassVar[dict[str, float]] = {}
     """Terms of the outcome and their factors in the reward, which settings may change (`EnvSettings.reward`). None for
     a task with goals, whose reward anybody can compute from a state and a goal."""
@@ -88,6 +90,9 @@ class Task(ABC):
         for name in TASK_SETTINGS:
             if name in settings.model_fields_set and name not in self.own_settings:
                 raise ConfigError(f"{self.name} has no {name} to choose")
+        names = [object_name(choice) for choice in settings.objects or ()]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ConfigError(f"objects has {twice[0]} twice: leave one out, or give each a name of its own")
         if settings.reward and not self.reward_terms:
             raise ConfigError(f"{self.name} has no terms of the reward to weigh: leave reward out")
         for term in settings.reward:
@@ -156,7 +161,12 @@ class Task(ABC):
     def set_goal(self, row: int, goal: Array | None) -> None:
         """Give a simulation another goal, (k,), between two periods; None: the task's own next one. It is judged and
         counted as any other. Raises ConfigError for a task that takes none."""
-        raise ConfigError(f"{self.name} takes no goal from outside; Reorient does")
+        raise ConfigError(f"{self.name} takes no goal from outside; Reorient and Reach do")
+
+    def describe_outcome(self, terms: Mapping[str, float], success: bool) -> str:
+        """What an episode has come to, from the `terms` of its last step, as text; empty where a task counts
+        nothing."""
+        return f"{terms[self.count_term]:.{self.count_digits}f} {self.count_unit}" if self.count_term else ""
 
     def achieved(self, tick: Ticks) -> Array | None:
         """State to compare with the goal at that decision, shape (n, k), where the interface cannot compute it from the

@@ -27,7 +27,8 @@ WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 
 
 
 class GraspTask(ScriptedClosingTask):
-    """The scripted grasp closes where the object should be; the object is off by the position noise."""
+    """The scripted grasp closes where the object should be; the object is off by the position noise. Success is an
+    object that is where it was let go of, and that the hand touches, after the push."""
 
     name = "Grasp"
     purpose = "close on a presented object and hold it through a push"
@@ -81,6 +82,7 @@ class GraspTask(ScriptedClosingTask):
     def plan_surroundings(self, tick: Ticks) -> None:
         """Sets what is the same in every period of the step once."""
         assert self.thing is not None
+        self.contacts.begin_decision()
         release, calm = self._release[self.script], CALM / self.settings.period
         first = tick - release
         going = first + self._periods
@@ -120,7 +122,7 @@ class GraspTask(ScriptedClosingTask):
         failed = drift > LOST
         over = going >= (CALM + PUSHED) / self.settings.period
         terms = {"hold": hold, "effort": effort}
-        return StepOutcome(hold + effort, failed, over & (drift < HELD), terms)
+        return StepOutcome(hold + effort, failed, over & (drift < HELD) & self.held(), terms)
 
     def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
         """Position of the presenter's hand, (..., 3), m, world."""

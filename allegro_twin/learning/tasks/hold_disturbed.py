@@ -26,9 +26,16 @@ from allegro_twin.learning.policy.script import (
 )
 from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, GraspTask
-from allegro_twin.learning.tasks.scenes import THING, TaskScene, known_scenarios, require_objects
+from allegro_twin.learning.tasks.scenes import (
+    THING,
+    TaskScene,
+    known_scenarios,
+    palm_turn,
+    require_objects,
+    turn_with_palm,
+)
 from allegro_twin.learning.tasks.scripted_closing import ObjectVariation
-from allegro_twin.learning.tasks.vectors import effort_cost, length
+from allegro_twin.learning.tasks.vectors import effort_cost, length, rotate_vectors
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.spec import HandSpec
@@ -102,6 +109,13 @@ class HoldDisturbedTask(GraspTask):
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         assert self.thing is not None
         self.script[rows] = variant
+        self.contacts.begin(rows)
+        if "wrist_tilt" in values:
+            palm = self.worlds.model.body("palm_link").id
+            before = np.stack([model.body_quat[palm] for model in self.worlds.models])
+            turn = palm_turn(self.worlds, rows, self.worlds.xp.asarray(before)[variant])
+            self.thing.pose[rows] = turn_with_palm(self.worlds, variant, turn, self.thing.pose[rows])
+            self.thing.velocity[rows] = rotate_vectors(turn, self.thing.velocity[rows])
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         self._weight[rows] = mass * -self.worlds.model.opt.gravity[2]
         self._key[rows], self._push[rows] = draws.keys(), -1
@@ -109,6 +123,7 @@ class HoldDisturbedTask(GraspTask):
 
     def plan_surroundings(self, tick: Ticks) -> None:
         assert self.thing is not None
+        self.contacts.begin_decision()
         period = self.settings.period
         ticks = tick + self._periods
         into = ticks * period % EVERY
@@ -129,7 +144,8 @@ class HoldDisturbedTask(GraspTask):
         drift = length(self.thing.pose[:, :3] - self.place)
         hold, effort = self.worlds.xp.exp(-((drift / WIDTH) ** 2)), effort_cost(action)
         over = tick * self.settings.period >= self.seconds - self.interface.seconds
-        return StepOutcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
+        kept = over & (drift < HELD) & self.held()
+        return StepOutcome(hold + effort, drift > LOST, kept, {"hold": hold, "effort": effort})
 
     def verdict_time(self, scene: TaskScene) -> float:
         return 0.0  # The hand is closed when an episode begins.

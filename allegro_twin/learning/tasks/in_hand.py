@@ -11,13 +11,20 @@ from allegro_twin.array_api import array_namespace
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.kinematics.orientation import quaternion_product
 from allegro_twin.learning.environments.objects import ObjectChoice, load_object
 from allegro_twin.learning.environments.observation_model import ObjectCamera, ObjectObservation
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.tasks.base import Flags, Task, Ticks
-from allegro_twin.learning.tasks.scenes import THING, make_worlds, palm_height, upturned_model
+from allegro_twin.learning.tasks.scenes import (
+    FACING,
+    THING,
+    make_worlds,
+    palm_height,
+    palm_turn,
+    turn_with_palm,
+    upturned_model,
+)
 from allegro_twin.learning.tasks.start_states import (
     ALL,
     ANYHOW,
@@ -31,7 +38,7 @@ from allegro_twin.learning.tasks.start_states import (
     StartStates,
     load_start_states,
 )
-from allegro_twin.learning.tasks.vectors import length
+from allegro_twin.learning.tasks.vectors import length, rotate_vectors
 from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.objects import catalogue
@@ -42,9 +49,6 @@ if TYPE_CHECKING:
 from collections.abc import Sequence
 from typing import Any
 
-from allegro_twin.kinematics.orientation import quaternion_from_vector
-from allegro_twin.learning.tasks.scenes import FACING
-from allegro_twin.learning.tasks.vectors import rotate_vectors
 from allegro_twin.sim.objects.catalogue import GraspObject
 
 ON_PALM = 0.005
@@ -65,14 +69,6 @@ class ObjectShapes:
         most = max(map(len, vertices))
         padded = [np.concatenate([each, np.repeat(each[:1], most - len(each), axis=0)]) for each in vertices]
         self.vertices = xp.asarray(np.stack(padded)) if most > 1 else None
-
-
-def palm_normal(tilt: Array) -> Array:
-    """Normal of the upturned palm's surface, world, for wrists turned by rotation vectors (..., 3), rad, in the palm's
-    own axes; shape (..., 3)."""
-    facing = array_namespace(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
-    upward = array_namespace(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
-    return rotate_vectors(quaternion_product(facing, quaternion_from_vector(tilt)), upward)
 
 
 def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array, palm: float) -> Array:
@@ -110,7 +106,9 @@ OF_PALM = ("rubiks_cube",)
 
 
 class InHandTask(Task):
-    """The palm looks up, and an episode begins in one of the start states, with some noise.
+    """The palm looks up, and an episode begins in one of the start states, with some noise. Where the palm leans
+    (`randomise.wrist_tilt`, or the lean in a twin's file) the object is turned with it: the same grasp under another
+    gravity. The world's z stays vertical.
 
     In the fingertips (`palm: forbidden`, the default) an episode ends when palm or proximal links touch the object:
     only distal and middle links may. With `palm: allowed` it may be put down on the palm. Either way `info` has the
@@ -159,7 +157,11 @@ class InHandTask(Task):
         """Set-points of the fingers at the beginning, rad."""
         self._factor, self._low = xp.ones(n), xp.zeros(n)
         """Size factors of the objects; decisions since the reset at which they were on the palm."""
-        self._normal, self._palm = palm_normal(xp.zeros((n, 3))), palm_height(self.spec)
+        self._upward, self._facing = xp.asarray(np.array([0.0, 0.0, 1.0])), xp.asarray(FACING)
+        self._normal, self._palm = xp.zeros((n, 3)) + self._upward, palm_height(self.spec)
+        """Normal of the palm's surface, world; and height of that surface above the palm's origin, m."""
+        self._leans = self.spec.drive is not None and bool(self.spec.drive.tilt.any())
+        """Whether the hand's file has its palm lean, which the table of start states does not."""
         self.contacts = LinkContacts(self.worlds)
         self.shown: ObjectObservation
         """The camera's observation at this decision."""
@@ -190,11 +192,14 @@ class InHandTask(Task):
         noise = draws.uniform(-NOISE_JOINT, NOISE_JOINT, self.spec.n_joints)
         self.worlds.place(rows, self.worlds.xp.clip(position + noise, self._lower, self._upper))
         pose[:, :3] += draws.uniform(-NOISE_PLACE, NOISE_PLACE, 3)
+        self._normal[rows] = self._upward
+        if self._leans or "wrist_tilt" in values:
+            turn = palm_turn(self.worlds, rows, self._facing)
+            pose = turn_with_palm(self.worlds, variant, turn, pose)
+            self._normal[rows] = rotate_vectors(turn, 0.0 * pose[:, :3] + self._upward)
         self.thing.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self._factor[rows], self._low[rows] = values["size"], 0.0
-        tilt = values.get("wrist_tilt")
-        self._normal[rows] = palm_normal(0.0 * pose[:, :3] if tilt is None else tilt)
         self.contacts.begin(rows)
         self.camera.begin(rows, values, draws)
 

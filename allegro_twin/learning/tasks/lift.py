@@ -33,7 +33,8 @@ SHOVED = 0.08  # m that an object may be moved along the table before the attemp
 
 
 class LiftTask(ScriptedClosingTask):
-    """The scripted grasp closes where the object should stand; the object is off by the position noise."""
+    """The scripted grasp closes where the object should stand; the object is off by the position noise. Success is an
+    object that is up at the end, and that the hand touches."""
 
     name = "Lift"
     purpose = "lift an object from a table; the wrist on a slide follows a timeline"
@@ -89,6 +90,7 @@ class LiftTask(ScriptedClosingTask):
         self.place[rows] = self.thing.pose[rows, :3]
 
     def plan_surroundings(self, tick: Ticks) -> None:
+        self.contacts.begin_decision()
         ticks = self.worlds.xp.minimum(tick + self._periods, self.periods)
         self._course = self._wishes[self.script, ticks]
 
@@ -106,4 +108,4 @@ class LiftTask(ScriptedClosingTask):
         over = tick >= up + (UP + HOLD) / period
         missed = (tick >= up + UP / period) & (rise < 0.2)
         terms = {"rise": rise, "effort": effort}
-        return StepOutcome(rise + effort, missed | (shoved > SHOVED), over & (rise >= LIFTED), terms)
+        return StepOutcome(rise + effort, missed | (shoved > SHOVED), over & (rise >= LIFTED) & self.held(), terms)

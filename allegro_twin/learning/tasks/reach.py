@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -57,6 +59,8 @@ class ReachTask(Task):
         free, xp = contact_free_postures(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
         self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
+        self._drawn: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
+        """Goals, and those that the reset has drawn."""
         known = home_posture(self.spec)
         home = self.spec.rest if known is None else known
         self._start = xp.asarray(home)
@@ -69,7 +73,7 @@ class ReachTask(Task):
         xp = self.worlds.xp
         start = self._start if options.posture is None else xp.asarray(load_posture(options.posture, self.spec))
         self.worlds.place(rows, start)
-        self._goal[rows] = self._goals[draws.integers(len(self._goals))]
+        self._drawn[rows] = self._goal[rows] = self._goals[draws.integers(len(self._goals))]
 
     def marks(self, row: int) -> list[Mark]:
         """A ball at each goal. The palm's frame is the world's, except for a randomised tilt of the wrist."""
@@ -79,6 +83,14 @@ class ReachTask(Task):
 
     def goal(self) -> Floats:
         return self._goal
+
+    def set_goal(self, row: int, goal: Array | None) -> None:
+        """Another goal, (3 * fingers,), m, palm frame, until the next reset; None: that of the reset."""
+        self._goal[row] = self._drawn[row] if goal is None else self.worlds.xp.asarray(goal, np.float32)
+
+    def describe_outcome(self, terms: Mapping[str, float], success: bool) -> str:
+        distance = f"fingertips {terms['distance'] * 1000.0:.1f} mm from their goals in the mean"
+        return f"{distance}, {'reached' if success else f'not reached (every one within {REACHED * 1000.0:g} mm)'}"
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         xp = self.worlds.xp

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.array_api import array_namespace, as_array, to_numpy
 from allegro_twin.kinematics.orientation import angle_between_quaternions, rotate_quaternion
 from allegro_twin.learning.environments.random_streams import Draws, jitter
-from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
+from allegro_twin.learning.environments.settings import NEAREST, EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import Flags, StepOutcome, Ticks
 from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
@@ -20,7 +20,6 @@ from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
 REACHED = 0.1  # rad, as in MuJoCo Playground's LeapCubeReorient.
-NEAREST = 0.3  # rad: least distance of a new goal, so that it is never reached already.
 FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name no other.
 WIDTH = 0.5  # rad of angle at which the reward for being near has fallen to 1/e.
 BESIDE = (0.12, 0.0, 0.03)  # m: place of the goal in pictures, from where the object began.
@@ -31,15 +30,15 @@ class ReorientTask(InHandTask):
     """A goal is an orientation, a quaternion w, x, y, z in the world; the fingers point along x. When it is reached,
     the next step brings another.
 
-    A goal counts, and its bonus is paid, while the hand touches the object (`held`). Rewards, `reached` and success
-    follow from the true orientation. `achieved_goal` is what a camera observes, with the
-    noise and delay of `randomise`, so `compute_reward` of it differs from the reward.
+    A goal counts, its bonus is paid, and an episode is a success, only where the hand touched the object in the last
+    decision (`held`). Rewards, `reached` and success follow from the true orientation. `achieved_goal` is what a camera
+    observes, with the noise and delay of `randomise`, so `compute_reward` of it differs from the reward.
     """
 
     name = "Reorient"
     purpose = "turn a cube in the hand to one goal orientation after another"
     seconds = 30.0
-    count_term, count_unit = "reached", "goals"
+    count_term, count_unit, count_digits = "reached", "goals", 0
     own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest", "palm", "starts", "grip")
     in_fingertips = ("cube",)
     goal_is_orientation = True
@@ -106,7 +105,7 @@ class ReorientTask(InHandTask):
         reward = terms["near"] + terms["bonus"] + dropped
         reached = xp.asarray(self.reached, np.float64)
         return StepOutcome(
-            reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.palm_terms(tick)
+            reward, lost, (self.reached > 0) & held, terms | {"reached": reached} | self.palm_terms(tick)
         )
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array, held: ArrayLike = 1.0) -> Array:
@@ -126,7 +125,7 @@ class ReorientTask(InHandTask):
         xp = self.worlds.xp
         even = (jitter(self._key[rows], self.reached[rows], 10, 3) + 1.0) / 2.0
         z, around, far = (even[:, k] for k in range(3))
-        angle = NEAREST + (max(self.farthest, NEAREST) - NEAREST) * far
+        angle = NEAREST + (self.farthest - NEAREST) * far
         here = self.thing.pose[rows, 3:]
         if self.settings.goals == "yaw":
             axis = xp.stack([0.0 * z, 0.0 * z, xp.where(z < 0.5, -1.0, 1.0)], axis=-1)

@@ -24,7 +24,8 @@ _SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
 class RotateTask(InHandTask):
-    """Counter-clockwise seen from above for the right hand; clockwise for the left."""
+    """Counter-clockwise seen from above for the right hand; clockwise for the left. An episode is a success while the
+    hand touches the object."""
 
     name = "Rotate"
     purpose = "rotate an object in the hand about the vertical, continuously"
@@ -81,5 +82,5 @@ class RotateTask(InHandTask):
         reward = xp.stack(list(terms.values())).sum(axis=0)
         terms["back"] = xp.where(leaning < UPRIGHT, every_turn, xp.minimum(every_turn, 0.0)) - speed
         values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
-        success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
+        success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & self.contacts.in_contact() & ~lost
         return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))

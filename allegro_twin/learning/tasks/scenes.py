@@ -14,16 +14,17 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
-from allegro_twin.kinematics.orientation import quaternion_facing
+from allegro_twin.kinematics.orientation import quaternion_facing, quaternion_product
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name, object_scenarios, scenario_of
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.learning.tasks.vectors import rotate_vectors
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.batch.warp import WarpBatch
 from allegro_twin.sim.model.parts import top_of_palm
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import SIZES_OF_KIND, GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 if TYPE_CHECKING:
     import mujoco
@@ -108,7 +109,7 @@ def _build_scene(
     obj = replace(placed, thing=replace(placed.thing, name=THING))
     # On a device a geom has the same type in all simulations.
     one_layout = settings.device != "cpu" and placed.thing.shape in SIZES_OF_KIND
-    model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout), settings)
+    model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout, sensed=True), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
     return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 
@@ -156,3 +157,22 @@ def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, set
         return SimBatch(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}
     return WarpBatch(spec, model, n, device=settings.device, **room)
+
+
+def palm_turn(worlds: SimBatch, rows: Rows, before: Array) -> Array:
+    """How palms of simulations have turned from orientations `before`, (4,) or (m, 4), to those of their models:
+    rotations in world axes, (m, 4)."""
+    now = worlds.expand("body_quat")[rows, worlds.model.body("palm_link").id]
+    back = worlds.xp.concatenate([before[..., :1], -before[..., 1:]], axis=-1)
+    turn: Array = quaternion_product(now, 0.0 * now + back)
+    return turn
+
+
+def turn_with_palm(worlds: SimBatch, variant: Rows, turn: Array, pose: Array) -> Array:
+    """Poses (m, 7), world, m, after a turn (m, 4) about the palm's origin: what is in the hand keeps its place in the
+    palm's frame."""
+    xp, palm = worlds.xp, worlds.model.body("palm_link").id
+    origin = xp.asarray(np.stack([model.body_pos[palm] for model in worlds.models]))[variant]
+    place = origin + rotate_vectors(turn, pose[:, :3] - origin)
+    found: Array = xp.concatenate([place, quaternion_product(turn, pose[:, 3:])], axis=-1)
+    return found

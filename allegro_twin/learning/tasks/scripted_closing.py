@@ -19,9 +19,10 @@ from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, Level, ResetOptions
 from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.script import SampledScript, closing_moves, closing_time, sample_script, script_table
-from allegro_twin.learning.tasks.base import Task
-from allegro_twin.learning.tasks.scenes import THING, TaskScene, make_worlds
+from allegro_twin.learning.tasks.base import Flags, Task
+from allegro_twin.learning.tasks.scenes import THING, TaskScene, known_scenarios, make_worlds
 from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.contact.contacts import penetration_depth
 from allegro_twin.types import Array, Vector
 
@@ -95,6 +96,7 @@ class ScriptedClosingTask(Task):
                 self.worlds = make_worlds(self.spec, scene.model, n, threads, settings)
             self._add_object(scene, choice, None)
         self.thing = self.worlds.free_body(THING)
+        self.contacts = LinkContacts(self.worlds)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
         """Offset of each object, m, world."""
@@ -140,6 +142,7 @@ class ScriptedClosingTask(Task):
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         self._check_size(variant, options)
+        self.contacts.begin(rows)
         width = self.settings.position_noise if options.position_noise is None else options.position_noise
         width = self.variation.noise if width is None else width
         self.offset[rows] = draws.uniform(-width, width, 3)
@@ -152,6 +155,12 @@ class ScriptedClosingTask(Task):
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._poses[variant, :3]
         self.thing.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
+
+    def held(self) -> Flags:
+        """Who touches the object in the last period, (n,): without that nothing counts as held. Call once per
+        decision."""
+        self.contacts.add_period()
+        return self.contacts.in_contact_now()
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
@@ -194,6 +203,8 @@ class ScriptedClosingTask(Task):
                 f"{self.name}: actions of {action:g} s (decimation {self.settings.decimation}) are too long: the "
                 f"verdict comes after {end:.2f} s, and the last action begins after {self.seconds - action:.2f} s"
             )
+        if choice not in known_scenarios(self.spec.model):  # Those of the catalogue fit their own grasps.
+            self._check_fit(scene, 1.0)
         if self.scenes:
             self.worlds.add(scene.model)
         self._numbers[choice, grasp] = len(self.scenes)
@@ -214,10 +225,13 @@ class ScriptedClosingTask(Task):
         if options.size is None and options.object is None:
             return
         for number in set(variant.tolist()):
-            scene = self.scenes[number]
-            depth = self.overlap(scene, options.size or 1.0)
-            if depth > DEEPEST:
-                raise ConfigError(
-                    f"{scene.thing} at {options.size or 1.0:g} times its size is too large for {scene.grasp.name}: it "
-                    f"would begin {depth * 1000:.0f} mm inside the hand; at most {DEEPEST * 1000:.0f} mm can be"
-                )
+            self._check_fit(self.scenes[number], options.size or 1.0)
+
+    def _check_fit(self, scene: TaskScene, size: float) -> None:
+        """Raise ConfigError for an object of `size` times its size that is too large for its grasp."""
+        depth = self.overlap(scene, size)
+        if depth > DEEPEST:
+            raise ConfigError(
+                f"{scene.thing} at {size:g} times its size is too large for {scene.grasp.name}: it would begin "
+                f"{depth * 1000:.0f} mm inside the hand; at most {DEEPEST * 1000:.0f} mm can be"
+            )

@@ -11,7 +11,7 @@ from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
-from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.settings import EnvSettings, GoalDistance
 from allegro_twin.learning.tasks import NO_BATCH, TASKS, explain_no_batch, task_names
 
 Count = Annotated[int, Field(ge=1)]
@@ -70,8 +70,9 @@ class Recipe(Settings):
     log_spread: float = -1.0
     """Logarithm of the standard deviation of actions at the beginning."""
     reward_scale: Positive = 1.0
-    farthest: tuple[Positive, Positive] | None = None
-    """For Reorient: distance of goals in the first round and in the last, rad; between them in a straight line."""
+    farthest: tuple[GoalDistance, GoalDistance] | None = None
+    """For Reorient: distance of goals in the first round and in the last, rad, from 0.3 to π; between them in
+    a straight line."""
     seed: Annotated[int, Field(ge=0)] = 0
     trials: Count = 100
     """Episodes of the evaluation after every round, without noise on the actions."""

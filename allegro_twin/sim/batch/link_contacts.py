@@ -53,6 +53,11 @@ class LinkContacts:
         self._touched |= self._now
 
     def in_contact(self) -> NDArray[np.bool_]:
+        """Whether any link touched the object in a period since `begin_decision`, (n,): a gait lets go for moments."""
+        found: NDArray[np.bool_] = self._touched.any(axis=-1)
+        return found
+
+    def in_contact_now(self) -> NDArray[np.bool_]:
         """Whether any link touched the object in the last period, (n,)."""
         found: NDArray[np.bool_] = self._now.any(axis=-1)
         return found

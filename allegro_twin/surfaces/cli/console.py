@@ -257,7 +257,7 @@ def mpc_table(found: Sequence[MpcEpisode], kind: type[Task], settings: MpcSettin
         table.add_column(column, justify="left" if column == "object" else "right")
     for each in found:
         kept = f"{each.seconds:.1f}" + ("" if each.kept else ", then lost")
-        counted = [f"{each.count:.2f}"] if count else []
+        counted = [f"{each.count:.{kind.count_digits}f}"] if count else []
         tips = "–" if math.isnan(each.by_tips) else f"{each.by_tips:.0%}"
         table.add_row(each.object or "–", kept, "yes" if each.success else "no", *counted, tips, f"{each.thinking:.2f}")
     return table

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
@@ -35,12 +36,40 @@ LEMON: dict[str, Any] = {"objects": ("lemon",)}
         ("Grasp", {"period": 0.05}, r"actions of 0\.65 s \(decimation 13\) are too long"),
         ("Lift", {"goals": "yaw"}, "Lift has no goals to choose"),
         ("Reach", {"level": "easy"}, "Reach has no level to choose"),
+        ("Reach", {"width": 0}, "width is a whole number of pixels from 1 to 8192, not 0"),
+        ("Reach", {"height": 3.5}, "height is a whole number of pixels from 1 to 8192, not 3.5"),
+        ("Reach", {"policy": 3}, "policy is the path of a policy's file, or the name of one that ships, not 3"),
+        ("Reach", {"policy": ""}, "policy is the path of a policy's file, or the name of one that ships, not ''"),
+        ("Reach", {"observe": ("rgb",), "cameras": ("tpo",)}, "^camera tpo: auto, front, side, top, palm, or AZIMUTH"),
+        ("Reach", {"decimation": True}, "decimation: input should be a number, not True"),
+        ("Reach", {"randomise": {"mass": (0.5, 1.0)}}, "randomise.mass is of an object, and Reach has none: leave it"),
         ("Reach", {"render_mode": "rgb"}, "render_mode 'rgb' is none of rgb_array"),
     ],
 )
 def test_a_wrong_keyword_is_named(task: str, kwargs: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message.replace("?", r"\?")):
         HandEnv(task, **kwargs)
+
+
+@pytest.mark.parametrize("threads", [-1, 1.5, "2", True])
+def test_a_number_of_threads_that_is_none_is_refused(threads: Any) -> None:
+    with pytest.raises(ConfigError, match=f"threads is a whole number, 0 for one per processor, not {threads!r}"):
+        HandVectorEnv("Reach", 2, threads=threads)
+
+
+@pytest.mark.parametrize("picture", ["rgb", "depth"])
+def test_a_closed_environment_with_pictures_says_that_it_is_closed(picture: str) -> None:
+    one, many = HandEnv("Reach", observe=(picture,)), HandVectorEnv("Reach", 1, observe=(picture,))
+    for env, action in ((one, np.zeros(16, np.float32)), (many, np.zeros((1, 16), np.float32))):
+        env.reset(seed=0)
+        env.close()
+        with pytest.raises(CommandError, match="the environment is closed, and takes no more pictures: make a new"):
+            env.step(action)
+
+
+def test_the_pick_has_no_policy_to_name() -> None:
+    with pytest.raises(ConfigError, match="ArmPick has no policies that ship, and no cards of them: leave policy out"):
+        ArmPick(policy="lift_right")
 
 
 @pytest.mark.parametrize(

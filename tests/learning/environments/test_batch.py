@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.vector import SyncVectorEnv
 
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
@@ -122,6 +123,43 @@ def test_in_the_mode_same_step_the_last_observation_comes_with_the_first_of_the_
     assert isinstance(observation, np.ndarray)
     assert not np.array_equal(info["final_obs"], observation)
     assert env.engine.count.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step"])
+def test_info_has_the_masks_and_values_that_gymnasium_s_own_vector_environments_have(mode: str) -> None:
+    ours = HandVectorEnv("Rotate", 2, autoreset_mode=mode, timestep=0.003)
+    kinds: Any = [lambda: HandEnv("Rotate", timestep=0.003)] * 2
+    theirs: Any = SyncVectorEnv(kinds, autoreset_mode=ours.metadata["autoreset_mode"])
+    for env in (ours, theirs):
+        env.reset(seed=0)
+    lose: list[Any] = [each.engine.task for each in (ours, *(env.unwrapped for env in theirs.envs))]
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 16)).astype(np.float32)
+    ends = 0
+    for step in range(5):
+        if step == 2:
+            lose[0].thing.pose[0, 2] = lose[1].thing.pose[0, 2] = 1.0
+        found, wanted = (env.step(action) for env in (ours, theirs))
+        ends += int(found[2].sum())
+        _assert_same_info(found[4], wanted[4])
+    assert ends == 1
+
+
+def _assert_same_info(found: dict[str, Any], wanted: dict[str, Any]) -> None:
+    assert found.keys() == wanted.keys()
+    for name in found.keys() - {"final_obs"}:
+        if isinstance(wanted[name], dict):
+            _assert_same_info(found[name], wanted[name])
+        elif wanted[name].dtype != object:
+            np.testing.assert_array_equal(found[name], wanted[name], err_msg=name)
+
+
+def test_what_an_episode_has_come_to_is_in_its_last_info_although_the_next_has_begun() -> None:
+    envs = HandVectorEnv("Rotate", 2, max_episode_steps=3, autoreset_mode="same_step", timestep=0.003)
+    envs.reset(seed=0)
+    for _ in range(3):
+        *_, info = envs.step(np.full((2, 16), 0.3, np.float32))
+    assert (info["final_info"]["turned"] != 0.0).all()
+    assert not info["turned"].any()
 
 
 def test_an_episode_that_is_repeated_in_the_same_environment_is_the_same_to_the_bit() -> None:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, rotate_quaternion
+from allegro_twin.kinematics.orientation import (
+    angle_between_quaternions,
+    matrix_from_quaternion,
+    quaternion_from_vector,
+    rotate_quaternion,
+)
 from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.settings import NEAREST
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Observation
 from allegro_twin.learning.tasks.base import GoalTask
-from allegro_twin.learning.tasks.reorient import NEAREST, REACHED
+from allegro_twin.learning.tasks.reorient import REACHED
 from allegro_twin.learning.tasks.start_states import StartStates, file_name, load_start_states
 from allegro_twin.learning.tasks.vectors import tilt, twist
 from allegro_twin.sim.batch.link_contacts import AssumedContacts
@@ -75,8 +83,12 @@ def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() ->
     thing = env.engine.task.thing
     assert thing is not None
     paid, success, turned = [], [], 0.0
-    env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
-    for step in range(1, 33):
+    task: Any = env.engine.task
+    task.place[0], touched = ALOFT, task.contacts
+    task.contacts = AssumedContacts(task.worlds)  # In the air nothing would be success.
+    for step in range(1, 34):
+        if step == 33:
+            task.contacts = touched
         lean = np.radians(28.0) if 10 < step <= 20 else 0.0
         thing.pose[0, :3] = ALOFT
         thing.pose[0, 3:] = rotate_quaternion(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, step * 0.21))
@@ -88,8 +100,8 @@ def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() ->
         turned = info["turned"]
     assert min(paid[1:9]) > 0.5
     assert max(np.abs(paid[11:18])) == 0.0
-    assert turned == pytest.approx(32 * 0.21, abs=0.5)
-    assert success[-1]
+    assert turned == pytest.approx(33 * 0.21, abs=0.5)
+    assert success[-2:] == [True, False]
     assert not any(success[:20])
 
 
@@ -241,7 +253,7 @@ def test_a_goal_from_outside_is_judged_as_any_other_and_may_be_given_up_for_the_
 
 
 def test_a_task_without_such_goals_takes_none_from_outside() -> None:
-    with pytest.raises(ConfigError, match="Rotate takes no goal from outside; Reorient does"):
+    with pytest.raises(ConfigError, match="Rotate takes no goal from outside; Reorient and Reach do"):
         batch("Rotate").engine.task.set_goal(0, np.array([1.0, 0.0, 0.0, 0.0]))
 
 
@@ -275,6 +287,68 @@ def test_goals_are_no_farther_than_they_are_asked_to_be() -> None:
     assert isinstance(seen, dict)
     apart = angle_between_quaternions(*(np.array(seen[f"{what}_goal"], float) for what in ("achieved", "desired")))
     assert apart.max() < 0.5 + 1e-5
+
+
+@pytest.mark.parametrize("farthest", [0.1, 6.5])
+def test_goals_that_are_reached_already_or_beyond_half_a_turn_are_refused(farthest: float) -> None:
+    with pytest.raises(ConfigError, match=rf"farthest: input should be (greater|less) than .*, not {farthest}"):
+        HandEnv("Reorient", farthest=farthest)
+
+
+@pytest.mark.parametrize("goals", ["any", "yaw"])
+@pytest.mark.parametrize("farthest", [0.3, np.pi])
+def test_no_goal_is_within_reach_when_it_is_drawn(goals: str, farthest: float) -> None:
+    env = HandVectorEnv("Reorient", 200, goals=goals, farthest=farthest, timestep=0.003)
+    seen, _ = env.reset(seed=5)
+    assert isinstance(seen, dict)
+    away = angle_between_quaternions(seen["achieved_goal"], seen["desired_goal"])
+    assert away.min() > 0.29 > REACHED
+
+
+def in_the_palm(env: HandVectorEnv) -> np.ndarray[Any, Any]:
+    """The object's pose in the palm's frame: position, m, and rotation matrix, (n, 3, 4)."""
+    worlds, thing = env.engine.worlds, env.engine.task.thing
+    assert thing is not None
+    palm = worlds.model.body("palm_link").id
+    lean = matrix_from_quaternion(worlds.expand("body_quat")[:, palm])
+    away = thing.pose[:, :3] - worlds.model.body_pos[palm]
+    turned = np.concatenate([away[..., None], matrix_from_quaternion(thing.pose[:, 3:])], axis=-1)
+    found: np.ndarray[Any, Any] = np.swapaxes(lean, 1, 2) @ turned
+    return found
+
+
+@pytest.mark.parametrize(("task", "keywords"), [
+    ("Rotate", {"grip": "pinch"}), ("Reorient", {"grip": "cradle", "side": "left"}), ("Reorient", {"palm": "allowed"}),
+    ("HoldDisturbed", {"objects": ("lemon",)}),
+])  # fmt: skip
+def test_where_the_palm_leans_an_episode_begins_with_the_same_grasp(task: str, keywords: dict[str, Any]) -> None:
+    upright, leaning = (
+        HandVectorEnv(task, N, timestep=0.003, randomise={"wrist_tilt": (tilted, tilted)}, **keywords)
+        for tilted in (0.0, 0.3)
+    )
+    for env in (upright, leaning):
+        env.reset(seed=3)
+    np.testing.assert_allclose(in_the_palm(leaning), in_the_palm(upright), atol=1e-12)
+    things: list[Any] = [env.engine.task.thing for env in (upright, leaning)]
+    turned = angle_between_quaternions(*(thing.pose[:, 3:] for thing in things))
+    np.testing.assert_allclose(turned, 0.3 * np.sqrt(3.0), rtol=1e-9)  # rad: a rotation vector of 0.3 each.
+    assert not leaning.step(STILL)[2].any()
+
+
+def test_a_palm_that_leans_by_its_file_begins_with_the_same_grasp(tmp_path: Path) -> None:
+    file = tmp_path / "leaning.yaml"
+    interval = {"torque_constant": [0.0] * 16, "delay": [0.0]}
+    file.write_text(yaml.safe_dump({
+        "wire": {"version": "v4", "side": "right", "torque_constant": [1.0] * 16, "encoder_offset": [0] * 16},
+        "drive": {"tilt": [0.0, 0.2, 0.1]}, "identified": {"interval": interval},
+    }))  # fmt: skip
+    plain, leaning = (
+        HandVectorEnv("Rotate", N, timestep=0.003),
+        HandVectorEnv("Rotate", N, timestep=0.003, randomise={"twin": str(file)}),
+    )
+    for env in (plain, leaning):
+        env.reset(seed=3)
+    np.testing.assert_allclose(in_the_palm(leaning), in_the_palm(plain), atol=1e-12)
 
 
 def test_a_camera_sees_an_object_late_and_with_noise() -> None:
@@ -339,6 +413,10 @@ def test_a_goal_counts_only_while_the_hand_touches_the_object() -> None:
     assert info["bonus"].tolist() == [10.0, 0.0]
     assert info["is_success"].tolist() == [True, False]
     assert reward[1] < 0.1
+    task.place[0] = task.thing.pose[0, :3] = ALOFT
+    task.thing.velocity[0] = 0.0
+    _, _, _, _, info = envs.step(np.zeros((2, 16), np.float32))
+    assert (info["reached"][0], info["held"][0], info["is_success"][0]) == (1.0, 0.0, False)
 
 
 def test_a_computed_reward_has_the_bonus_only_where_the_object_is_held() -> None:

@@ -16,7 +16,7 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.controller import ZeroPolicy
-from allegro_twin.learning.tasks.in_hand import ON_PALM, ObjectShapes, palm_clearance, palm_normal
+from allegro_twin.learning.tasks.in_hand import ON_PALM, ObjectShapes, palm_clearance
 from allegro_twin.learning.tasks.scenes import palm_height
 from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.report import Comparison, write_report
@@ -70,14 +70,23 @@ def test_the_lowest_point_is_that_of_the_surface(tmp_path: Path) -> None:
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=-1, keepdims=True)
     tilt, factor = rng.uniform(-0.05, 0.05, (5, 3)), np.array([0.9, 1.0, 1.1, 1.05, 1.0])
     which: Any = np.arange(5)
-    found = palm_clearance(pose, ObjectShapes(things, np), which, factor, palm_normal(tilt), PALM)
-    # The palm's x looks up; without a tilt the world's z is its normal.
-    np.testing.assert_allclose(palm_normal(np.zeros((1, 3))), [[0, 0, 1]], atol=1e-12)
+    normal = matrix_from_quaternion(quaternion_from_vector(tilt)) @ [0.0, 0.0, 1.0]
+    found = palm_clearance(pose, ObjectShapes(things, np), which, factor, normal, PALM)
     for row, thing in enumerate(things):
         points = surface(thing, rng) * factor[row] @ matrix_from_quaternion(pose[row, 3:]).T + pose[row, :3]
-        facing = matrix_from_quaternion(upturned())
-        normal = facing @ matrix_from_quaternion(quaternion_from_vector(tilt[row])) @ [1.0, 0.0, 0.0]
-        assert found[row] == pytest.approx((points @ normal).min() - PALM, abs=2e-6), thing.name
+        assert found[row] == pytest.approx((points @ normal[row]).min() - PALM, abs=2e-6), thing.name
+
+
+def test_the_plane_of_the_palm_leans_with_it() -> None:
+    env = HandVectorEnv("Rotate", N, timestep=0.003, randomise={"wrist_tilt": (0.1, 0.3)})
+    env.reset(seed=0)
+    palm = env.engine.worlds.model.body("palm_link").id
+    lean = matrix_from_quaternion(env.engine.worlds.expand("body_quat")[:, palm])
+    task: Any = env.engine.task
+    # The palm's x looks up; without a tilt the world's z is its normal.
+    np.testing.assert_allclose(task._normal, lean @ [1.0, 0.0, 0.0], atol=1e-12)
+    plain: Any = HandEnv("Rotate", timestep=0.003).engine.task
+    np.testing.assert_array_equal(plain._normal, [[0.0, 0.0, 1.0]])
 
 
 def upturned() -> Any:

@@ -69,3 +69,11 @@ def test_on_a_device_and_on_processors_the_same_episodes_begin() -> None:
         (seen, reward, *_), (there, their_reward, *_) = ours.step(0.3 * actions(k)), theirs.step(0.3 * actions(k))
         torch.testing.assert_close(seen, there, atol=2e-3, rtol=0.0)
         torch.testing.assert_close(reward.float(), their_reward, atol=5e-3, rtol=0.0)
+
+
+def test_what_an_episode_has_come_to_is_in_its_last_info_although_the_next_has_begun() -> None:
+    envs = TensorVectorEnv("Rotate", 2, max_episode_steps=3, timestep=0.003)
+    envs.reset()
+    for _ in range(3):
+        *_, info = envs.step(envs.xp.torch.full((2, 16), 0.3))
+    assert (info["turned"] != 0.0).all()

@@ -6,15 +6,20 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning import tasks
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.mpc import MpcSettings, run_episodes
 from allegro_twin.learning.tasks import GROUP, task_names
 from allegro_twin.learning.tasks.reach import ReachTask
 from allegro_twin.learning.training.settings import load_recipe
@@ -49,6 +54,7 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
             "allegro_twin.errors:Stack",
             "'Stack' in allegro_twin.errors is no subclass of allegro_twin.gym.Task",
         ),
+        (":Stack", "task ':Stack': no module '' can be imported: '' is no name of a module"),
     ],
 )
 def test_a_task_that_is_none_is_named(task: str, message: str) -> None:
@@ -56,8 +62,61 @@ def test_a_task_that_is_none_is_named(task: str, message: str) -> None:
         HandEnv(task)
 
 
+def test_a_console_script_finds_a_task_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hovering_task.py").write_text(
+        "from allegro_twin.learning.tasks.reach import ReachTask\nclass Hover(ReachTask):\n    name = 'Hover'\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(tmp_path))])
+    before = list(sys.path)
+    assert tasks.task_type("hovering_task:Hover").name == "Hover"
+    assert sys.path == before
+    sys.modules.pop("hovering_task")
+
+
 class Hover(ReachTask):
     name = "Hover"
+
+
+def outcome_of(change: Callable[[Any], Any]) -> type[Hover]:
+    class Strange(Hover):
+        def outcome(self, *given: Any) -> Any:
+            return change(super().outcome(*given))
+
+    return Strange
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda found: found._replace(reward=np.array([0.0, np.nan, 0.0, 0.0])),
+     "Hover: the reward of simulation 1 at step 1 is nan, and its simulation has not diverged: have the task's"),
+    (lambda found: found._replace(reward=np.zeros(3)), r"Hover: outcome's reward is \(3,\), not an array of shape"),
+    (lambda found: found._replace(reward=0.5), r"Hover: outcome's reward is float, not an array of shape \(4,\): one"),
+    (lambda found: found._replace(terms={"odd": np.zeros((4, 2))}), r"Hover: outcome's odd is \(4, 2\), not an array"),
+    (lambda found: found._replace(failed=np.zeros(4)), "Hover: outcome's failed is of float64: give bool"),
+    (tuple, "Hover: outcome returns a StepOutcome, not tuple"),
+])  # fmt: skip
+def test_an_outcome_that_is_none_is_said_in_one_line(
+    change: Callable[[Any], Any], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.modules[__name__], "Strange", outcome_of(change), raising=False)
+    env = HandVectorEnv(f"{__name__}:Strange", 4, timestep=0.003)
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match=message):
+        env.step(np.zeros((4, 16), np.float32))
+    with pytest.raises(ConfigError, match="Hover: "):
+        run_episodes(f"{__name__}:Strange", EnvSettings(timestep=0.003), MpcSettings(samples=4), 1, seconds=0.1)
+
+
+def test_an_object_that_diverges_ends_its_episode_alone() -> None:
+    env = HandVectorEnv("Rotate", 2, timestep=0.003)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 16), np.float32))
+    thing = env.engine.task.thing
+    assert thing is not None
+    thing.pose[1] = np.nan
+    outcome, diverged = env.engine.outcome(np.zeros((2, 16)), env.engine.observe())
+    assert (outcome.failed.tolist(), diverged.tolist()) == ([False, True], [False, True])
+    assert np.isfinite(outcome.reward).all()
 
 
 def test_a_task_of_an_installed_package_has_a_name_like_those_of_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,11 +139,24 @@ def test_an_object_that_nobody_knows_how_to_grasp_is_refused_with_the_ways_out()
         HandEnv("Grasp", objects=({"name": "soap", "shpae": "box"},))
 
 
+@pytest.mark.parametrize("task", ["Grasp", "Lift", "HoldDisturbed"])
+def test_an_object_too_large_for_the_grasp_it_is_given_is_refused_when_the_environment_is_made(task: str) -> None:
+    large = BOX | {"like": "rubiks_cube", "size": [0.13, 0.13, 0.13]}
+    with pytest.raises(ConfigError, match=r"soap at 1 times its size is too large for prismatic_3_finger_cube: it wou"):
+        HandEnv(task, objects=(large,), timestep=0.003)
+
+
+@pytest.mark.parametrize("task", ["Grasp", "Rotate"])
+def test_two_objects_of_one_name_are_refused(task: str) -> None:
+    with pytest.raises(ConfigError, match="objects has soap twice: leave one out, or give each a name of its own"):
+        HandEnv(task, objects=(BOX | {"like": "apple"}, BOX | {"like": "apple", "mass": 0.2}))
+
+
 def test_a_scenario_is_an_object_of_its_own(tmp_path: Path) -> None:
-    scenario = (ROOT / "scenarios" / "demo" / "lemon.yaml").read_text().replace("name: lemon", "name: orange")
+    scenario = (ROOT / "scenarios" / "demo" / "lemon.yaml").read_text().replace("name: lemon", "name: golf_ball")
     (tmp_path / "mine.yaml").write_text(scenario)
     env = HandEnv("Lift", objects=(str(tmp_path / "mine.yaml"),))
-    assert env.reset(seed=0)[1]["object"] == "orange"
+    assert env.reset(seed=0)[1]["object"] == "golf_ball"
 
 
 def test_a_recipe_takes_a_task_and_objects_of_one_s_own() -> None:

@@ -254,4 +254,4 @@ def test_the_outcome_of_showing_counts_its_rows(recording_path: Path, monkeypatc
 def test_nonsense_about_pictures_is_one_line_and_nothing_is_run(option: str, text: str, command: Run) -> None:
     code, out, errors = command("run", "lemon", option, text)
     assert (code, out, errors.count("\n")) == (2, "", 1)
-    assert f"{option} {text}: " in errors
+    assert f"{option.removeprefix('--')} {text}: " in errors

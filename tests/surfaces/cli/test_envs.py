@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import av
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -57,6 +59,30 @@ def test_a_task_is_done_without_learning_and_each_episode_is_a_row(
     assert code == 2
     assert "did you mean 'samples'" in errors
     assert command("mpc", "turn.yaml", "--seconds", 0)[0] == 2
+
+
+def test_an_interrupted_row_of_episodes_shows_those_that_have_ended_and_its_film(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from allegro_twin.learning.mpc.sampling import SamplingMpc
+
+    def plan(self: SamplingMpc, state: Any) -> Any:
+        plans.append(1)
+        if len(plans) > 3:
+            raise KeyboardInterrupt
+        return np.zeros(16, np.float32)
+
+    plans: list[int] = []
+    monkeypatch.setattr(SamplingMpc, "plan", plan)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mpc.yaml").write_text("{samples: 2, horizon: 0.2, knots: 2}\n")
+    code, shown, errors = command("mpc", "Reorient", "--seconds", 0.08, "--settings", "mpc.yaml", "--film", "seen.mp4")
+    assert code == 130
+    assert shown.count("│ cube") == 1
+    assert " 0 │" in shown  # Goals are whole numbers.
+    assert errors == "interrupted: 1 of 4 episodes have ended\n"
+    with av.open("seen.mp4") as film:
+        assert sum(1 for _ in film.decode(video=0)) == 3
 
 
 def test_the_name_of_a_task_is_the_task_in_the_fingertips_and_a_recipe_on_the_palm_says_so_in_its_name(

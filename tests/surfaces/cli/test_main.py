@@ -87,6 +87,14 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], message: st
     assert "Traceback" not in errors
 
 
+def test_an_episode_that_loses_its_object_is_exit_code_5(tmp_path: Path, command: Run) -> None:
+    config = tmp_path / "limp.yaml"
+    episode = "{task: Rotate, environment: {timestep: 0.003}}"
+    config.write_text(f"backend: {{kind: sim}}\ntask: {{episode: {episode}}}\ncontroller: {{kind: limp}}\nseconds: 3\n")
+    code, _, errors = command("run", config)
+    assert (code, "Rotate: lost at " in errors) == (5, True)
+
+
 def test_a_fault_is_exit_code_4(tmp_path: Path, command: Run) -> None:
     config = tmp_path / "fast.yaml"
     config.write_text(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from allegro_twin._lazy import import_user_module
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli import completion
 
@@ -62,9 +60,8 @@ def _factory(name: str) -> Callable[[], HandBackend]:
 
         config = load_config(name)
         return lambda: open_backend(config)
-    sys.path.insert(0, str(Path.cwd()))  # As `python -m` does.
     try:
-        found = getattr(importlib.import_module(module), attribute, None)
+        found = getattr(import_user_module(module), attribute, None)
     except ImportError as error:
         raise ConfigError(f"{name}: no module {module!r} can be imported: {error}") from error
     if not callable(found):

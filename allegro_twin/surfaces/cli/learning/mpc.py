@@ -22,12 +22,14 @@ def mpc(
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
     film: Annotated[Path | None, typer.Option(help="Film of all episodes, .mp4.", callback=options.film)] = None,
 ) -> None:
-    """Do a task without learning, by model predictive control."""
+    """Do a task without learning, by model predictive control.
+
+    Interrupted, it prints the episodes that have ended, and a film ends there."""
     from contextlib import ExitStack
 
     from allegro_twin.errors import ConfigError
     from allegro_twin.files.schema import load_settings, parse_settings
-    from allegro_twin.learning.mpc.episodes import run_episodes
+    from allegro_twin.learning.mpc.episodes import MpcEpisode, run_episodes
     from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
     from allegro_twin.learning.tasks import task_names, task_type
     from allegro_twin.learning.training.settings import Recipe, load_recipe
@@ -48,6 +50,8 @@ def mpc(
         update={"device": "cpu", "state": False, "timestep": recipe.environment.period}
     )
     fps = round(1.0 / (environment.period * environment.decimation))
+    found: list[MpcEpisode] = []
+    interrupted: KeyboardInterrupt | None = None
     with ExitStack() as stack:
         bar = stack.enter_context(console.progress()) if console.console.is_terminal else None
         line = None if bar is None else bar.add_task("decisions", total=None)
@@ -57,7 +61,13 @@ def mpc(
                 bar.update(line, completed=done, total=of)
 
         shown = None if film is None else stack.enter_context(open_film(film, fps))
-        found = run_episodes(
-            recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown, advance=advance
-        )
-    console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
+        try:
+            run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
+                         advance=advance, ended=found.append)  # fmt: skip
+        except KeyboardInterrupt as stopped:
+            interrupted = stopped  # The film is complete, and what has ended is told.
+    if found:
+        console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
+    if interrupted is not None:
+        console.errors.print(f"interrupted: {len(found)} of {episodes} episodes have ended", soft_wrap=True)
+        raise interrupted

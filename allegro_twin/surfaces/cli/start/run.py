@@ -175,6 +175,7 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
                 raise LinkError(ran.outcome.unconfirmed)
             if ran.outcome.report is None:
                 console.console.print(console.final_state(ran.spec, ran.outcome.last))
+                done = done and not ran.outcome.failed  # A note has said so.
                 cut = job.cut and ran.outcome.last.t < ran.outcome.motion  # --seconds ended the motion early.
                 if ran.outcome.missed and not cut:
                     done = False
