@@ -233,6 +233,6 @@ def _recording(path: Path, stream: ArrowStream, complete: bool, name: str) -> Re
 
 def _cut_error(path: Path, stream: ArrowStream, what: str) -> RecordingError:
     return RecordingError(
-        f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view` "
-        "and `export` pass --partial to use them; a config says `partial: true`"
+        f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view`, "
+        "`mirror` and `export` pass --partial to use them; a config says `partial: true`"
     )

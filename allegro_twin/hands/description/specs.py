@@ -75,11 +75,14 @@ def _arm(model: str, side: Side, serial: str) -> HandSpec:
 
 
 def _check_own(model: str, serial: str) -> None:
-    """Raises ConfigError for one hand's file that speaks of electronics that its model does not have."""
-    if not serial or "wire" in read_yaml(_nominal(model)):
+    """Raises ConfigError for a file that is not of one hand of this model: that of another model, or one that speaks of
+    electronics that this model does not have."""
+    if not serial:
         return
     path = find_file(serial, "hand", "conf/hands")
-    if "wire" in read_yaml(path):
+    if serial != model and is_hand_model(serial):
+        raise ConfigError(f"{path} is not of one {model}: it says what every {path.stem} is; name that hand's own file")
+    if "wire" not in read_yaml(_nominal(model)) and "wire" in read_yaml(path):
         raise ConfigError(f"{path} is not of a {model}: it has a `wire` block, and no hand of that model is on CAN")
 
 

@@ -87,8 +87,9 @@ class Hand:
 
     @cached_property
     def mirror(self) -> Mirror:
-        """The model that runs beside a hand on a bus from the first time that one asks: `external_torque`, `contacts`,
-        `anomaly`; docs/explanation/mirror.md. Raises ConfigError for a hand that is not on a bus."""
+        """The model that runs beside a hand from the first time that one asks: `external_torque`, `contacts`, `fault`;
+        docs/explanation/mirror.md. Raises ConfigError for a simulated hand, and for one that does not say what its
+        torques are."""
         from allegro_twin.twin.mirror.on_rig import mirror_rig  # It needs SciPy, which a hand alone does not.
 
         return mirror_rig(self._rig, self.listen)

@@ -110,6 +110,7 @@ def measure_gaps(paths: Sequence[Path], hand: str) -> list[Gap]:
 
 
 def _gap(motion: RecordedMotion, hand: str) -> Gap:
+    check_trusted([motion])
     spec = motion.spec
     mine = load_spec(spec.model, spec.side, hand or spec.serial, motion.version)
     wiring = load_wiring(spec.model, hand or spec.serial)

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import Physics, Rig, assemble
+from allegro_twin.backend import HandBackend
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.polled.config import PolledSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
+from allegro_twin.plugins import BACKENDS
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.recorder import record
+from allegro_twin.sim.settings import SimSettings
+from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
-from allegro_twin.types import Sample
+from allegro_twin.twin.identify.motions.motion import recorded_calibration
+from allegro_twin.types import Command, HandState, Sample, frozen
 from allegro_twin.version import __version__
 
 SHORTEST = 4.0  # s. Less is not worth an approach.
@@ -103,21 +108,36 @@ def _hand_of(model: str, side: str, version: str | None, serial: str) -> str:
 
 
 def pose_config(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
-    """The config with the hand in this pose: a virtual hand is put there; another's gravity is set, unless its IMU
-    reports it. Raises ConfigError for a hand that is not on a bus."""
+    """The config with the hand in this pose: a virtual hand is put there; the gravity of a hand on CAN is set, unless
+    its IMU reports it. Raises ConfigError for a simulation and for a recording."""
+    if isinstance(config.backend, SimSettings) or BACKENDS.kind(config.backend.kind).replays:
+        raise ConfigError(f"a {config.backend.kind} hand has no drive to find: `excite` is for hands on a wire")
+    alone = config.model_copy(update={"task": TaskSettings()})
     if not isinstance(config.backend, CanSettings):
-        raise ConfigError(
-            f"a {config.backend.kind} hand has no drive to find: `excite` is for hands on a bus, real or virtual"
-        )
+        return alone
     settings, change = config.backend, dict[str, object]()
     if settings.interface == VIRTUAL:
-        config = served_pose(config, hand_pose)
+        alone = served_pose(config, hand_pose)
     reported = settings.imu > 0.0 and settings.gravity is None
     if not reported and settings.interface == VIRTUAL and settings.version not in _WITHOUT_IMU:
         change |= {"imu": _GRAVITY_FROM_IMU, "gravity": None}
     elif not reported:
         change["gravity"] = list(hand_pose.gravity)
-    return config.model_copy(update={"task": TaskSettings()}).changed(backend=change)
+    return alone.changed(backend=change)
+
+
+def _check_drive(rig: Rig) -> None:
+    """Raise ConfigError for a hand that takes no torques, or does not say what its torques are."""
+    name = rig.spec.name
+    if "torque" not in rig.spec.commands:
+        raise ConfigError(
+            f"{name} has no drive to find: it takes {' and '.join(rig.spec.commands)} commands, no torques"
+        )
+    if not rig.device.calibration:
+        raise ConfigError(
+            f"{name} does not say what its torques are: give its backend a `calibration` (docs/contract.md#calibration)"
+        )
+    recorded_calibration(rig.device.calibration)
 
 
 def served_pose(config: RunConfig, hand_pose: ExcitationPose) -> RunConfig:
@@ -137,8 +157,9 @@ def record_run(
     hand. Raises HandError; RecordingError, with the remedy, where what was recorded is of no use."""
     rig = assemble(config, physics)
     with closing(rig.backend):
+        _check_drive(rig)
         motion = rehearse(rig.spec, job.pose, job.seed, job.seconds).excitation
-        samples = _check_pose(until(job.seconds, run(rig.backend, motion)), job.pose)
+        samples = _check_pose(until(job.seconds, run(PosedHand(rig.backend, job.pose), motion)), job.pose)
         for sample in record(samples, job.file, rig.spec, config.period, meta=_meta(rig, config, job, motion)):
             advance(sample.state.t)
     if lost := describe_loss(load(job.file)):
@@ -154,6 +175,36 @@ def _check_pose(samples: Iterator[Sample], hand_pose: ExcitationPose) -> Iterato
         if number == 0:
             hand_pose.check(sample.state.gravity)
         yield sample
+
+
+class PosedHand:
+    """A hand in a pose, which has the gravity of that pose where it reports none."""
+
+    def __init__(self, backend: HandBackend, hand_pose: ExcitationPose) -> None:
+        self.in_front_of, self._gravity = backend, frozen(hand_pose.gravity)
+
+    @property
+    def spec(self) -> HandSpec:
+        return self.in_front_of.spec
+
+    @property
+    def period(self) -> float:
+        return self.in_front_of.period
+
+    def reset(self) -> HandState:
+        return self._known(self.in_front_of.reset())
+
+    def write(self, command: Command) -> None:
+        self.in_front_of.write(command)
+
+    def read(self) -> HandState:
+        return self._known(self.in_front_of.read())
+
+    def close(self) -> None:
+        self.in_front_of.close()
+
+    def _known(self, state: HandState) -> HandState:
+        return state if np.isfinite(state.gravity).all() else replace(state, gravity=self._gravity)
 
 
 def _meta(rig: Rig, config: RunConfig, job: ExcitationRun, motion: Excitation) -> dict[str, object]:

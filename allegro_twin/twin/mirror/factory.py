@@ -37,7 +37,7 @@ def make_mirror(
     _check_stops(stop)
     wiring = load_wiring(spec.model, hand)
     if wiring.version not in (None, version):
-        raise ConfigError(f"{hand} is of a {wiring.version} hand, what it is to mirror of a {version} one")
+        raise ConfigError(f"{hand} is of a {wiring.version} hand, and the hand to mirror is a {version} one")
     mine = load_spec(spec.model, spec.side, hand, version)
     own = np.array(wiring.calibration.torque_constant, dtype=float)
     drive = drive_parameters(mine, own, offset_shift(version, used, wiring.calibration.encoder_offset))
@@ -74,7 +74,7 @@ def mirror_for_recording(
     if table is None:
         raise ConfigError(
             f"{recording.path} does not say with which torque constant its counts became N·m: record it through the "
-            "hand's bus"
+            "hand's bus, or give its backend a `calibration` (docs/contract.md#calibration)"
         )
     used = recorded_calibration(table)
     return make_mirror(spec, hand or spec.serial, table["version"], used, recording.period, thresholds, gravity=gravity)

@@ -1,29 +1,57 @@
-"""Runs a mirror over a recording, and derives thresholds from a free motion."""
+"""Runs a mirror over samples or a recording, and derives thresholds from a free motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.hands.description.calibration import Version
 from allegro_twin.loop import to_the_end
 from allegro_twin.recording.reader import Recording, load
+from allegro_twin.recording.recorder import record
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
-from allegro_twin.twin.mirror.contact_detection import Contact, find_contacts
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.results.findings import LEFT
+from allegro_twin.twin.mirror.contact_detection import SETTLED, Contact, find_contacts
 from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.faults import Fault
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 
+MADE = ("format", "version", "hand", "period")
+"""What a recorder writes itself into a recording's metadata."""
+
+
+class FreeMotion(NamedTuple):
+    """What a motion that touches nothing shows of a hand and its file."""
+
+    thresholds: Thresholds
+    excess: Vector
+    """Disturbance that the file leaves in it, rms, in times what noise alone makes, (n,)."""
+    residual: Vector
+    """The same in N·m, rms, (n,)."""
+    hand: str
+    """The file, or empty for the nominal hand."""
+    path: Path
+    serial: str
+    """Of the hand in the motion, empty where it has no name."""
+
+    @property
+    def unexplained(self) -> NDArray[np.bool_]:
+        """Joints that the file does not explain, (n,): with the factor at which `identify` says so."""
+        return np.asarray(self.excess > LEFT)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MirrorResult:
-    """Estimates and contacts of a mirror over a recording."""
+    """Estimates and contacts of a mirror over a motion."""
 
     t: Vector
     """s, (k,)."""
@@ -37,49 +65,135 @@ class MirrorResult:
     fault: Fault | None
     unchecked_faults: tuple[str, ...] = ()
     """Names of faults that could not be checked."""
+    fault_time: float = np.nan
+    """When the fault got its name, s; NaN without one."""
+    free: FreeMotion | None = None
+    """The motion that thresholds are from."""
 
 
-def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector | None = None) -> MirrorResult:
+class MirrorLog:
+    """Collects what a mirror estimates, row by row."""
+
+    def __init__(self, mirror: Mirror) -> None:
+        self.mirror = mirror
+        self._t: list[float] = []
+        self._rows: list[tuple[Array | NDArray[np.bool_], ...]] = []
+        self._fault: Fault | None = None
+        self._named = np.nan
+
+    def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """Observe samples and pass them on (a stage). Raises as `Mirror.watch`."""
+        each = self.mirror
+        for sample in samples:
+            try:
+                each.observe(sample)
+            except HandFault:
+                self._add(sample)  # What stops the hand belongs to what happened.
+                raise
+            self._add(sample)
+            yield sample
+
+    def _add(self, sample: Sample) -> None:
+        each = self.mirror
+        latest, t = each.columns(), sample.state.t
+        off = sample.state.position - latest["predicted"]
+        self._t.append(t)
+        self._rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, each.observer.spread))
+        if _which(each.fault) != _which(self._fault):
+            self._named = np.nan if each.fault is None else t
+        self._fault = each.fault
+
+    @property
+    def rows(self) -> int:
+        """How many periods there are estimates of."""
+        return max(len(self._rows) - 1, 0)
+
+    def columns(self) -> tuple[Array, Array, NDArray[np.bool_], Array, Array]:
+        """Disturbances, N·m, reported minus predicted positions, rad, which joints moved, contact thresholds, N·m, and
+        the spread of disturbances by noise alone, N·m, (rows, n) each."""
+        disturbance, off, moving, above, spread = (np.array(column) for column in zip(*self._rows[1:], strict=True))
+        return disturbance, off, moving, above, spread
+
+    def result(self, free: FreeMotion | None = None) -> MirrorResult:
+        """What was found up to now, with at least one row."""
+        each, t = self.mirror, np.array(self._t[1:])
+        disturbance, off, _, above, _ = self.columns()
+        touches = tuple(find_contacts(t, disturbance, above, each.spec))
+        return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults, self._named, free)
+
+
+def _which(fault: Fault | None) -> tuple[str, int] | None:
+    return None if fault is None else (fault.name, fault.joint)
+
+
+def mirror_recording(
+    path: Path,
+    hand: str,
+    free: Path | None,
+    gravity: Vector | None = None,
+    *,
+    partial: bool = False,
+    into: Path | None = None,
+) -> MirrorResult:
     """Run a recording past its mirror. `free`: a recording of the same hand without contact; `gravity`: in the palm
-    frame, m/s², where neither hand nor recording says it. Raises HandError."""
-    recording = load(path)
-    spec, thresholds = (
-        recording.spec,
-        Thresholds.default(recording.spec) if free is None else free_motion_thresholds(free, hand, gravity),
-    )
-    t, disturbance, off, _, each, above, _ = _run(recording, hand, thresholds, gravity)
-    touches = tuple(find_contacts(t, disturbance, above, spec))
-    return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults)
+    frame, (3,), m/s², where neither hand nor recording says it; `partial`: use what is there of a recording that was
+    cut short; `into`: a copy with the mirror's columns. Raises HandError."""
+    recording = load(path, partial=partial)
+    version = (recording.meta.get("calibration") or {}).get("version")
+    own = None if free is None else read_free_motion(free, hand, recording.spec, version, gravity)
+    log = MirrorLog(mirror_for_recording(recording, hand, None if own is None else own.thresholds, gravity))
+    _run(recording, log, into)
+    return log.result(own)
 
 
-def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None) -> Thresholds:
-    """Thresholds from a free motion. Raises HandError."""
+def read_free_motion(
+    free: Path, hand: str, spec: HandSpec, version: Version | None, gravity: Vector | None = None
+) -> FreeMotion:
+    """Thresholds from a free motion, and how well a hand's file explains it. `spec`, `version`: of the hand that is to
+    be mirrored. Raises HandError, as for a motion of another kind of hand."""
     recording = load(free)
-    _, disturbance, _, moving, each, _, spread = _run(recording, hand, None, gravity)
+    _check_kind(recording, spec, version)
+    log = MirrorLog(each := mirror_for_recording(recording, hand, None, gravity))
+    _run(recording, log, None)
+    disturbance, _, moving, _, spread = log.columns()
     gains = np.array(each.fault_detector.gains).reshape(-1, len(recording.spec.fingers))
     usual = np.median(spread, axis=0)
     disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
-    return Thresholds.from_free_motion(
+    thresholds = Thresholds.from_free_motion(
         disturbance, moving, each.observer.held, gains, recording.period, recording.spec, usual
     )
+    left = np.sqrt(np.square(disturbance[round(SETTLED / recording.period) :]).mean(axis=0))
+    return FreeMotion(thresholds, left / usual, left, hand or recording.spec.serial, free, recording.spec.serial)
 
 
-def _run(
-    recording: Recording, hand: str, thresholds: Thresholds | None, gravity: Vector | None
-) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array]:
-    """Row by row: times, disturbances, reported minus predicted positions, which joints moved; the mirror; and, row by
-    row, contact thresholds and the spread of disturbances by noise alone."""
-    each = mirror_for_recording(recording, hand, thresholds, gravity)
-    t, rows = [], []
-    for sample in each.watch(recorded_samples(recording)):
-        latest = each.columns()
-        t.append(sample.state.t)
-        off = sample.state.position - latest["predicted"]
-        rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, each.observer.spread))
-    if len(t) < 2:
+def _check_kind(recording: Recording, spec: HandSpec, version: Version | None) -> None:
+    """Raise ConfigError for a recording of another model, side or version of hand."""
+    there, its = recording.spec, (recording.meta.get("calibration") or {}).get("version")
+    for name, mine, theirs in (
+        ("model", spec.model, there.model), ("side", spec.side, there.side), ("version", version, its),
+    ):  # fmt: skip
+        if mine is not None and theirs is not None and mine != theirs:
+            raise ConfigError(
+                f"--free {recording.path} is of another hand: its {name} is {theirs}, that of the hand to mirror {mine}"
+            )
+
+
+def _run(recording: Recording, log: MirrorLog, into: Path | None) -> None:
+    """Raises ConfigError for one row, RecordingError where the copy cannot be written."""
+    backend = ReplayBackend(recording)
+    samples = log.watch(to_the_end(replay_samples(backend)))
+    if into is not None:
+        if into.resolve() == recording.path.resolve():
+            raise ConfigError(f"--record {into}: that is the recording itself; name another file")
+        meta = {name: value for name, value in recording.meta.items() if name not in MADE}
+        samples = record(
+            samples, into, recording.spec, recording.period, meta=meta,
+            extras=lambda: backend.extras() | log.mirror.columns(),
+        )  # fmt: skip
+    for _ in samples:
+        pass
+    if not log.rows:
         raise ConfigError(f"{recording.path} has one row: a mirror needs a motion")
-    disturbance, off, moving, above, spread = (np.array(column) for column in zip(*rows[1:], strict=True))
-    return np.array(t[1:]), disturbance, off, moving, each, above, spread
 
 
 def recorded_samples(recording: Recording) -> Iterator[Sample]:

@@ -61,10 +61,10 @@ def test_a_cut_recording_names_the_commands_that_take_what_is_there(command: Run
     (tmp_path / "p.yaml").write_text("backend: {kind: sim}\ncontroller: {kind: pd}\nseconds: 1.5\n")
     assert command("run", tmp_path / "p.yaml", "--record", tmp_path / "r.arrow")[0] == 0
     (tmp_path / "cut.arrow").write_bytes((tmp_path / "r.arrow").read_bytes()[:-2000])
-    code, _, said = command("mirror", tmp_path / "cut.arrow")
+    code, _, said = command("gap", tmp_path / "cut.arrow")
     assert (code, said.count("\n")) == (2, 1)
     takers = re.findall(r"`(\w+)`", said.split("--partial")[0])
     commands = dict(below(built()))
-    assert takers == ["run", "view", "export"]
+    assert takers == ["run", "view", "mirror", "export"]
     assert all("--partial" in commands[name] for name in takers)
-    assert "--partial" not in commands["mirror"]
+    assert "--partial" not in commands["gap"]

@@ -90,7 +90,7 @@ TABLE = [
         ("identify r.arrow --hand r.arrow/x.yaml", 2, "cannot write r.arrow/x.yaml"),
         ("rehearse can_virtual --poses ''", 2, "no pose named ''; there are: palm-down, palm-up, side, up"),
         ("gap none.arrow", 2, "no recording at none.arrow"),
-        ("mirror sim_right", 2, "a sim hand is its own twin"),
+        ("mirror sim_right", 2, "a simulated hand is its own twin"),
         ("mirror r.arrow --stop-on contact", 2, "are for a hand that runs"),
         ("mirror can_virtual --stop-on contcat", 2, "did you mean 'contact'"),
         ("branch r.arrow --at 0.1 --image out.jpg", 2, "must end in .png"),

@@ -171,9 +171,11 @@ def test_a_virtual_leap_hand_on_its_servos_line_is_mirrored_with_their_counts(tm
     pytest.importorskip("dynamixel_sdk", reason="the servos' own SDK: extra dynamixel")
     config = load_config("leap_virtual")
     record = tmp_path / "it.arrow"
-    found = mirror_run.run_with_mirror(
-        config, "", mirror_run.MirrorOutputs(record=record), lambda t: None, lambda text: None
+    found, ended = mirror_run.run_with_mirror(
+        config, "", mirror_run.MirrorOutputs(record=record), lambda t: None, lambda text: None, lambda text: None
     )
+    assert ended is None
+    assert found is not None
     assert found.contacts == ()
     assert np.abs(found.residual[found.t > 1.0]).max() < 0.005
     again = mirror_recording(record, "", None)

@@ -227,7 +227,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
     assert len(mirrored_again) == 1
     code, _, error = command("mirror", "sim_right")
     assert code == 2
-    assert "a sim hand is its own twin" in error
+    assert "a simulated hand is its own twin" in error
 
 
 @pytest.mark.slow

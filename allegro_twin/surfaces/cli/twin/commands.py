@@ -15,6 +15,7 @@ from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
     from allegro_twin.twin.identify.pipeline import KnownWeight
+    from allegro_twin.twin.mirror.on_recording import MirrorResult
 
 
 class FrictionLaws(StrEnum):
@@ -147,7 +148,7 @@ def gap(
 
 
 def mirror(
-    target: Annotated[str, typer.Argument(help="A recording (.arrow), or the config of a hand on a bus.")],
+    target: Annotated[str, typer.Argument(help="A recording (.arrow), or the config of a hand.")],
     hand: Annotated[
         str | None,
         typer.Option(help="The hand's own file; default: the one of the recording.", autocompletion=completion.hands),
@@ -159,7 +160,7 @@ def mirror(
     record: Annotated[
         Path | None,
         typer.Option(
-            help="Record the run, with the columns `predicted`, `disturbance` and `event`.",
+            help="Record the run, or copy the recording, with the columns `predicted`, `disturbance` and `event`.",
             callback=options.file(".arrow"),
         ),
     ] = None,
@@ -171,30 +172,37 @@ def mirror(
     gravity: Annotated[
         str | None, typer.Option(help="Gravity in the palm's frame, m/s², if the hand does not report it: 0,0,-9.81.")
     ] = None,
+    partial: Annotated[bool, typer.Option(help="Use what is there of a recording that was cut short.")] = False,
 ) -> None:
-    """Run the model beside a hand: find touches, slips, faults."""
+    """Run the model beside a hand: find touches, slips, faults.
+
+    Ctrl-C ends a run with what was found up to then."""
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.twin import identification, mirror_run
 
     identification.check_scipy()
     from allegro_twin.twin.mirror.factory import describe_backlash
 
-    down = None if gravity is None else mirror_run.parse_gravity(gravity)
+    down, ended = None if gravity is None else mirror_run.parse_gravity(gravity), None
+    found: MirrorResult | None
     if Path(target).suffix == ".arrow":
         from allegro_twin.recording.reader import load
         from allegro_twin.twin.mirror.on_recording import mirror_recording
 
-        if stop_on or record is not None or rrd is not None or view or web:
-            raise ConfigError(
-                f"{target} is a recording: --stop-on, --record, --rrd, --view and --web are for a hand that runs"
-            )
-        spec = load(Path(target)).spec
+        if stop_on or rrd is not None or view or web:
+            raise ConfigError(f"{target} is a recording: --stop-on, --rrd, --view and --web are for a hand that runs")
+        spec = load(Path(target), partial=partial).spec
         console.warn(describe_backlash(spec, hand or ""))
-        found = mirror_recording(Path(target), hand or "", free, down)
+        found = mirror_recording(Path(target), hand or "", free, down, partial=partial, into=record)
+        if found.free is not None:
+            console.warn(mirror_run.other_name(found.free, spec))
+            console.warn(mirror_run.misfit(found.free, spec))
     else:
         from allegro_twin.app.config import load_config
         from allegro_twin.app.rig import spec_of
 
+        if partial:
+            raise ConfigError(f"--partial is for a recording, and {target} is a config")
         config = load_config(target)
         spec = spec_of(config)
         console.warn(describe_backlash(spec, hand or ""))
@@ -204,13 +212,16 @@ def mirror(
             wanted = mirror_run.MirrorOutputs(
                 free, stop, record, rrd, "web" if web else "native" if view else None, down
             )
-            found = mirror_run.run_with_mirror(
-                config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
+            found, ended = mirror_run.run_with_mirror(
+                config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print, console.warn
             )
-    console.console.print(mirror_run.table(found, spec.joint_labels))
-    console.warn(mirror_run.missing_checks(found, free))
-    for line in mirror_run.lines(found, spec):
-        console.console.print(line, highlight=False)
+    if found is not None:
+        console.console.print(mirror_run.table(found, spec.joint_labels))
+        console.warn(mirror_run.missing_checks(found, free))
+        for line in mirror_run.lines(found, spec):
+            console.console.print(line, highlight=False, soft_wrap=True)
+    if ended is not None:
+        raise ended
 
 
 def branch(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
@@ -18,8 +19,14 @@ if TYPE_CHECKING:
     from allegro_twin.app.rig import Rig
     from allegro_twin.spec import HandSpec
     from allegro_twin.twin.mirror.mirror import Mirror
-    from allegro_twin.twin.mirror.on_recording import MirrorResult
+    from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult
     from allegro_twin.types import Sample, Vector
+
+LATE, BLIND = 2.0, 0.5
+"""Times the usual threshold, and share of a motor's torque, above which a joint feels late or is blind. Files that fit
+have thresholds of 8 to 13 mN·m, with hard friction up to 45 at rest, and a mirror without a free motion 20."""
+SHOWN = 4
+"""Joints that a sentence names."""
 
 
 class MirrorOutputs(NamedTuple):
@@ -35,61 +42,57 @@ class MirrorOutputs(NamedTuple):
     """Gravity in the palm frame, m/s², if the hand does not report it."""
 
 
+class MirroredRun(NamedTuple):
+    """A run with a mirror, and how it ended."""
+
+    result: MirrorResult | None
+    """None where it ended before the mirror estimated anything."""
+    error: HandError | KeyboardInterrupt | None = None
+    """What ended it before its time: a fault, a silent bus, Ctrl-C."""
+
+
 def run_with_mirror(
     config: RunConfig,
     hand: str,
     outputs: MirrorOutputs,
     advance: Callable[[float], None],
     report: Callable[[str], None],
-) -> MirrorResult:
-    """Run a config's hand with its mirror. Raises HandError; HandFault for an event that stops it."""
+    warn: Callable[[str], None],
+) -> MirroredRun:
+    """Run a config's hand with its mirror, to its end or to what ends it. `warn` gets what does not fit before the hand
+    moves. Raises HandError for a hand that does not run."""
     from allegro_twin.app.rig import assemble
-    from allegro_twin.drivers.can.config import CanSettings
-    from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.loop import run, to_the_end, until
-    from allegro_twin.twin.mirror.contact_detection import find_contacts
-    from allegro_twin.twin.mirror.on_recording import MirrorResult
+    from allegro_twin.twin.mirror.on_recording import MirrorLog, read_free_motion
+    from allegro_twin.twin.mirror.on_rig import check_mirrored, mirror_of, wire_version
 
-    if not isinstance(config.backend, CanSettings | DynamixelSettings):
-        raise ConfigError(
-            f"a {config.backend.kind} hand is its own twin: `mirror` is for hands on a bus or a line, and recordings"
-        )
     rig = assemble(config)
-    each = _mirror(config, rig, hand, outputs)
-    rows = []
-    with closing(rig.backend), ExitStack() as stack:
-        samples = each.watch(to_the_end(run(rig.backend, rig.controller)))
-        if rig.seconds is not None:
-            samples = until(rig.seconds, samples)
-        samples = _record(samples, config, rig, each, outputs)
-        samples = _draw(samples, rig, each, outputs, stack, report)
-        for sample in samples:
-            latest = each.columns()
-            off = sample.state.position - latest["predicted"]
-            rows.append((sample.state.t, latest["disturbance"], off, each.contact_thresholds))
-            advance(sample.state.t)
-    t, disturbance, off, above = (np.array(column) for column in zip(*rows[1:], strict=True))
-    touches = tuple(find_contacts(t, disturbance, above, rig.spec))
-    return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults)
-
-
-def _mirror(config: RunConfig, rig: Rig, hand: str, outputs: MirrorOutputs) -> Mirror:
-    """Raises HandError."""
-    from allegro_twin.drivers.can.config import CanSettings
-    from allegro_twin.drivers.can.opening import codec_of
-    from allegro_twin.twin.mirror.factory import make_loop_mirror, make_mirror
-    from allegro_twin.twin.mirror.fault_detection import Thresholds
-    from allegro_twin.twin.mirror.on_recording import free_motion_thresholds
-
-    gravity = _gravity(rig, outputs)
-    file = hand or rig.spec.serial
-    calm = Thresholds.default(rig.spec) if outputs.free is None else free_motion_thresholds(outputs.free, file, gravity)
-    if not isinstance(config.backend, CanSettings):
-        return make_loop_mirror(rig.spec, config.period, calm, outputs.stop, gravity)
-    codec = codec_of(config.backend, config.hand)
-    return make_mirror(
-        rig.spec, file, codec.version, codec.calibration, config.period, calm, outputs.stop, outputs.gravity
-    )
+    with closing(rig.backend):
+        check_mirrored(rig)
+        gravity, free = _gravity(rig, outputs), None
+        if outputs.free is not None:
+            free = read_free_motion(outputs.free, hand or rig.spec.serial, rig.spec, wire_version(rig), gravity)
+            for line in (other_name(free, rig.spec), misfit(free, rig.spec)):
+                warn(line)
+        thresholds = None if free is None else free.thresholds
+        each = mirror_of(rig, hand or rig.spec.serial, thresholds, outputs.stop, gravity)
+        log, ended = MirrorLog(each), None
+        with ExitStack() as stack:
+            samples = log.watch(to_the_end(run(rig.backend, rig.controller)))
+            if rig.seconds is not None:
+                samples = until(rig.seconds, samples)
+            samples = _record(samples, config, rig, each, outputs)
+            samples = _draw(samples, rig, each, outputs, stack, report)
+            try:
+                for sample in samples:
+                    advance(sample.state.t)
+            except (HandError, KeyboardInterrupt) as error:
+                if isinstance(error, ConfigError):
+                    raise
+                ended = error
+            finally:
+                stack.enter_context(closing(cast("Generator[Sample]", samples)))
+    return MirroredRun(log.result(free) if log.rows else None, ended)
 
 
 def _gravity(rig: Rig, outputs: MirrorOutputs) -> Vector | None:
@@ -162,14 +165,90 @@ def table(found: MirrorResult, joints: tuple[str, ...]) -> Table:
     made.add_column("joint")
     for head in ("off by, rms\nµrad", "pushed, rms\nmN·m", "largest\nmN·m", "a touch from\nmN·m"):
         made.add_column(head, justify="right")
-    chosen = found.t > found.t[0] + 1.0
+    chosen = after_settling(found)
     off, push = (np.sqrt(np.nanmean(np.square(each[chosen]), axis=0)) for each in (found.residual, found.disturbance))
     largest = np.nanmax(np.abs(found.disturbance[chosen]), axis=0)
-    least = found.contact_thresholds[chosen].min(axis=0)
+    usual = usual_thresholds(found)
     for joint, name in enumerate(joints):
-        row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * least[joint])
+        row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * usual[joint])
         made.add_row(name, *(f"{value:.1f}" for value in row))
     return made
+
+
+def after_settling(found: MirrorResult) -> NDArray[np.bool_]:
+    """Rows after the mirror has forgotten where it began, (k,); all of a motion that ended before."""
+    from allegro_twin.twin.mirror.contact_detection import SETTLED
+
+    late = found.t > found.t[0] + SETTLED
+    return np.asarray(late if late.any() else np.ones_like(late))
+
+
+def usual_thresholds(found: MirrorResult) -> Vector:
+    """From what disturbance on a joint counts as a touch for half of the time, (n,), N·m."""
+    return np.asarray(np.median(found.contact_thresholds[after_settling(found)], axis=0))
+
+
+def misfit(free: FreeMotion, spec: HandSpec) -> str:
+    """Why a hand's file does not fit what a free motion shows; empty where it does, and for hands that close their own
+    loop, which have no such file."""
+    bad = np.flatnonzero(free.unexplained)
+    if not len(bad) or "torque" not in spec.commands:
+        return ""
+    from allegro_twin.twin.identify.results.findings import LEFT
+
+    worst = int(bad[np.argmax(free.excess[bad])])
+    joints = f"{len(bad)} of {spec.n_joints} joints more than {LEFT:g} times"
+    return (
+        f"{free.hand or 'The nominal hand'} does not fit the hand in {free.path}: in free motion it leaves "
+        f"{1e3 * free.residual[worst]:.0f} mN·m (rms) at {spec.joint_labels[worst]}, {free.excess[worst]:.0f} times "
+        f"what noise explains ({joints}). Thresholds hide that, and touches with it: identify this hand and give its "
+        "file with --hand, or give a --free of this hand that touches nothing"
+    )
+
+
+def other_name(free: FreeMotion, spec: HandSpec) -> str:
+    """That a free motion is of a hand with another name; empty where it is not."""
+    if spec.serial in ("", free.serial) or not free.serial:
+        return ""
+    return f"{free.path} is of the hand {free.serial}, and this is {spec.serial}: are they one hand?"
+
+
+def sensitivity(found: MirrorResult, spec: HandSpec) -> str:
+    """Which joints feel late or nothing; empty where all feel as they should. Late: from more than LATE times what a
+    mirror without a free motion takes for a touch, or in a free motion not explained. Blind: from more than BLIND of
+    what the joint's motor gives."""
+    from allegro_twin.twin.mirror.fault_detection import Thresholds
+
+    above, names = usual_thresholds(found), spec.joint_labels
+    blind = above > BLIND * spec.actuation.torque_limit
+    late = above > LATE * Thresholds.default(spec).contact[1]
+    if found.free is not None and "torque" in spec.commands:
+        late = late | found.free.unexplained
+    late &= ~blind
+    said = []
+    if late.any():
+        levers, order = _levers(spec), [k for k in np.argsort(-above, kind="stable") if late[k]]
+        each = [
+            f"{names[k]} under {1e3 * above[k]:.0f} mN·m (about {above[k] / levers[k]:.1f} N at the tip)" for k in order
+        ]
+        more = (
+            f", and {len(each) - SHOWN} more joints under {1e3 * above[order[SHOWN]]:.0f}" if len(each) > SHOWN else ""
+        )
+        said.append(f"nothing is felt at {', '.join(each[:SHOWN])}{more}")
+    if blind.any():
+        which = ", ".join(names[k] for k in np.flatnonzero(blind))
+        said.append(f"blind to touches are {which}: thresholds up to {1e3 * above.max():.0f} mN·m, more than "
+                    f"{BLIND:g} of what their motors give")  # fmt: skip
+    return "; ".join(said)
+
+
+def _levers(spec: HandSpec) -> Vector:
+    """Largest distance of each joint's axis from its fingertip in the middle posture, (n,), m."""
+    from allegro_twin.kinematics.hand import hand_kinematics
+
+    middle = np.clip((spec.lower + spec.upper) / 2.0, spec.lower, spec.upper)
+    _, jacobians = hand_kinematics(spec).fingertip_jacobians(middle, [finger.name for finger in spec.fingers])
+    return np.asarray(np.maximum(np.linalg.norm(jacobians, axis=1).max(axis=0), 1e-3))
 
 
 def missing_checks(found: MirrorResult, free: Path | None) -> str:
@@ -187,15 +266,17 @@ def missing_checks(found: MirrorResult, free: Path | None) -> str:
 
 
 def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
-    """The touches and the fault, one line each."""
+    """The touches, what could not be felt, and the fault, one line each."""
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
         + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
         for each in found.contacts
     ]
+    if dull := sensitivity(found, spec):
+        said.append(f"{'More touches are possible' if said else 'No touch was felt, which says little'}: {dull}.")
     said = said or ["Nothing touched it."]
     if found.fault is not None:
         from allegro_twin.twin.mirror.faults import fault_text
 
-        said.append(f"Something is wrong: {fault_text(found.fault, spec)}.")
+        said.append(f"Something is wrong: {fault_text(found.fault, spec)}, named at {found.fault_time:.3f} s.")
     return said

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.open_loop import BEFORE
@@ -69,7 +69,7 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
     if table is None:
         raise ConfigError(
             f"{path} does not say with which torque constant its counts became N·m: record it again through the hand's "
-            "bus (`allegro-twin excite`)"
+            "bus (`allegro-twin excite`), or give its backend a `calibration` (docs/contract.md#calibration)"
         )
     if len(columns["t"]) * recording.period < FEWEST:
         raise ConfigError(f"{path} is {len(columns['t']) * recording.period:.1f} s long: record at least {FEWEST:g} s")
@@ -83,19 +83,31 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
     calibration = recorded_calibration(table)
     present, missing = _fill_gaps(columns["tick"])
     duty = present(torque) / np.array(calibration.torque_constant)
-    limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
+    version: Version = table["version"]
+    limits = np.array(calibration.pwm_limits(version)) / FULL_SCALE[version]
     position = present(columns["position"])
     lower, upper = spec.lower + EDGE, spec.upper - EDGE
     good = (np.abs(duty) < limits - 1e-6) & (position > lower) & (position < upper) & ~missing[:, None]
     return RecordedMotion(
-        path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, table["version"], recording.period, position, duty,
+        path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, version, recording.period, position, duty,
         good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, calibration,
     )  # fmt: skip
 
 
 def recorded_calibration(table: Mapping[str, Any]) -> HandCalibration:
-    """The calibration in a recording's metadata."""
-    return HandCalibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+    """The calibration in a recording's metadata, or of a device. Raises ConfigError for one of another format."""
+    known, versions = [each.name for each in fields(HandCalibration)], get_args(Version)
+    for key in table:
+        if key not in ("version", *known):
+            raise ConfigError(f"calibration: {unknown('key', str(key), ('version', *known))}")
+    if table.get("version") not in versions:
+        raise ConfigError(f"calibration: version must be one of {', '.join(versions)}, not {table.get('version')!r}")
+    if "torque_constant" not in table:
+        raise ConfigError("calibration: torque_constant is missing: N·m at full PWM, one a joint")
+    try:
+        return HandCalibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+    except ConfigError as error:
+        raise ConfigError(f"calibration: {error}") from error
 
 
 def check_same_hand(motions: list[RecordedMotion]) -> None:

@@ -14,7 +14,7 @@ from allegro_twin.twin.identify.fitting.extra_terms import PERIODS, WARM_UPS
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
-from allegro_twin.twin.identify.results.written_drive import WrittenDrive
+from allegro_twin.twin.identify.results.written_drive import BETTER, WrittenDrive
 from allegro_twin.types import Array, Vector
 
 LEFT = 3.0
@@ -52,6 +52,8 @@ def describe(
 def describe_outcome(found: DriveFit, spec: HandSpec, written: WrittenDrive) -> Iterator[str]:
     """How well the hand is predicted, and which joints are not explained."""
     yield describe_prediction(written)
+    if worse := describe_worse(written, spec):
+        yield worse
     if rest := describe_rest(found, spec):
         yield rest
 
@@ -181,6 +183,23 @@ def describe_prediction(written: WrittenDrive) -> str:
         return f"{text} Nominal is best: nothing is to be written."
     nominal = written.source.count("nominal")
     return f"{text} Of {nominal} joint{'s' * (nominal > 1)} nominal is best, and stays." if nominal else text
+
+
+def describe_worse(written: WrittenDrive, spec: HandSpec) -> str:
+    """Which joints what is written predicts worse than the nominal hand; empty where it does none."""
+    if not written.errors or written.nothing:
+        return ""
+    now, nominal = written.errors["written"], written.errors["nominal"]
+    worse = np.flatnonzero(now > nominal / BETTER)
+    if not len(worse):
+        return ""
+    order = worse[np.argsort(-(now - nominal)[worse], kind="stable")]
+    names = [f"{spec.joint_labels[k]} ({1e3 * now[k]:.1f} mrad, nominal {1e3 * nominal[k]:.1f})" for k in order]
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return (
+        f"Written and worse than nominal there: {', '.join(names[:4])}{more}. Their finger is better for it "
+        "as a whole; record more motion of these joints and identify again."
+    )
 
 
 def describe_rest(found: DriveFit, spec: HandSpec) -> str:

@@ -126,20 +126,22 @@ def find_lean(motion: RecordedMotion, player: OpenLoopPlayer, drive: DriveParame
     cuts = cut_segments([motion], player.spec, round(HORIZONS[1] / motion.period))
     if not len(cuts.position):
         return lean
+    weights = piece_weights(cuts, player.spec)[:, None, :]
 
     def wrong(angle: Vector) -> Vector:
         gravity = rotate_vector(leaning(cuts.pieces.gravity, drive), np.tile(angle, (len(cuts.position), 1)))
         played = player.play(drive, cuts.position, cuts.velocity, cuts.pieces._replace(gravity=gravity))
-        return np.asarray((played - cuts.measured).ravel())
+        return np.asarray((weights * (played - cuts.measured)).ravel())
 
     for _ in range(LEAN_STEPS):
         left = wrong(lean)
         J = np.stack([(wrong(lean + _NUDGE * axis) - left) / _NUDGE for axis in np.eye(3)], axis=1)
         # A piece in which a joint slips where it should stick says nothing of gravity.
-        weight = 1.0 / (1.0 + np.square(left / (3.0 * float(np.median(np.abs(left))) + 1e-9)))
-        normal = J.T @ (weight[:, None] * J)
+        used = np.abs(left[np.broadcast_to(weights, cuts.measured.shape).ravel() > 0.0])
+        robust = 1.0 / (1.0 + np.square(left / (3.0 * float(np.median(used)) + 1e-9)))
+        normal = J.T @ (robust[:, None] * J)
         held = _HELD * float(np.trace(normal)) * np.eye(3)
-        lean = lean - np.linalg.solve(normal + held, J.T @ (weight * left))
+        lean = lean - np.linalg.solve(normal + held, J.T @ (robust * left))
     return lean
 
 
@@ -153,7 +155,7 @@ def gap_errors(
         cuts = cut_segments([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
         pieces = cuts.pieces._replace(gravity=leaning(cuts.pieces.gravity, drive))
         error = player.play(drive, cuts.position, cuts.velocity, pieces) - cuts.measured
-        rows.append(_rms(error))
+        rows.append(_rms(error, piece_weights(cuts, player.spec)))
         if horizon == HORIZONS[1]:
             phase = _phases(error, cuts, player.spec, motion.period)
     return GapErrors(np.array(rows), phase)
@@ -165,16 +167,27 @@ def leaning(gravity: Array, drive: DriveParameters) -> Array:
 
 
 def _phases(error: Array, cuts: MotionSegments, spec: HandSpec, period: float) -> Array:
-    speed = np.abs(np.diff(cuts.measured, axis=1)).mean(axis=1) / period  # (w, n)
+    speed, trust = np.abs(np.diff(cuts.measured, axis=1)).mean(axis=1) / period, piece_weights(cuts, spec)  # (w, n)
     found = np.full((2, spec.n_joints), np.nan)
     for finger in spec.fingers:
         own = list(finger.joints)
         moving = speed[:, own].max(axis=1) > _CREEP
         for row, chosen in enumerate((~moving, moving)):
+            chosen = chosen & (trust[:, own[0]] > 0.0)
             if chosen.any():
-                found[row, own] = _rms(error[chosen][:, :, own])
+                found[row, own] = _rms(error[chosen][:, :, own], trust[chosen][:, own])
     return found
 
 
-def _rms(error: Array) -> Vector:
-    return np.asarray(np.sqrt(np.square(error).mean(axis=(0, 1))))
+def piece_weights(cuts: MotionSegments, spec: HandSpec) -> Array:
+    """1 for joints of fingers that can be weights during a piece, as for the fit, (w, n); of a finger that has no such
+    piece all count."""
+    trust = np.zeros((len(cuts.position), spec.n_joints))
+    for number, finger in enumerate(spec.fingers):
+        trust[:, list(finger.joints)] = cuts.trust[:, [number]]
+    return np.where(trust.any(axis=0), trust, 1.0)
+
+
+def _rms(error: Array, weight: Array) -> Vector:
+    """Root mean square of each joint over pieces (w, k, n) with weights (w, n), (n,)."""
+    return np.asarray(np.sqrt(np.average(np.square(error).mean(axis=1), axis=0, weights=weight)))

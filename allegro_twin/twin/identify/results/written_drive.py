@@ -27,7 +27,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import (
 )
 from allegro_twin.twin.identify.fitting.shooting import UNSEEN, MotionSegments, cut_segments
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
-from allegro_twin.twin.identify.results.gap import SHORTEST, leaning
+from allegro_twin.twin.identify.results.gap import SHORTEST, leaning, piece_weights
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
 from allegro_twin.types import Vector
 
@@ -125,11 +125,8 @@ class _Trial:
         self._cuts: MotionSegments | None = None
         if self.seconds >= SHORTEST_TRIAL:
             self._cuts = cut_segments(motions, first.spec, length, max(length // 2, 1), UNSEEN)
-            # At a stop, or around a gap, no drive is right; of a finger that has nothing else all counts.
-            trust = np.zeros((self.pieces, first.spec.n_joints))
-            for number, finger in enumerate(self.fingers):
-                trust[:, finger] = self._cuts.trust[:, [number]]
-            self._weight = np.where(trust.any(axis=0), trust, 1.0)
+            # At a stop, or around a gap, no drive is right.
+            self._weight = piece_weights(self._cuts, first.spec)
         self._player: OpenLoopPlayer = found.player(first)
 
     @property
