@@ -16,7 +16,7 @@ from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.twin.mirror.contact_detection import Contact, find_contacts
 from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.fault_detection import Thresholds
-from allegro_twin.twin.mirror.faults import Fault
+from allegro_twin.twin.mirror.faults import FaultReport
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 
@@ -34,7 +34,8 @@ class MirrorResult:
     contact_thresholds: Array
     """Contact thresholds, (k, n), N·m."""
     contacts: tuple[Contact, ...]
-    fault: Fault | None
+    faults: tuple[FaultReport, ...]
+    """In the order in which they were named; also those that ended."""
     unchecked_faults: tuple[str, ...] = ()
     """Names of faults that could not be checked."""
 
@@ -47,15 +48,15 @@ def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector |
         recording.spec,
         Thresholds.default(recording.spec) if free is None else free_motion_thresholds(free, hand, gravity),
     )
-    t, disturbance, off, _, each, above, _ = _run(recording, hand, thresholds, gravity)
-    touches = tuple(find_contacts(t, disturbance, above, spec))
-    return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults)
+    t, disturbance, off, _, each, above, _, touched = _run(recording, hand, thresholds, gravity)
+    touches = tuple(find_contacts(t, touched, disturbance, above, spec))
+    return MirrorResult(t, disturbance, off, above, touches, each.faults, each.unchecked_faults)
 
 
 def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None) -> Thresholds:
     """Thresholds from a free motion. Raises HandError."""
     recording = load(free)
-    _, disturbance, _, moving, each, _, spread = _run(recording, hand, None, gravity)
+    _, disturbance, _, moving, each, _, spread, _ = _run(recording, hand, None, gravity)
     gains = np.array(each.fault_detector.gains).reshape(-1, len(recording.spec.fingers))
     usual = np.median(spread, axis=0)
     disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
@@ -66,20 +67,22 @@ def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None)
 
 def _run(
     recording: Recording, hand: str, thresholds: Thresholds | None, gravity: Vector | None
-) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array]:
+) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array, NDArray[np.bool_]]:
     """Row by row: times, disturbances, reported minus predicted positions, which joints moved; the mirror; and, row by
-    row, contact thresholds and the spread of disturbances by noise alone."""
+    row, contact thresholds, the spread of disturbances by noise alone, and which fingers were touched."""
     each = mirror_for_recording(recording, hand, thresholds, gravity)
     t, rows = [], []
     for sample in each.watch(recorded_samples(recording)):
         latest = each.columns()
         t.append(sample.state.t)
         off = sample.state.position - latest["predicted"]
-        rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, each.observer.spread))
+        touched = latest["event"][: len(recording.spec.fingers)] > 0.0
+        spread = each.observer.spread
+        rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, spread, touched))
     if len(t) < 2:
         raise ConfigError(f"{recording.path} has one row: a mirror needs a motion")
-    disturbance, off, moving, above, spread = (np.array(column) for column in zip(*rows[1:], strict=True))
-    return np.array(t[1:]), disturbance, off, moving, each, above, spread
+    disturbance, off, moving, above, spread, touched = (np.array(column) for column in zip(*rows[1:], strict=True))
+    return np.array(t[1:]), disturbance, off, moving, each, above, spread, touched
 
 
 def recorded_samples(recording: Recording) -> Iterator[Sample]:

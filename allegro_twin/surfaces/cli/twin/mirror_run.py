@@ -66,11 +66,12 @@ def run_with_mirror(
         for sample in samples:
             latest = each.columns()
             off = sample.state.position - latest["predicted"]
-            rows.append((sample.state.t, latest["disturbance"], off, each.contact_thresholds))
+            touched = latest["event"][: len(rig.spec.fingers)] > 0.0
+            rows.append((sample.state.t, latest["disturbance"], off, each.contact_thresholds, touched))
             advance(sample.state.t)
-    t, disturbance, off, above = (np.array(column) for column in zip(*rows[1:], strict=True))
-    touches = tuple(find_contacts(t, disturbance, above, rig.spec))
-    return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults)
+    t, disturbance, off, above, touched = (np.array(column) for column in zip(*rows[1:], strict=True))
+    touches = tuple(find_contacts(t, touched, disturbance, above, rig.spec))
+    return MirrorResult(t, disturbance, off, above, touches, each.faults, each.unchecked_faults)
 
 
 def _mirror(config: RunConfig, rig: Rig, hand: str, outputs: MirrorOutputs) -> Mirror:
@@ -187,15 +188,13 @@ def missing_checks(found: MirrorResult, free: Path | None) -> str:
 
 
 def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
-    """The touches and the fault, one line each."""
+    """The touches and the faults, one line each."""
+    from allegro_twin.twin.mirror.faults import report_text
+
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
         + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
         for each in found.contacts
     ]
     said = said or ["Nothing touched it."]
-    if found.fault is not None:
-        from allegro_twin.twin.mirror.faults import fault_text
-
-        said.append(f"Something is wrong: {fault_text(found.fault, spec)}.")
-    return said
+    return said + [f"Something is wrong: {report_text(each, spec)}." for each in found.faults]
