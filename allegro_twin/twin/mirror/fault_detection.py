@@ -12,7 +12,7 @@ from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
 from allegro_twin.twin.mirror.encoder_drift import DriftDetector
-from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, KNOWN, FaultList
+from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
 from allegro_twin.twin.mirror.fault_signatures import FINGERS, fit_signature, largest_gains, signature_fault
 from allegro_twin.twin.mirror.faults import (
     CREEP,
@@ -162,7 +162,7 @@ class FaultDetector:
             SlipDetector(self._spec, row, self._above),
         )
         self.explained = np.zeros(self._spec.n_joints)
-        """Torque that named faults make on each joint, at most, (n,), N·m."""
+        """Torque that named faults make on each joint, (n,), N·m."""
 
     def hear(self, t: float, heard: NDArray[np.bool_]) -> None:
         """Take in at a time, s, which joints reported, (n,)."""
@@ -194,6 +194,10 @@ class FaultDetector:
         # A joint that was stopped does not count: it met something.
         most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), off, 0.0)
+        if sum(jump[list(finger.joints)].any() for finger in self._spec.fingers) > 1:
+            jump[:] = (
+                0.0  # Encoders of several fingers do not jump at once: the hand met something, or periods are lost.
+            )
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
         self._periods.append(
@@ -262,8 +266,7 @@ class FaultDetector:
         """The last rows. Joints of which nothing can be known neither move nor are pushed in them, nor do fingers move
         in rows from before their model changed."""
         end, hidden = (self._count - 1) % LONGEST + LONGEST + 1, self.faults.hidden
-        *columns, _ = (column[end - count : end] for column in self._rows)
-        window = MirrorWindow(*columns)
+        window = MirrorWindow(*(column[end - count : end] for column in self._rows))
         old = np.arange(self._count - count, self._count)[:, None] < self._since
         if not hidden.any() and not old.any():
             return window
@@ -272,27 +275,20 @@ class FaultDetector:
             velocity=np.where(out, 0.0, window.velocity), disturbance=np.where(hidden, 0.0, window.disturbance)
         )
 
-    def _unexplained(self) -> Vector:
-        """Gains that neither free motions nor errors in the sizes of named faults reach, (fingers,), N²m²."""
-        end = (self._count - 1) % LONGEST + LONGEST + 1
-        effect = np.square(self._rows[-1][end - ROWS : end]).sum(axis=0)
-        return self._quiet + KNOWN**2 * np.array([effect[list(each.joints)].sum() for each in self._spec.fingers])
-
     def _evaluate(self) -> None:
         window = self._last(ROWS)
         self.gains.append(largest_gains(window, self._spec))
         self._right |= (self.gains[-1] <= self._quiet) & (self._moving_rows(window) > ROWS / 2)
-        quiet = self._unexplained()
-        over = self.gains[-1] > quiet
+        over = self.gains[-1] > self._quiet
         self._begin = np.where(over & (self._sign < 0), self._t, self._begin)
         self._sign = np.where(over, np.where(self._sign < 0, self._count, self._sign), -1)
         wait = self._name_direct(window)
         self._check_named(window)
-        if self._wrong_file(quiet):
+        if self._wrong_file():
             return
         for finger in np.flatnonzero(self._sign >= 0):
             if finger not in wait:
-                self._name_signature(int(finger), quiet)
+                self._name_signature(int(finger))
 
     def _name_direct(self, window: MirrorWindow) -> set[int]:
         """Name what is visible without shapes. Returns fingers of which the next evaluation tells more."""
@@ -334,30 +330,29 @@ class FaultDetector:
         finger = next(k for k, each in enumerate(self._spec.fingers) if joint in each.joints)
         return int(self._count - self._since[finger])
 
-    def _wrong_file(self, quiet: Vector) -> bool:
+    def _wrong_file(self) -> bool:
         """Whether so many fingers are odd that the file may be of another hand; it is named once that is certain."""
         if np.count_nonzero(self._sign >= 0) < FINGERS:
             return False
         waited = int(self._count - self._sign[self._sign >= 0].min())
-        found = signature_fault(self._last(min(max(SOONEST, waited), LONGEST)), quiet, self._spec)
+        found = signature_fault(self._last(min(max(SOONEST, waited), LONGEST)), self._quiet, self._spec)
         if found is None or found.name != "wrong_file":
             return False
         if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS:
             self._name(found, float(self._begin[self._sign >= 0].min()), self._t)
         return True
 
-    def _name_signature(self, finger: int, quiet: Vector) -> None:
+    def _name_signature(self, finger: int) -> None:
         """Name the fault of a finger whose shape the rows since its first sign have."""
         waited = int(self._count - self._sign[finger])
         window = self._last(min(max(SOONEST, waited), LONGEST))
-        own = np.where(np.arange(len(quiet)) == finger, quiet, np.inf)
+        own = np.where(np.arange(len(self._quiet)) == finger, self._quiet, np.inf)
         found = signature_fault(window, own, self._spec)
         if found is None:
             return
         wait = LONGEST if found.lead < CLEAR else ROWS if still_joints(window)[found.joint] else WAIT
-        if waited < wait or not fit_signature(window, found.name, found.joint, self._spec).convinces(
-            float(quiet[finger])
-        ):
+        fit = fit_signature(window, found.name, found.joint, self._spec)
+        if waited < wait or not fit.convinces(float(self._quiet[finger])):
             return
         if not self._drift.explains_more(found.name, found.joint, found.gain):
             self._name(found, float(self._begin[finger]), self._t)

@@ -1,8 +1,8 @@
 """The list of named faults: what is new beside it, what follows from it, and what it explains.
 
 A fault that was named goes on disturbing its finger. So a mirror takes its size into its model (`model_change`), and
-what remains is judged as before: a touch, or the next fault. A size is known to KNOWN of itself, so as much of its
-effect is neither.
+what remains is judged as before: a touch, or the next fault. A size is known to `faults.KNOWN` of
+itself, so as much of its effect is neither.
 """
 
 from __future__ import annotations
@@ -25,8 +25,6 @@ HIDES: tuple[FaultName, ...] = ("stuck", "loose", "silent")
 """Faults of a joint of which nothing else can be known: what it shows is no touch."""
 FOLLOWS: tuple[FaultName, ...] = (*SHAPED, "stuck", "loose", "encoder_drift")
 """Names that may follow from a fault that hides the same joint."""
-KNOWN = 0.2
-"""Share by which a fault's size may be wrong. Ours: sizes of 24 faults were right to 0.11."""
 FADED = 0.2
 """Share of a fault's size below which its name is withdrawn."""
 SLIPS = 1.0
@@ -128,11 +126,11 @@ class FaultList:
         return ModelChange(strength, friction, payload, offset)
 
     def effect(self, torque: Vector, side: Vector, pull: Array, lean: Array | None) -> Vector:
-        """Torque that the faults that hold make on each joint now, at most, (n,), N·m. Arguments as in a row of
-        `MirrorWindow`; `lean`: derivative of gravity's torques by the joints, (n, n), N·m/rad."""
+        """Torque that the faults that hold make on each joint now, (n,), N·m. Arguments as in a row of `MirrorWindow`;
+        `lean`: derivative of gravity's torques by the joints, (n, n), N·m/rad."""
         found = np.zeros(self._spec.n_joints)
         for joints, push in self._effects(torque, side, pull, lean):
-            found[joints] += np.abs(push)
+            found[joints] += push
         return found
 
     def _effects(
@@ -142,10 +140,10 @@ class FaultList:
             own = self.fingers(joint)
             if name == "weak":
                 left = max(1.0 - amount, WEAKEST) if self._compensates else 1.0
-                yield [joint], amount * torque[joint] / left
+                yield [joint], -amount * torque[joint] / left
             elif name == "friction":
-                yield [joint], amount * side[joint]
+                yield [joint], -amount * side[joint]
             elif name == "payload":
                 yield own, amount * pull[joint, own]
             elif name == "encoder_step" and lean is not None:
-                yield own, amount * lean[own, joint]
+                yield own, -amount * lean[own, joint]

@@ -23,7 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.faults import MOVING, SINGLE, Fault, FaultName, MirrorWindow, finger_share, holds_object
+from allegro_twin.twin.mirror.faults import (
+    KNOWN,
+    MOVING,
+    SINGLE,
+    Fault,
+    FaultName,
+    MirrorWindow,
+    finger_share,
+    holds_object,
+)
 from allegro_twin.types import Array, Vector
 
 NOISE = 4e-4
@@ -145,10 +154,19 @@ def signature_gains(window: MirrorWindow, spec: HandSpec) -> dict[str, list[Sign
         "friction": (product(-side, d), product(side, side)),
         "payload": ((product(carried, d) * same).sum(axis=1), (product(carried, carried) * same).sum(axis=1)),
     }
+    left = np.where(moving, KNOWN * window.known, 0.0)
+    remains: dict[FaultName, Vector] = {
+        "weak": product(torque, left),
+        "friction": product(side, left),
+        "payload": (product(carried, left) * same).sum(axis=1),
+    }
     squares, counts, found = same @ product(d, d), same @ moving.sum(axis=0), {}
     for finger in spec.fingers:
         joints = [(name, joint) for name in fits for joint in finger.joints]
-        each = [_gain(name, j, fits[name][0][j], fits[name][1][j], squares[j], counts[j]) for name, j in joints]
+        each = [
+            _gain(name, j, fits[name][0][j], fits[name][1][j], squares[j], counts[j], remains[name][j])
+            for name, j in joints
+        ]
         found[finger.name] = [gain for gain in each if gain is not None]
     return found
 
@@ -160,12 +178,15 @@ def _product(x: Array, y: Array, side: Array) -> Array:
     return np.asarray((x * y).sum(axis=-2) - known * apart)
 
 
-def _gain(name: FaultName, joint: int, along: float, size: float, whole: float, count: float) -> SignatureGain | None:
-    """`whole`: squares to be explained; `count`: number of rows of joints in them."""
+def _gain(
+    name: FaultName, joint: int, along: float, size: float, whole: float, count: float, remains: float
+) -> SignatureGain | None:
+    """`whole`: squares to be explained; `count`: number of rows of joints in them; `remains`: what errors in the sizes
+    of named faults may add to `along`."""
     if size < _TINY or along <= 0.0:
         return None
     amount = min(along / size, MOST[name])
-    gain = amount * (2.0 * along - amount * size) - (NOISE * amount / USUAL[name]) ** 2
+    gain = amount * (2.0 * along - amount * size) - (NOISE * amount / USUAL[name]) ** 2 - remains**2 / size
     share = gain / max(whole - count * NOISE**2, gain, 1e-12)
     return SignatureGain(name, joint, float(amount), float(gain), float(share), float((whole - gain) / count))
 

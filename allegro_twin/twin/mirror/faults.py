@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Vector
+from allegro_twin.types import Array, Vector, frozen
 
 FaultName: TypeAlias = Literal[
     "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip",
@@ -18,6 +18,8 @@ NAMES: tuple[FaultName, ...] = (
     "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip",
     "silent",
 )  # fmt: skip
+KNOWN = 0.2
+"""Share by which the size of a named fault may be wrong. Ours: sizes of 24 faults were right to 0.11."""
 ROW = 10
 """Periods that are averaged to a row of a window."""
 MOVING = 0.03  # rad/s
@@ -54,6 +56,8 @@ class MirrorWindow(NamedTuple):
     """(k, n), °C; NaN where unknown."""
     holds: NDArray[np.bool_]
     """Fingers that rest and press on something, (k, fingers)."""
+    known: Array = frozen([[0.0]])
+    """Disturbances that named faults made before a mirror's model had them, (k, n), N·m: KNOWN of these may remain."""
 
 
 class Fault(NamedTuple):

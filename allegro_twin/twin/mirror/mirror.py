@@ -23,8 +23,7 @@ from allegro_twin.twin.mirror.contact_detection import (
     push_ratio,
 )
 from allegro_twin.twin.mirror.fault_detection import FaultDetector, LinkWeights, Thresholds
-from allegro_twin.twin.mirror.fault_list import KNOWN
-from allegro_twin.twin.mirror.faults import NAMES, FaultReport, fault_text
+from allegro_twin.twin.mirror.faults import KNOWN, NAMES, FaultReport, fault_text
 from allegro_twin.types import Array, HandState, Sample, Vector
 
 STOPS = ("contact", *NAMES)
@@ -110,7 +109,7 @@ class Mirror:
         in them, or a named fault disturbs the joint; infinite for a joint of which nothing can be known."""
         wider, unknown = self._observer.spread / self._thresholds.spread, 0.0 if self._compensates else 1.0
         above = joint_thresholds(self._thresholds.contact, self._moving) * np.maximum(wider, 1.0)
-        above = above + (unknown + KNOWN) * self._diagnosis.explained
+        above = above + (unknown + KNOWN) * np.abs(self._diagnosis.explained)
         return np.asarray(np.where(self._diagnosis.faults.hidden, np.inf, above))
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +13,16 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.loop import to_the_end
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
+from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.contact_detection import Contact, find_contacts
 from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.faults import FaultReport
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
+
+SOON = 1.5
+"""s before a fault first showed in a window, from which on its effects may look like contacts: a window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +42,15 @@ class MirrorResult:
     """In the order in which they were named; also those that ended."""
     unchecked_faults: tuple[str, ...] = ()
     """Names of faults that could not be checked."""
+
+
+def possible_cause(contact: Contact, faults: Sequence[FaultReport], spec: HandSpec) -> FaultReport | None:
+    """The fault that may have caused what looked like a contact: it was named soon after, on the same finger."""
+    own = next(finger.joints for finger in spec.fingers if finger.name == contact.finger)
+    for each in faults:
+        if each.fault.joint in own and each.ended == np.inf and each.begin - SOON < contact.begin < each.named:
+            return each
+    return None
 
 
 def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector | None = None) -> MirrorResult:

@@ -18,7 +18,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import record
-from allegro_twin.sim.observer.observer import NOISE, StateObserver, joint_filter
+from allegro_twin.sim.observer.observer import NOISE, Estimate, StateObserver, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.cli.twin.mirror_run import missing_checks
@@ -26,7 +26,7 @@ from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.factory import encoder_noise, make_mirror
 from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.faults import NAMES
-from allegro_twin.twin.mirror.mirror import BLIND, DIM, Mirror
+from allegro_twin.twin.mirror.mirror import BLIND, DIM, LostPeriods, Mirror
 from allegro_twin.twin.mirror.on_recording import MirrorResult, mirror_recording
 from allegro_twin.types import Array, HandState, Sample, Vector, frozen
 from tests.conftest import MakeSim
@@ -295,6 +295,26 @@ def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, m
 
     each, _ = watch(spec, jumps(motion(spec, make_sim, {799: 2})))
     assert [(one.fault.name, one.fault.joint) for one in each.faults] == [("encoder_step", 6)]
+
+
+def test_a_late_state_that_ticks_count_as_lost_periods_is_known_by_how_far_the_joints_went(spec: HandSpec) -> None:
+    speed, none = np.linspace(0.5, 2.0, N), np.zeros(N)
+    estimate = Estimate(none, none, none, speed)
+
+    def counted(*states: tuple[float, int, float]) -> list[int]:
+        """Of states that come this many periods after the last, by their stamps, by ticks, and by the motion."""
+        lost, t, tick, where = LostPeriods(0.003), 0.0, 0, np.zeros(N)
+        found: list[int] = []
+        for stamped, ticks, went in ((1.0, 1, 1.0), *states):
+            t, tick, where = t + 0.003 * stamped, tick + ticks, where + 0.003 * speed * went
+            state = HandState(t, tick, where, speed, none, np.full(N, np.nan), none[:3])
+            found.append(lost.count(state, ticks, estimate if len(found) else None))
+        return found[1:]
+
+    assert counted((2.97, 3, 1), (0.93, 3, 3), (1.0, 1, 1)) == [1, 3, 1]  # As on a busy computer.
+    assert counted((3.0, 3, 3), (1.0, 1, 1)) == [3, 1]
+    assert counted((2.2, 1, 2), (1.0, 1, 1), (1.0, 2, 1)) == [2, 1, 1]
+    assert counted((2.4, 1, 1), (0.2, 1, 1), (1.0, 1, 1)) == [1, 1, 1]
 
 
 def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec) -> None:

@@ -93,7 +93,7 @@ def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBac
     np.testing.assert_allclose(disturbance[late][:, [5, 6]].mean(axis=0), [0.05, -0.03], rtol=0.1)
     assert np.abs(disturbance[late][:, 8:]).max() < 0.006
     above = np.full(N, 0.01)
-    touched = touched_fingers(disturbance, above, spec) & (t > 1.0)[:, None]
+    touched = np.logical_and(touched_fingers(disturbance, above, spec), (t > 1.0)[:, None])
     found = find_contacts(t, touched, disturbance, above, spec)
     assert [contact.finger for contact in found] == ["middle"]
     assert 2.0 < found[0].begin < 2.04

@@ -189,12 +189,15 @@ def missing_checks(found: MirrorResult, free: Path | None) -> str:
 
 def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
     """The touches and the faults, one line each."""
-    from allegro_twin.twin.mirror.faults import report_text
+    from allegro_twin.twin.mirror.faults import fault_text, report_text
+    from allegro_twin.twin.mirror.on_recording import possible_cause
 
+    causes = [possible_cause(each, found.faults, spec) for each in found.contacts]
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
         + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
-        for each in found.contacts
+        + ("" if cause is None else f"; this may be because {fault_text(cause.fault, spec)}")
+        for each, cause in zip(found.contacts, causes, strict=True)
     ]
     said = said or ["Nothing touched it."]
     return said + [f"Something is wrong: {report_text(each, spec)}." for each in found.faults]
