@@ -195,9 +195,7 @@ class FaultDetector:
         most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), off, 0.0)
         if sum(jump[list(finger.joints)].any() for finger in self._spec.fingers) > 1:
-            jump[:] = (
-                0.0  # Encoders of several fingers do not jump at once: the hand met something, or periods are lost.
-            )
+            jump = np.zeros(len(jump))  # Not several encoders at once: the hand met something, or a period was lost.
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
         self._periods.append(

@@ -64,7 +64,7 @@ class FaultList:
 
     def _covers(self, old: Fault, new: Fault) -> bool:
         same_joint, same_finger = old.joint == new.joint, new.joint in self.fingers(old.joint)
-        if old.name == new.name and (same_joint or old.name == "wrong_file"):
+        if old.name == new.name and (same_joint or old.name in ("wrong_file", "slip")):
             return True
         if old.name == "wrong_file" or (old.name == new.name == "encoder_drift" and same_finger):
             return new.name in FOLLOWS

@@ -37,6 +37,8 @@ COUNTS = 4
 """States within which a host counts a lost period (`drivers.can.driver.clock.PATIENCE`), and one more."""
 CLEARLY = 0.25
 """Share of a step's squared error below which an uncounted period explains it. With half a period the share is 1."""
+SPEEDS_UP = 30.0
+"""rad/s²: a joint that speeds up so is no sign that periods were counted wrongly. Ours: usual motions have 10."""
 MANY = 10
 """Periods, at most, that the joints' displacement tells: in more of them their speeds change."""
 NOISIER = 1.25
@@ -290,11 +292,12 @@ class LostPeriods:
         """Periods, at most so many, that explain a step of the joints, (n,), rad, clearly better than those expected.
         One joint alone may have jumped: each counts no more than as if it had not moved for two periods."""
         went = self._period * velocity
-        periods = np.array([expected, *range(1, most + 1)])
-        off = np.minimum(np.abs(step - periods[:, None] * went), 2.0 * np.abs(went) + NOISE)
+        periods = np.array([expected, *range(1, most + 1)])[:, None]
+        faster = SPEEDS_UP * (np.square(periods) - 1) * self._period**2 / 2.0
+        off = np.clip(np.abs(step - periods * went) - faster, 0.0, 2.0 * np.abs(went) + NOISE)
         squares = np.nansum(np.square(off), axis=1)
         best = int(squares.argmin())
-        return int(periods[best]) if squares[best] < CLEARLY * squares[0] else expected
+        return int(periods[best, 0]) if squares[best] < CLEARLY * squares[0] else expected
 
 
 class NoiseEstimator:

@@ -413,6 +413,18 @@ def test_a_shape_that_leaves_a_part_unexplained_is_no_fault(spec: HandSpec) -> N
     assert fits[0].amount == pytest.approx(0.4, rel=0.1)
 
 
+def test_what_an_error_in_a_named_size_leaves_is_no_second_fault_and_what_is_beside_it_is(spec: HandSpec) -> None:
+    free = window()
+    known = -0.8 * late(free.torque) * (np.arange(N) == 5)
+    left = free._replace(disturbance=free.disturbance + 0.15 * known)
+    assert signature_fault(left, QUIET, spec) is not None
+    assert signature_fault(left._replace(known=known), QUIET, spec) is None
+    more = left.disturbance - 0.3 * late(free.torque) * (np.arange(N) == 6)
+    found = signature_fault(left._replace(known=known, disturbance=more), QUIET, spec)
+    assert found is not None
+    assert (found.name, found.joint) == ("weak", 6)
+
+
 def test_faults_of_a_stuck_joint_follow_from_it_and_its_encoder_and_other_joints_do_not(spec: HandSpec) -> None:
     each = FaultList(spec, compensates=True)
     names: tuple[tuple[FaultName, int], ...] = (

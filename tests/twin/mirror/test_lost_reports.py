@@ -298,15 +298,17 @@ def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, m
 
 
 def test_a_late_state_that_ticks_count_as_lost_periods_is_known_by_how_far_the_joints_went(spec: HandSpec) -> None:
-    speed, none = np.linspace(0.5, 2.0, N), np.zeros(N)
+    speed, none = np.linspace(0.9, 1.1, N), np.zeros(N)
     estimate = Estimate(none, none, none, speed)
 
-    def counted(*states: tuple[float, int, float]) -> list[int]:
-        """Of states that come this many periods after the last, by their stamps, by ticks, and by the motion."""
+    def counted(*states: tuple[float, int, float], faster: float = 0.0) -> list[int]:
+        """Of states that come this many periods after the last, by their stamps, by ticks, and by the motion, in which
+        joints speed up, rad/s²."""
         lost, t, tick, where = LostPeriods(0.003), 0.0, 0, np.zeros(N)
         found: list[int] = []
         for stamped, ticks, went in ((1.0, 1, 1.0), *states):
             t, tick, where = t + 0.003 * stamped, tick + ticks, where + 0.003 * speed * went
+            where += faster * (0.003 * went) ** 2 / 2.0
             state = HandState(t, tick, where, speed, none, np.full(N, np.nan), none[:3])
             found.append(lost.count(state, ticks, estimate if len(found) else None))
         return found[1:]
@@ -314,6 +316,7 @@ def test_a_late_state_that_ticks_count_as_lost_periods_is_known_by_how_far_the_j
     assert counted((2.97, 3, 1), (0.93, 3, 3), (1.0, 1, 1)) == [1, 3, 1]  # As on a busy computer.
     assert counted((3.0, 3, 3), (1.0, 1, 1)) == [3, 1]
     assert counted((2.2, 1, 2), (1.0, 1, 1), (1.0, 2, 1)) == [2, 1, 1]
+    assert counted((8.0, 8, 8), (1.0, 1, 1), faster=-20.0) == [8, 1]
     assert counted((2.4, 1, 1), (0.2, 1, 1), (1.0, 1, 1)) == [1, 1, 1]
 
 

@@ -156,7 +156,7 @@ def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
 def test_a_fault_is_named_beside_a_slip_and_a_slip_of_another_time_beside_both(
     spec: HandSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    coming = {60: Slip(1, 0.5), 62: Slip(1, 0.6), 120: Slip(1, 0.4)}  # By row.
+    coming = {60: Slip(1, 0.5), 62: Slip(2, 0.6), 120: Slip(1, 0.4)}  # By row.
     rows = iter(range(10_000))
     monkeypatch.setattr(SlipDetector, "add", lambda self, *row, jumped: coming.get(next(rows)))
     each, rest = FaultDetector(spec, Thresholds.default(spec), 0.003), np.zeros(N)
