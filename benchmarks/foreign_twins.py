@@ -119,7 +119,7 @@ def _felt(kind: str, seed: int, folder: Path, hand: str, free: Path) -> dict[str
             felt += any(found.contacts[number].begin < push.begin + SOON for number in while_pushed)
     above = 1e3 * np.median(found.contact_thresholds, axis=0)
     return {
-        "felt": [felt, of], "not_pushed": len(found.contacts) - len(own), "fault": str(found.fault or ""),
+        "felt": [felt, of], "not_pushed": len(found.contacts) - len(own), "fault": str(found.faults or ""),
         "threshold_mNm": [float(np.median(above)), float(above.max())],
     }  # fmt: skip
 

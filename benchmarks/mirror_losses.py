@@ -123,7 +123,7 @@ def heard(
         now = set(each.contacts)
         touches += len(now - before)
         before = now
-    return Said(touches, "" if each.fault is None else each.fault.name, noticed)
+    return Said(touches, each.faults[0].fault.name if each.faults else "", noticed)
 
 
 def main() -> None:

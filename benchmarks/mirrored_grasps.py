@@ -90,7 +90,7 @@ def grasped(spec: HandSpec, calm: Thresholds, name: str, seed: int, *, slippery:
     each = Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
     amount = float(np.random.default_rng((seed, 8)).uniform(*AILMENTS["slippery"]))
     at = next(window.begin for window in trial.windows if window.name == "hold") + HELD
-    found, when, touched, suffered, rows = None, np.inf, 0, np.inf, []
+    touched, suffered, rows = 0, np.inf, []
     samples = heard(until(trial.seconds, run(trial.backend, bench.controller(trial))), spec)
     for sample in trial.watched(each.watch(samples)):
         t, seen = sample.state.t, trial.latest()
@@ -99,9 +99,10 @@ def grasped(spec: HandSpec, calm: Thresholds, name: str, seed: int, *, slippery:
         if slippery and suffered > t >= at:
             trial.backend.suffer("slippery", 0, amount)
             suffered, touched = t, int((seen["contact_force"] > 0.05).sum())
-        if each.fault is not found and (found is None or (slippery and when < suffered)):
-            found, when = each.fault, t  # The first, or, after a slip, the first since it grew slippery.
     times, places = zip(*rows, strict=True)
+    # The first, or the first since it grew slippery.
+    names = [report for report in each.faults if not slippery or report.named >= suffered] or list(each.faults)
+    found, when = (names[0].fault, names[0].named) if names else (None, np.inf)
     return Said(found, when, np.array(times), np.array(places), suffered, touched)
 
 

@@ -57,6 +57,19 @@ class Estimate(NamedTuple):
     """As corrected, (n,), rad/s."""
 
 
+class ModelChange(NamedTuple):
+    """By what a hand is found to differ from its file, (n,) each."""
+
+    strength: Vector
+    """Factor on the motors' torque."""
+    friction: Vector
+    """Dry friction beside that of the file, N·m."""
+    payload: Vector
+    """Mass at each link's centre of mass beside that of the file, kg; links by the joint that moves them."""
+    offset: Vector
+    """What a reported position is too high by beside what the file says, rad."""
+
+
 class StateObserver:
     """A corrected simulation. Equal inputs give equal outputs, to the last bit."""
 
@@ -72,7 +85,9 @@ class StateObserver:
         """`noise`: standard deviation of what encoders report, (n,), rad; None, and at least: NOISE."""
         parasitic, warming = (any(getattr(drive, name).any() for name in names) for names in (PARASITIC, WARMTH))
         self._player = OpenLoopPlayer(spec, period, bristly=bristly, parasitic=parasitic, warming=warming)
-        self._drive, self._time = drive, 0.0
+        self._drive, self._file, self._time = drive, drive, 0.0
+        nothing = np.zeros(spec.n_joints)
+        self._change = ModelChange(nothing + 1.0, nothing, nothing, nothing)
         self._model = self._player.prepared(drive)
         self._data = mujoco.MjData(self._model)
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
@@ -172,13 +187,29 @@ class StateObserver:
 
     def become(self, change: JointChange) -> None:
         """Go on as another hand; its gains stay those of the one that it was."""
-        drive, n = self._drive, len(self._drive.damping)
+        drive, n = self._file, len(self._file.damping)
         losses = {name: value for name in ("damping", "frictionloss") if (value := getattr(change, name)) is not None}
         constant = drive.torque_constant * change.strength
         rows = {name: np.full(n, value) for name, value in losses.items()}
-        self._drive = replace(drive, torque_constant=constant, **rows)
+        self._file = replace(drive, torque_constant=constant, **rows)
+        self.compensate(self._change)
+
+    def compensate(self, change: ModelChange) -> None:
+        """Go on as a hand that differs by this from its file; its gains stay those of the file."""
+        file, before = self._file, self._drive.offset
+        self._change = change
+        self._drive = replace(
+            file,
+            torque_constant=file.torque_constant * change.strength,
+            frictionloss=file.frictionloss + change.friction,
+            offset=file.offset + change.offset,
+        )
         self._player.prepared(self._drive)
-        self.torque_constant = constant
+        if change.payload.any():
+            self._model.body_mass[self._links] += change.payload
+            mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
+        self.torque_constant, self._offset = self._drive.torque_constant, self._drive.offset
+        self._data.qpos[self._player.qpos] -= self._offset - before
 
     def _predicted(self, duty: Vector, gravity: Vector) -> Vector:
         """What will be reported after one more period, (n,), rad."""

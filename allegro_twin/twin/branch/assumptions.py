@@ -44,9 +44,10 @@ def list_assumptions(
             "is known."
         )
     yield from _touches(at, mirrored, options)
-    if mirrored.fault is not None:
-        fault = fault_text(mirrored.fault, recording.spec)
-        yield f"Its mirror says that something is wrong: {fault}. Is that its file?"
+    for each in mirrored.faults:
+        if each.ended == np.inf:
+            fault = fault_text(each.fault, recording.spec)
+            yield f"Its mirror says that something is wrong: {fault}. Is that its file?"
 
 
 def _touches(at: float, mirrored: MirrorResult, options: BranchOptions) -> Iterator[str]:

@@ -26,6 +26,8 @@ FREED = 0.1  # s for which a joint has been faster than REST before it counts as
 FEWEST = 4  # Blocks' worth of rows that are needed for joints at rest, or moving.
 LEAST = 0.004  # N·m. No axis is shorter: encoder noise alone makes 2 mN·m.
 PERIODS = 2  # Successive periods outside the ellipsoid.
+PAUSE = 0.06
+"""s inside the ellipsoid after which a contact has ended. Ours: twice the time in which a weak push is noticed."""
 EULER = 0.5772  # Gumbel's law: its mean is the mode plus this many scales.
 
 
@@ -55,6 +57,23 @@ class MovingJoints:
         """Which joints move, after another period at these speeds, (n,), rad/s."""
         self._since = np.where(np.abs(velocity) > REST, self._since + self._period, 0.0)
         return np.asarray(self._since > FREED)
+
+
+class ContactTimer:
+    """Tells which fingers are in contact: from PERIODS outside their ellipsoids on, until PAUSE inside."""
+
+    def __init__(self, fingers: int, period: float) -> None:
+        self._over, self._left, self._period = np.zeros(fingers, dtype=int), np.zeros(fingers), period
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Fingers in contact, (fingers,)."""
+        return np.asarray(self._left > 0.0)
+
+    def add(self, outside: NDArray[np.bool_]) -> None:
+        """Add a period in which fingers were outside their ellipsoids, (fingers,)."""
+        self._over = np.where(outside, self._over + 1, 0)
+        self._left = np.where(self._over >= PERIODS, PAUSE, self._left - self._period)
 
 
 def joint_thresholds(above: Array, moving: NDArray[np.bool_]) -> Array:
@@ -124,20 +143,22 @@ def outermost_joint(share: Vector, joints: Sequence[int]) -> int:
     return max((joint for joint in joints if share[joint] > 1.0), key=list(joints).index, default=-1)
 
 
-def find_contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
-    """All contacts, in order. A contact that returns within `pause`, s, has not ended. Where disturbances are NaN the
-    mirror began again."""
-    found, flags = [], touched_fingers(disturbance, above, spec)
-    for begun in (t[0], *t[np.isnan(disturbance).any(axis=1)]):
-        flags[(t >= begun) & (t < begun + SETTLED)] = False
+def find_contacts(
+    t: Vector, touched: NDArray[np.bool_], disturbance: Array, above: Array, spec: HandSpec
+) -> Sequence[Contact]:
+    """All contacts, in order, of fingers that were `touched`, (k, fingers). `t`: s, (k,); `disturbance`: N·m, (k, n);
+    `above`: contact thresholds, (n,) or (k, n), N·m."""
+    found = []
     for number, finger in enumerate(spec.fingers):
-        rows = np.flatnonzero(flags[:, number])
-        if not len(rows):
-            continue
-        breaks = np.flatnonzero(np.diff(t[rows]) > pause)
-        for part in np.split(rows, breaks + 1):
-            during, own = slice(part[0], part[-1] + 1), list(finger.joints)
-            torque, begin, end = float(np.abs(disturbance[during, own]).max()), float(t[part[0]]), float(t[part[-1]])
-            share = np.broadcast_to(np.square(disturbance / above), disturbance.shape)[during].mean(axis=0)
-            found.append(Contact(finger.name, begin, end, torque, outermost_joint(share, own)))
+        rows, own = np.flatnonzero(touched[:, number]), list(finger.joints)
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            if not len(part):
+                continue
+            share = np.broadcast_to(np.square(disturbance / above), disturbance.shape)[part]
+            out = np.flatnonzero(share[:, own].sum(axis=1) > 1.0)
+            during = slice(None, out[-1] + 1 if len(out) else None)  # The last PAUSE is inside the ellipsoid again.
+            torque = float(np.abs(disturbance[part][during][:, own]).max())
+            begin, end = float(t[part[0]]), float(t[part[during][-1]])
+            joint = outermost_joint(share[during].mean(axis=0), own)
+            found.append(Contact(finger.name, begin, end, torque, joint))
     return sorted(found, key=lambda contact: contact.begin)

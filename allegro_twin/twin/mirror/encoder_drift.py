@@ -14,6 +14,7 @@ change with a joint (K = 0: an upright axis, or a first joint that carries littl
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from itertools import cycle
 from typing import NamedTuple
 
@@ -96,6 +97,16 @@ class DriftDetector:
         if self._rows == BLOCK:
             self._blocks.append(self._reduce())
             self._clear()
+
+    def forget(self, own: Sequence[int]) -> None:
+        """Forget what was seen of some joints: their model has changed."""
+        own = list(own)
+        both = [*own, *(self._n + k for k in own)]
+        for each in self._blocks:
+            each.squares[both] = each.squares[:, both] = each.along[both] = each.heavy[:, own] = 0.0
+        self._squares[both] = self._squares[:, both] = self._along[both] = self._heavy[:, own] = 0.0
+        self._rubbed[own] = self._rubbed[:, both] = 0.0
+        self._rub[own] = self._rub_along[own] = self._heavy_rubbed[own] = self._heavy_rubbed[:, own] = 0.0
 
     def check(self) -> tuple[int, float] | None:
         """The joint whose encoder drifts, and its rate, rad/s; None where nothing is certain. Each call evaluates one

@@ -12,7 +12,8 @@ from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
 from allegro_twin.twin.mirror.encoder_drift import DriftDetector
-from allegro_twin.twin.mirror.fault_signatures import FINGERS, largest_gains, signature_fault
+from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
+from allegro_twin.twin.mirror.fault_signatures import FINGERS, fit_signature, largest_gains, signature_fault
 from allegro_twin.twin.mirror.faults import (
     CREEP,
     JUMP,
@@ -21,7 +22,7 @@ from allegro_twin.twin.mirror.faults import (
     Fault,
     FaultName,
     MirrorWindow,
-    direct_fault,
+    direct_faults,
     still_joints,
 )
 from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
@@ -59,6 +60,10 @@ REACH = 3
 """Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
 SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
+SILENT = 0.1
+"""s without a report of a joint after which that is said. Ours: single reports are lost."""
+FREES = 0.015
+"""rad by which a joint moves that is stuck no more: five times what a stuck one does."""
 BLOCK, FEWEST = 20, 4
 """Evaluations of a block, 4.8 s, and fewest blocks of a free motion that give thresholds of shapes."""
 ENOUGH = 22.0  # s of free motion that contain this many at 3 ms, after a mirror has settled and filled a window.
@@ -127,29 +132,48 @@ class Thresholds(NamedTuple):
 
 
 class FaultDetector:
-    """Finds faults in the rows of a mirror. `calm`: thresholds of free motions; `period`: s."""
+    """Finds faults in the rows of a mirror. `thresholds`: of free motions; `period`: s; `compensates`: the mirror's
+    model takes the sizes of faults that were named."""
 
-    def __init__(self, spec: HandSpec, thresholds: Thresholds, period: float) -> None:
+    def __init__(self, spec: HandSpec, thresholds: Thresholds, period: float, *, compensates: bool = False) -> None:
         self._spec, self._quiet, self._period, self._above = spec, thresholds.gains, period, thresholds.contact[0]
         self.gains: list[Vector] = []
         """The largest gain of every finger per evaluation, (fingers,) each."""
+        self.faults = FaultList(spec, compensates=compensates)
+        """Faults that were named."""
         self._periods: list[tuple[Vector, ...]]
         self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
+        self._unheard, self._t = np.full(spec.n_joints, np.nan), 0.0
         self.restart()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
-        self.fault: Fault | None = None  # Set once certain; a slip gives way to a fault.
 
     def restart(self) -> None:
-        """Start anew after an interruption of unknown length."""
-        spec, row, above = self._spec, ROW * self._period, self._above
+        """Start anew after an interruption of unknown length. Named faults stay."""
+        self._periods, self._rows, self._count = [], [], 0
+        self._at, self._went = np.full(self._spec.n_joints, np.nan), np.zeros(self._spec.n_joints)
+        fingers = len(self._spec.fingers)
+        self._sign, self._since = np.full(fingers, -1), np.zeros(fingers, dtype=int)  # Rows, by finger.
+        self._begin = np.zeros(fingers)  # s: the first sign.
+        row = ROW * self._period
         self._drift, self._falls, self._slips = (
-            DriftDetector(spec, row),
-            LooseLinkDetector(spec),
-            SlipDetector(spec, row, above),
+            DriftDetector(self._spec, row),
+            LooseLinkDetector(self._spec),
+            SlipDetector(self._spec, row, self._above),
         )
-        self._periods, self._rows, self._count, self._sign = [], [], 0, -1
-        self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
+        self.explained = np.zeros(self._spec.n_joints)
+        """Torque that named faults make on each joint, (n,), N·m."""
+
+    def hear(self, t: float, heard: NDArray[np.bool_]) -> None:
+        """Take in at a time, s, which joints reported, (n,)."""
+        if heard.all() and not (self._unheard >= 0.0).any():
+            return
+        for joint in np.flatnonzero(heard & (self._unheard >= 0.0)):
+            self.faults.end("silent", int(joint), t)
+        self._unheard = np.where(heard, np.nan, np.fmin(self._unheard, t))
+        for joint in np.flatnonzero(t - self._unheard > SILENT):
+            begin = float(self._unheard[joint])
+            self._name(Fault("silent", int(joint), t - begin), begin, t)
 
     def add(
         self,
@@ -164,12 +188,14 @@ class FaultDetector:
         """Add a period: the mirror's estimate, the motors' torques, N·m, and reported minus predicted positions, rad.
         `weights` are needed in the last of ROW periods (`row_due`). `since`: periods from a joint's last report to this
         one, 0 where it was lost, (n,). `expected`: standard deviation of `off`, (n,), rad."""
-        v, heard = estimate.velocity, since > 0
+        v, heard, self._t = estimate.velocity, since > 0, state.t
         went = np.abs(state.position - self._at)
         sped = went - since * self._went
         # A joint that was stopped does not count: it met something.
         most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
-        jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), np.abs(off), 0.0)
+        jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), off, 0.0)
+        if sum(jump[list(finger.joints)].any() for finger in self._spec.fingers) > 1:
+            jump = np.zeros(len(jump))  # Not several encoders at once: the hand met something, or a period was lost.
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
         self._periods.append(
@@ -181,23 +207,31 @@ class FaultDetector:
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
         row[3] = row[3] * weights.rub
-        d, made, _, _, position = row
+        d, made, _, side, position = row
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
-        self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
+        largest = jumps[np.abs(jumps).argmax(axis=0), np.arange(len(d))]
+        self.explained = self.faults.effect(made, side, weights.pull, weights.lean)
+        self._keep((*row, largest, weights.pull, state.temperature, self._slips.holds, self.explained))
         fell = self._falls.add(away, noise.max(axis=0))
         inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
-            self._set_fault(Fault("loose", *fell))
+            self._name(Fault("loose", *fell), self._t, self._t)
         if slid is not None:
-            self._set_fault(Fault("slip", *slid))
+            self._name(Fault("slip", *slid), self._t, self._t)
         self._check_drift(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._evaluate()
 
-    def _set_fault(self, found: Fault | None) -> None:
-        """Keep a fault: what is wrong later may follow from it. A slip gives way to the next."""
-        if found is not None and (self.fault is None or self.fault.name == "slip"):
-            self.fault = found
+    def _name(self, found: Fault, begin: float, t: float) -> None:
+        """Name a fault, unless it was named or follows from one that was."""
+        if self.faults.add(found, begin, t) and found.name in (*CHANGES, *HIDES):
+            self._forget(found.joint)
+
+    def _forget(self, joint: int) -> None:
+        """Of the finger of a joint only rows from now on count: its model, or what is known of it, has changed."""
+        finger = next(k for k, each in enumerate(self._spec.fingers) if joint in each.joints)
+        self._since[finger], self._sign[finger] = self._count, -1
+        self._drift.forget(self._spec.fingers[finger].joints)
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
         """Whether no other finger was in contact or held something in the last ROWS."""
@@ -209,11 +243,10 @@ class FaultDetector:
         d, torque, velocity, side, *_ = row
         if weights.lean is None:
             return
-        tells = (np.abs(velocity) > MOVING) & weights.free
+        tells = (np.abs(velocity) > MOVING) & weights.free & ~self.faults.hidden
         self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
-        if self._count % EVERY == EVERY // 2:
-            drifts = self._drift.check()
-            self._set_fault(None if drifts is None else Fault("encoder_drift", *drifts))
+        if self._count % EVERY == EVERY // 2 and (drifts := self._drift.check()) is not None:
+            self._name(Fault("encoder_drift", *drifts), self._t, self._t)
 
     @property
     def row_due(self) -> bool:
@@ -228,37 +261,99 @@ class FaultDetector:
         self._count += 1
 
     def _last(self, count: int) -> MirrorWindow:
-        end = (self._count - 1) % LONGEST + LONGEST + 1
-        return MirrorWindow(*(column[end - count : end] for column in self._rows))
+        """The last rows. Joints of which nothing can be known neither move nor are pushed in them, nor do fingers move
+        in rows from before their model changed."""
+        end, hidden = (self._count - 1) % LONGEST + LONGEST + 1, self.faults.hidden
+        window = MirrorWindow(*(column[end - count : end] for column in self._rows))
+        old = np.arange(self._count - count, self._count)[:, None] < self._since
+        if not hidden.any() and not old.any():
+            return window
+        out = np.repeat(old, [len(finger.joints) for finger in self._spec.fingers], axis=1) | hidden
+        return window._replace(
+            velocity=np.where(out, 0.0, window.velocity), disturbance=np.where(hidden, 0.0, window.disturbance)
+        )
 
     def _evaluate(self) -> None:
         window = self._last(ROWS)
         self.gains.append(largest_gains(window, self._spec))
         self._right |= (self.gains[-1] <= self._quiet) & (self._moving_rows(window) > ROWS / 2)
-        at_once = direct_fault(window, self._spec)
-        if at_once is None and not (self.gains[-1] > self._quiet).any():
-            self._sign = -1
+        over = self.gains[-1] > self._quiet
+        self._begin = np.where(over & (self._sign < 0), self._t, self._begin)
+        self._sign = np.where(over, np.where(self._sign < 0, self._count, self._sign), -1)
+        wait = self._name_direct(window)
+        self._check_named(window)
+        if self._wrong_file():
             return
-        if self._sign < 0:
-            self._sign = self._count
-        if at_once is None:
-            self._set_fault(self._signature())
-        elif not _may_be_fall(at_once, window):
-            self._set_fault(at_once)
+        for finger in np.flatnonzero(self._sign >= 0):
+            if finger not in wait:
+                self._name_signature(int(finger))
 
-    def _signature(self) -> Fault | None:
-        """The fault whose shape the rows since the first sign have."""
-        waited = self._count - self._sign
+    def _name_direct(self, window: MirrorWindow) -> set[int]:
+        """Name what is visible without shapes. Returns fingers of which the next evaluation tells more."""
+        wait = set()
+        for found in direct_faults(window, self._spec):
+            finger = next(k for k, each in enumerate(self._spec.fingers) if found.joint in each.joints)
+            if _may_be_fall(found, window):
+                wait.add(finger)
+                continue
+            old = self.faults.find("encoder_step", found.joint) if found.name == "encoder_step" else None
+            if old is not None:
+                self.faults.resize(old, found.amount, self._t)
+                self._forget(found.joint)
+            else:
+                self._name(found, self._t, self._t)
+            if found.name == "encoder_step":  # Each jump counts once.
+                self._rows[MirrorWindow._fields.index("jump")][:, found.joint] = 0.0
+        return wait
+
+    def _check_named(self, window: MirrorWindow) -> None:
+        """Correct the sizes of named faults by what remains, and withdraw those of which nothing is left."""
+        travel = np.ptp(window.position, axis=0)
+        for each in self.faults.active:
+            if each.name == "stuck" and travel[each.joint] > FREES and self._rows_since(each.joint) > ROWS:
+                self.faults.end("stuck", each.joint, self._t)
+                self._forget(each.joint)
+        for each in self.faults.shaped:
+            rows = min(self._rows_since(each.joint), LONGEST)
+            if rows < WAIT:
+                continue
+            finger = next(k for k, own in enumerate(self._spec.fingers) if each.joint in own.joints)
+            rest = fit_signature(self._last(rows), each.name, each.joint, self._spec)
+            if rest.convinces(float(self._quiet[finger])):
+                self.faults.resize(each, rest.amount, self._t)
+                self._forget(each.joint)
+
+    def _rows_since(self, joint: int) -> int:
+        """Rows since the model of a joint's finger changed."""
+        finger = next(k for k, each in enumerate(self._spec.fingers) if joint in each.joints)
+        return int(self._count - self._since[finger])
+
+    def _wrong_file(self) -> bool:
+        """Whether so many fingers are odd that the file may be of another hand; it is named once that is certain."""
+        if np.count_nonzero(self._sign >= 0) < FINGERS:
+            return False
+        waited = int(self._count - self._sign[self._sign >= 0].min())
+        found = signature_fault(self._last(min(max(SOONEST, waited), LONGEST)), self._quiet, self._spec)
+        if found is None or found.name != "wrong_file":
+            return False
+        if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS:
+            self._name(found, float(self._begin[self._sign >= 0].min()), self._t)
+        return True
+
+    def _name_signature(self, finger: int) -> None:
+        """Name the fault of a finger whose shape the rows since its first sign have."""
+        waited = int(self._count - self._sign[finger])
         window = self._last(min(max(SOONEST, waited), LONGEST))
-        seen = signature_fault(window, self._quiet, self._spec)
-        if seen is None:
-            return None
-        if seen.name == "wrong_file":
-            return seen if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS else None
-        wait = LONGEST if seen.lead < CLEAR else ROWS if still_joints(window)[seen.joint] else WAIT
-        if waited < wait:
-            return None
-        return None if self._drift.explains_more(seen.name, seen.joint, seen.gain) else seen
+        own = np.where(np.arange(len(self._quiet)) == finger, self._quiet, np.inf)
+        found = signature_fault(window, own, self._spec)
+        if found is None:
+            return
+        wait = LONGEST if found.lead < CLEAR else ROWS if still_joints(window)[found.joint] else WAIT
+        fit = fit_signature(window, found.name, found.joint, self._spec)
+        if waited < wait or not fit.convinces(float(self._quiet[finger])):
+            return
+        if not self._drift.explains_more(found.name, found.joint, found.gain):
+            self._name(found, float(self._begin[finger]), self._t)
 
     def _moving_rows(self, window: MirrorWindow) -> Vector:
         """Rows in which each finger's second busiest joint moves, (fingers,)."""
@@ -268,4 +363,4 @@ class FaultDetector:
 
 def _may_be_fall(seen: Fault, window: MirrorWindow) -> bool:
     """Whether an apparent jump may become the fall of a loose link: the next evaluation tells."""
-    return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)
+    return seen.name == "encoder_step" and bool(np.abs(window.jump[-2:, seen.joint]).max() > JUMP)

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.observer.loop_observer import LoopObserver
-from allegro_twin.sim.observer.observer import Estimate, StateObserver
+from allegro_twin.sim.observer.observer import NOISE, Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.contact_detection import (
-    PERIODS,
     SETTLED,
+    ContactTimer,
     MovingJoints,
     joint_thresholds,
     outermost_joint,
     push_ratio,
 )
 from allegro_twin.twin.mirror.fault_detection import FaultDetector, LinkWeights, Thresholds
-from allegro_twin.twin.mirror.faults import NAMES, Fault, fault_text
+from allegro_twin.twin.mirror.faults import KNOWN, NAMES, FaultReport, fault_text
 from allegro_twin.types import Array, HandState, Sample, Vector
 
 STOPS = ("contact", *NAMES)
@@ -37,6 +37,10 @@ COUNTS = 4
 """States within which a host counts a lost period (`drivers.can.driver.clock.PATIENCE`), and one more."""
 CLEARLY = 0.25
 """Share of a step's squared error below which an uncounted period explains it. With half a period the share is 1."""
+SPEEDS_UP = 30.0
+"""rad/s²: a joint that speeds up so is no sign that periods were counted wrongly. Ours: usual motions have 10."""
+MANY = 10
+"""Periods, at most, that the joints' displacement tells: in more of them their speeds change."""
 NOISIER = 1.25
 """Ratio of measured to assumed noise in the first half of SETTLED above which a mirror takes the measured one."""
 
@@ -61,12 +65,14 @@ class Mirror:
         self._thresholds = thresholds or Thresholds.default(spec)
         self._estimate: Estimate | None = None
         self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new contact is reported.
-        self._over = np.zeros(len(spec.fingers), dtype=int)
+        self._contact = ContactTimer(len(spec.fingers), observer.period)
         self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
         self._lost = LostPeriods(observer.period)
         self._noise: NoiseEstimator | None = NoiseEstimator(spec.n_joints)
         self._pace, self._moving = MovingJoints(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
-        self._diagnosis = FaultDetector(spec, self._thresholds, observer.period)
+        self._compensates, self._changes = isinstance(observer, StateObserver), 0
+        self._diagnosis = FaultDetector(spec, self._thresholds, observer.period, compensates=self._compensates)
+        self._last = np.full(spec.n_joints, np.nan)
 
     @property
     def spec(self) -> HandSpec:
@@ -85,7 +91,7 @@ class Mirror:
     @property
     def contacts(self) -> tuple[str, ...]:
         """Names of the fingers in contact."""
-        return tuple(f.name for f, over in zip(self._spec.fingers, self._over, strict=True) if over >= PERIODS)
+        return tuple(f.name for f, held in zip(self._spec.fingers, self._contact.touched, strict=True) if held)
 
     @property
     def touched_joints(self) -> dict[str, int]:
@@ -102,9 +108,11 @@ class Mirror:
     @property
     def contact_thresholds(self) -> Vector:
         """Contact thresholds now, (n,), N·m: those of free motions, larger while the disturbance is less certain than
-        in them."""
-        wider = self._observer.spread / self._thresholds.spread
-        return np.asarray(joint_thresholds(self._thresholds.contact, self._moving) * np.maximum(wider, 1.0))
+        in them, or a named fault disturbs the joint; infinite for a joint of which nothing can be known."""
+        wider, unknown = self._observer.spread / self._thresholds.spread, 0.0 if self._compensates else 1.0
+        above = joint_thresholds(self._thresholds.contact, self._moving) * np.maximum(wider, 1.0)
+        above = above + (unknown + KNOWN) * np.abs(self._diagnosis.explained)
+        return np.asarray(np.where(self._diagnosis.faults.hidden, np.inf, above))
 
     @property
     def unchecked_faults(self) -> tuple[str, ...]:
@@ -112,9 +120,9 @@ class Mirror:
         return self._thresholds.unchecked_faults
 
     @property
-    def fault(self) -> Fault | None:
-        """The fault of the hand, once it is certain."""
-        return self._diagnosis.fault
+    def faults(self) -> tuple[FaultReport, ...]:
+        """All faults of the hand that were named, in this order: those with an infinite `ended` hold now."""
+        return tuple(self._diagnosis.faults.reports)
 
     @property
     def fault_detector(self) -> FaultDetector:
@@ -131,11 +139,14 @@ class Mirror:
     def observe(self, sample: Sample) -> None:
         """Observe the next sample. Periods that its tick says are missing pass without a report. Raises as `watch`."""
         state = sample.state
+        heard = np.isfinite(state.position)
+        self._last = np.where(heard, state.position, self._last)
+        self._diagnosis.hear(state.t, heard)
         gone = self._lost.count(state, max(state.tick - self._tick, 1), self._estimate)
         if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
-            heard, blind = np.isfinite(state.position), gone * self._observer.period
+            blind = gone * self._observer.period
             if blind > DIM:
                 self._clear = max(self._clear, state.t + blind)
             self._since += gone
@@ -184,24 +195,26 @@ class Mirror:
         return state.gravity if self._gravity is None else self._gravity
 
     def columns(self) -> dict[str, Array]:
-        """Further columns of a recording. `event`: 1 for every finger in contact; then the number of the fault, counted
-        from 1 in the order of `faults.NAMES`, and its joint; 0 and -1 where there is none."""
-        unknown, estimate, found = np.full(self._spec.n_joints, np.nan), self._estimate, self.fault
-        which = (0.0, -1.0) if found is None else (1.0 + NAMES.index(found.name), float(found.joint))
+        """Further columns of a recording. `event`, (fingers + n,): 1 for every finger in contact; then, for every
+        joint, the sum of 2^k over its faults, k: the place of the name in `faults.NAMES`, from 0."""
+        unknown, estimate, codes = np.full(self._spec.n_joints, np.nan), self._estimate, np.zeros(self._spec.n_joints)
+        for each in self._diagnosis.faults.active:
+            codes[each.joint] += 2 ** NAMES.index(each.name)
         return {
             "predicted": unknown if estimate is None else estimate.predicted,
             "disturbance": unknown if estimate is None else estimate.disturbance,
-            "event": np.array([*(self._over >= PERIODS), *which], dtype=float),
+            "event": np.concatenate([self._contact.touched, codes]).astype(float),
         }
 
     def _begin(self, state: HandState) -> None:
         if not np.isfinite(self.gravity_in_palm(state)).all():
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
-        if not np.isfinite(state.position).all():
+        position = np.where(np.isfinite(state.position), state.position, self._last)
+        if not np.isfinite(position).all():
             return  # It cannot start at an unknown position.
         self._begun, self._clear, self._estimate = state.t, 0.0, None
-        self._since[:], self._over[:] = 0, 0
-        self._observer.reset(state.position, state.t)
+        self._since[:], self._contact = 0, ContactTimer(len(self._spec.fingers), self._observer.period)
+        self._observer.reset(position, state.t)
         self._lost = LostPeriods(self._observer.period)
         self._pace = MovingJoints(self._spec.n_joints, self._observer.period)
         self._diagnosis.restart()
@@ -210,8 +223,8 @@ class Mirror:
 
     def _weights(self, down: Vector, velocity: Vector) -> LinkWeights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
-        for finger, over in zip(self._spec.fingers, self._over, strict=True):
-            free[list(finger.joints)] = over < PERIODS
+        for finger, touched in zip(self._spec.fingers, self._contact.touched, strict=True):
+            free[list(finger.joints)] = not touched
         if isinstance(observer, StateObserver):
             return LinkWeights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
         return LinkWeights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
@@ -224,25 +237,35 @@ class Mirror:
         off = state.position - estimate.predicted
         weights = self._weights(self.gravity_in_palm(state), estimate.velocity) if diagnosis.row_due else None
         diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
+        self._compensate()
         if not since.any():
             return  # Without any report there is nothing to judge.
         over = push_ratio(estimate.disturbance, self.contact_thresholds, self._spec) > 1.0
         if state.t < self._clear:
-            over &= self._over >= PERIODS
-        self._over = np.where(over, self._over + 1, 0)
+            over &= self._contact.touched
+        self._contact.add(over)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.contact_thresholds))
             raise HandFault(
                 f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
                 f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"
             )
-        if self.fault is not None and self.fault.name in self._stop:
-            raise HandFault(f"{fault_text(self.fault, self._spec)}, at {state.t:.3f} s")
+        for each in diagnosis.faults.active:
+            if each.name in self._stop:
+                raise HandFault(f"{fault_text(each, self._spec)}, at {state.t:.3f} s")
+
+    def _compensate(self) -> None:
+        """Let the model have the faults that were named: what remains is a touch, or the next fault."""
+        faults = self._diagnosis.faults
+        if faults.changes != self._changes and isinstance(self._observer, StateObserver):
+            self._observer.compensate(faults.model_change())
+        self._changes = faults.changes
 
 
 class LostPeriods:
-    """Detects a lost period at once. The host's `tick` counts it only with the third late state, since a state that is
-    merely late is followed by one that is not. The joints' displacement tells earlier."""
+    """Counts the periods between two states. The host's `tick` counts a lost period only with the third late state,
+    since a state that is merely late is followed by one that is not; and a state that is late by two or more it counts
+    as lost at once, though the host may have been busy. The joints' displacement tells both."""
 
     def __init__(self, period: float) -> None:
         self._period, self._t, self._at = period, np.inf, np.zeros(0)
@@ -251,19 +274,30 @@ class LostPeriods:
     def count(self, state: HandState, counted: int, last: Estimate | None) -> int:
         """Periods from the last state to this one; `counted`: by the ticks."""
         stamped = round((state.t - self._t) / self._period) if np.isfinite(self._t) else counted
-        gone, step = counted, state.position - self._at if last is not None else np.zeros(0)
+        step = state.position - self._at if last is not None else np.zeros(0)
         self._t, self._at, self._left = state.t, state.position, self._left - 1
         if self._left < 0:
             self._ahead = 0
+        gone = counted
         if counted > 1 and stamped < counted:
-            caught = min(self._ahead, counted - 1)
-            self._ahead, gone = self._ahead - caught, counted - caught
-        elif last is not None and stamped == counted + 1:
-            went = self._period * last.velocity
-            off = [float(np.nansum(np.square(step - periods * went))) for periods in (counted, stamped)]
-            if off[1] < CLEARLY * off[0]:
-                self._ahead, self._left, gone = self._ahead + 1, COUNTS, stamped
+            gone -= min(max(self._ahead, 0), counted - 1)
+        most = max(counted, stamped, counted - self._ahead)
+        if last is not None and most > 1:
+            gone = self._moved(step, last.velocity, gone, min(most, MANY))
+        if gone != counted:
+            self._ahead, self._left = self._ahead + gone - counted, COUNTS
         return gone
+
+    def _moved(self, step: Vector, velocity: Vector, expected: int, most: int) -> int:
+        """Periods, at most so many, that explain a step of the joints, (n,), rad, clearly better than those expected.
+        One joint alone may have jumped: each counts no more than as if it had not moved for two periods."""
+        went = self._period * velocity
+        periods = np.array([expected, *range(1, most + 1)])[:, None]
+        faster = SPEEDS_UP * (np.square(periods) - 1) * self._period**2 / 2.0
+        off = np.clip(np.abs(step - periods * went) - faster, 0.0, 2.0 * np.abs(went) + NOISE)
+        squares = np.nansum(np.square(off), axis=1)
+        best = int(squares.argmin())
+        return int(periods[best, 0]) if squares[best] < CLEARLY * squares[0] else expected
 
 
 class NoiseEstimator:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -21,10 +21,12 @@ from allegro_twin.twin.identify.results.findings import LEFT
 from allegro_twin.twin.mirror.contact_detection import SETTLED, Contact, find_contacts
 from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.fault_detection import Thresholds
-from allegro_twin.twin.mirror.faults import Fault
+from allegro_twin.twin.mirror.faults import FaultReport
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 
+SOON = 1.5
+"""s before a fault first showed in a window, from which on its effects may look like contacts: a window."""
 MADE = ("format", "version", "hand", "period")
 """What a recorder writes itself into a recording's metadata."""
 
@@ -62,11 +64,10 @@ class MirrorResult:
     contact_thresholds: Array
     """Contact thresholds, (k, n), N·m."""
     contacts: tuple[Contact, ...]
-    fault: Fault | None
+    faults: tuple[FaultReport, ...]
+    """In the order in which they were named; also those that ended."""
     unchecked_faults: tuple[str, ...] = ()
     """Names of faults that could not be checked."""
-    fault_time: float = np.nan
-    """When the fault got its name, s; NaN without one."""
     free: FreeMotion | None = None
     """The motion that thresholds are from."""
 
@@ -78,8 +79,6 @@ class MirrorLog:
         self.mirror = mirror
         self._t: list[float] = []
         self._rows: list[tuple[Array | NDArray[np.bool_], ...]] = []
-        self._fault: Fault | None = None
-        self._named = np.nan
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Observe samples and pass them on (a stage). Raises as `Mirror.watch`."""
@@ -98,32 +97,37 @@ class MirrorLog:
         latest, t = each.columns(), sample.state.t
         off = sample.state.position - latest["predicted"]
         self._t.append(t)
-        self._rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, each.observer.spread))
-        if _which(each.fault) != _which(self._fault):
-            self._named = np.nan if each.fault is None else t
-        self._fault = each.fault
+        touched = latest["event"][: len(each.spec.fingers)] > 0.0
+        spread = each.observer.spread
+        self._rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, spread, touched))
 
     @property
     def rows(self) -> int:
         """How many periods there are estimates of."""
         return max(len(self._rows) - 1, 0)
 
-    def columns(self) -> tuple[Array, Array, NDArray[np.bool_], Array, Array]:
+    def columns(self) -> tuple[Array, Array, NDArray[np.bool_], Array, Array, NDArray[np.bool_]]:
         """Disturbances, N·m, reported minus predicted positions, rad, which joints moved, contact thresholds, N·m, and
-        the spread of disturbances by noise alone, N·m, (rows, n) each."""
-        disturbance, off, moving, above, spread = (np.array(column) for column in zip(*self._rows[1:], strict=True))
-        return disturbance, off, moving, above, spread
+        the spread of disturbances by noise alone, N·m, (rows, n) each; which fingers were touched, (rows, fingers)."""
+        rows = zip(*self._rows[1:], strict=True)
+        disturbance, off, moving, above, spread, touched = (np.array(column) for column in rows)
+        return disturbance, off, moving, above, spread, touched
 
     def result(self, free: FreeMotion | None = None) -> MirrorResult:
         """What was found up to now, with at least one row."""
         each, t = self.mirror, np.array(self._t[1:])
-        disturbance, off, _, above, _ = self.columns()
-        touches = tuple(find_contacts(t, disturbance, above, each.spec))
-        return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults, self._named, free)
+        disturbance, off, _, above, _, touched = self.columns()
+        touches = tuple(find_contacts(t, touched, disturbance, above, each.spec))
+        return MirrorResult(t, disturbance, off, above, touches, each.faults, each.unchecked_faults, free)
 
 
-def _which(fault: Fault | None) -> tuple[str, int] | None:
-    return None if fault is None else (fault.name, fault.joint)
+def possible_cause(contact: Contact, faults: Sequence[FaultReport], spec: HandSpec) -> FaultReport | None:
+    """The fault that may have caused what looked like a contact: it was named soon after, on the same finger."""
+    own = next(finger.joints for finger in spec.fingers if finger.name == contact.finger)
+    for each in faults:
+        if each.fault.joint in own and each.ended == np.inf and each.begin - SOON < contact.begin < each.named:
+            return each
+    return None
 
 
 def mirror_recording(
@@ -155,7 +159,7 @@ def read_free_motion(
     _check_kind(recording, spec, version)
     log = MirrorLog(each := mirror_for_recording(recording, hand, None, gravity))
     _run(recording, log, None)
-    disturbance, _, moving, _, spread = log.columns()
+    disturbance, _, moving, _, spread, _ = log.columns()
     gains = np.array(each.fault_detector.gains).reshape(-1, len(recording.spec.fingers))
     usual = np.median(spread, axis=0)
     disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)

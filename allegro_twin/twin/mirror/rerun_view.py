@@ -46,10 +46,9 @@ def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, healt
 
 
 def event_text(mirror: Mirror) -> str:
-    """Contacts and fault as text; empty where all is as expected."""
+    """Contacts and faults as text; empty where all is as expected."""
     parts = [f"{name} is touched" for name in mirror.contacts]
-    if mirror.fault is not None:
-        parts.append(fault_text(mirror.fault, mirror.spec))
+    parts += [fault_text(each.fault, mirror.spec) for each in mirror.faults if each.ended == np.inf]
     return "; ".join(parts)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -32,8 +33,20 @@ from allegro_twin.twin.mirror.fault_detection import (
     LinkWeights,
     Thresholds,
 )
-from allegro_twin.twin.mirror.fault_signatures import signature_fault, signature_gains
-from allegro_twin.twin.mirror.faults import CREEP, NAMES, ROW, Fault, MirrorWindow, direct_fault, fault_text
+from allegro_twin.twin.mirror.fault_list import FaultList
+from allegro_twin.twin.mirror.fault_signatures import fit_signature, signature_fault, signature_gains
+from allegro_twin.twin.mirror.faults import (
+    CREEP,
+    NAMES,
+    ROW,
+    Fault,
+    FaultName,
+    FaultReport,
+    MirrorWindow,
+    direct_faults,
+    fault_text,
+    report_text,
+)
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, Sample
 from tests.conftest import MakeSim
@@ -76,7 +89,7 @@ def _sticky(spec: HandSpec) -> HandSpec:
 
 
 def test_a_free_motion_has_no_name(spec: HandSpec) -> None:
-    assert direct_fault(window(), spec) is None
+    assert not direct_faults(window(), spec)
     assert signature_fault(window(), QUIET, spec) is None
 
 
@@ -99,14 +112,14 @@ def test_each_fault_is_called_by_its_name_with_its_joint_and_its_size(spec: Hand
 def test_a_jump_a_joint_that_stays_and_a_hot_motor_are_seen_directly(spec: HandSpec) -> None:
     free = window()
     jump, position, warm, push = free.jump.copy(), free.position.copy(), np.full((K, N), 40.0), free.disturbance.copy()
-    jump[20, 9] = 0.05
-    assert direct_fault(free._replace(jump=jump), spec) == Fault("encoder_step", 9, 0.05)
+    jump[20, 9], jump[30, 2] = -0.05, 0.02
+    jumps = [Fault("encoder_step", 2, 0.02), Fault("encoder_step", 9, -0.05)]
+    assert direct_faults(free._replace(jump=jump), spec) == jumps
     position[:, 4], push[:, 4] = 0.3, -free.torque[:, 4]
-    found = direct_fault(free._replace(position=position, disturbance=push), spec)
-    assert found is not None
+    (found,) = direct_faults(free._replace(position=position, disturbance=push), spec)
     assert (found.name, found.joint) == ("stuck", 4)
     warm[-1, 12] = 71.0
-    assert direct_fault(free._replace(temperature=warm), spec) == Fault("hot", 12, 71.0)
+    assert direct_faults(free._replace(temperature=warm), spec) == [Fault("hot", 12, 71.0)]
 
 
 def test_many_weak_joints_on_many_fingers_are_the_wrong_file(spec: HandSpec) -> None:
@@ -132,10 +145,8 @@ def test_fingers_that_hold_something_have_no_shape_and_no_stuck_joint(spec: Hand
     assert signature_fault(free._replace(disturbance=weak, holds=both), QUIET, spec) is None
     still = np.where(np.arange(N) == 2, 0.0, free.position)
     stuck = free._replace(disturbance=np.where(np.arange(N) == 2, -free.torque, free.disturbance), position=still)
-    found = direct_fault(stuck, spec)
-    assert found is not None
-    assert found.name == "stuck"
-    assert direct_fault(stuck._replace(holds=both), spec) is None
+    assert [found.name for found in direct_faults(stuck, spec)] == ["stuck"]
+    assert not direct_faults(stuck._replace(holds=both), spec)
 
 
 def test_a_joint_is_not_stuck_where_others_of_its_finger_are_pushed_as_well(spec: HandSpec) -> None:
@@ -144,7 +155,7 @@ def test_a_joint_is_not_stuck_where_others_of_its_finger_are_pushed_as_well(spec
     pressed = free._replace(
         disturbance=np.where(three, -free.torque, free.disturbance), position=np.where(three, 0.0, free.position)
     )
-    assert direct_fault(pressed, spec) is None
+    assert not direct_faults(pressed, spec)
 
 
 def test_friction_that_no_file_knows_does_not_turn_a_payload_into_that_of_another_link(spec: HandSpec) -> None:
@@ -217,9 +228,9 @@ def test_a_joint_that_friction_holds_in_hand_and_mirror_alike_is_not_stuck(spec:
     position, push, torque = free.position.copy(), free.disturbance.copy(), free.torque.copy()
     position[:, 4], torque[:, 4] = 0.3, 0.05 + 0.02 * np.sin(np.arange(K) / 5.0)
     push[:, 4] = -0.04
-    assert direct_fault(free._replace(position=position, disturbance=push, torque=torque), spec) is None
+    assert not direct_faults(free._replace(position=position, disturbance=push, torque=torque), spec)
     push[:, 4] = -torque[:, 4]
-    assert direct_fault(free._replace(position=position, disturbance=push, torque=torque), spec) is not None
+    assert direct_faults(free._replace(position=position, disturbance=push, torque=torque), spec)
 
 
 def test_every_name_has_words(spec: HandSpec) -> None:
@@ -250,12 +261,11 @@ def test_the_name_waits_until_all_that_it_rests_on_is_of_the_fault(spec: HandSpe
         state = replace(state, position=position)
         estimate = Estimate(state.position, state.position, push, speed)
         each.add(state, estimate, torque, np.zeros(N), weights if each.row_due else None)
-        if each.fault is not None:
+        if each.faults.active:
             named_at = (tick - sign) / ROW
             break
         assert tick < 10000
-    assert each.fault is not None
-    assert (each.fault.name, each.fault.joint) == (name, 7)
+    assert [(one.name, one.joint) for one in each.faults.active] == [(name, 7)]
     assert named_at is not None
     assert WAIT <= named_at <= (ROWS if stays else WAIT) + 3 * EVERY
 
@@ -278,7 +288,7 @@ def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_th
         state = HandState(period * tick, tick, way * only, rest, rest, np.full(N, np.nan), np.zeros(3))
         estimate = Estimate(state.position, state.position, rest, rest)
         each.add(state, estimate, rest, 0.02 * only * (after == 1), weights if each.row_due else None)
-    assert (None if each.fault is None else each.fault.name) == name
+    assert [one.name for one in each.faults.active] == ([] if name is None else [name])
 
 
 def test_thresholds_need_enough_looks(spec: HandSpec) -> None:
@@ -319,12 +329,195 @@ def test_what_goes_wrong_with_a_hand_can_stop_it(
     observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
     each = Mirror(spec, observer, np.ones(N), calm, (what,))
     with pytest.raises(
-        HandFault, match=r"(the motor of middle_2 gives \d+ %|the encoder of ring_1 jumped by \d+ mrad)"
+        HandFault, match=r"(the motor of middle_2 gives \d+ %|the encoder of ring_1 jumped by [+-]\d+ mrad)"
     ):
         for _ in each.watch(suffering(spec, hand, what, joint, amount)):
             pass
-    assert each.columns()["event"][4] == 1 + NAMES.index(what)
-    assert each.columns()["event"][5] == joint
+    np.testing.assert_array_equal(each.columns()["event"][4:], 2 ** NAMES.index(what) * (np.arange(N) == joint))
+
+
+class Course(NamedTuple):
+    """What disturbs one joint of a made-up motion, from one time to another, s."""
+
+    name: str
+    joint: int
+    amount: float
+    begin: float
+    end: float = np.inf
+
+
+def detected(spec: HandSpec, seconds: float, *courses: Course) -> list[FaultReport]:
+    """Faults that are named in a motion of every joint, beside a model that takes the sizes of those that were."""
+    each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003, compensates=True)
+    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N))
+    pace, rng = np.linspace(3.0, 6.0, N), np.random.default_rng(4)
+    for tick in range(round(seconds / 0.003)):
+        t = 0.003 * tick
+        torque, speed = 0.1 * np.sin(2.3 * pace * t + np.arange(N)), 0.9 * np.cos(pace * t + np.arange(N))
+        push, change = 0.0005 * rng.standard_normal(N), each.faults.model_change()
+        for name, joint, amount, begin, end in courses:
+            size = amount * (begin <= t < end)
+            if name == "weak":
+                push[joint] -= (size - 1.0 + change.strength[joint]) * torque[joint]
+            else:
+                push[joint] -= (size - change.friction[joint]) * np.tanh(speed[joint] / CREEP)
+        position = 0.9 / pace * np.sin(pace * t + np.arange(N))
+        state = HandState(t, tick, position, speed, torque, np.full(N, np.nan), np.zeros(3))
+        each.add(
+            state,
+            Estimate(position, position, push, speed),
+            torque * change.strength,
+            np.zeros(N),
+            weights if each.row_due else None,
+        )
+    return each.faults.reports
+
+
+@pytest.mark.parametrize("later", [0.0, 3.0])
+def test_two_faults_are_both_named_once_whether_at_once_or_one_after_the_other(spec: HandSpec, later: float) -> None:
+    weak, friction = Course("weak", 7, 0.4, 2.0), Course("friction", 13, 0.03, 2.0 + later)
+    found = detected(spec, 9.0, weak, friction)
+    assert {(one.fault.name, one.fault.joint) for one in found} == {("weak", 7), ("friction", 13)}
+    assert len(found) == 2
+    for one, true in zip(sorted(found, key=lambda each: each.fault.joint), (weak, friction), strict=True):
+        assert one.fault.amount == pytest.approx(true.amount, rel=0.1)
+        assert true.begin < one.begin <= one.named < true.begin + 3.0
+        assert one.ended == np.inf
+
+
+def test_a_second_fault_of_a_finger_is_named_beside_its_first(spec: HandSpec) -> None:
+    found = detected(spec, 9.0, Course("weak", 5, 0.4, 2.0), Course("friction", 6, 0.03, 5.0))
+    assert [(one.fault.name, one.fault.joint) for one in found] == [("weak", 5), ("friction", 6)]
+
+
+def test_what_ends_before_it_has_a_name_has_none(spec: HandSpec) -> None:
+    assert not detected(spec, 7.0, Course("weak", 7, 0.4, 2.0, 3.2))
+
+
+def test_a_name_is_withdrawn_once_nothing_is_left_of_what_it_explains(spec: HandSpec) -> None:
+    (found,) = detected(spec, 9.0, Course("weak", 7, 0.4, 2.0, 5.0))
+    assert (found.fault.name, found.fault.joint) == ("weak", 7)
+    assert found.named < 5.0 < found.ended < 8.0
+    assert "middle_3 gives 60 % of its torque (since 2." in report_text(found, spec)
+    assert re.search(r"; withdrawn at [67]\.\d\d s$", report_text(found, spec))
+
+
+def test_a_shape_that_leaves_a_part_unexplained_is_no_fault(spec: HandSpec) -> None:
+    free, rows = window(), np.arange(K)[:, None]
+    weak = -0.4 * late(free.torque) * (np.arange(N) == 5)
+    fits = [
+        fit_signature(free._replace(disturbance=free.disturbance + push), "weak", 5, spec)
+        for push in (weak, weak * (rows < 35), weak + 0.02 * MIDDLE)
+    ]
+    assert [fit.convinces(QUIET[1]) for fit in fits] == [True, False, False]
+    assert fits[0].amount == pytest.approx(0.4, rel=0.1)
+
+
+def test_what_an_error_in_a_named_size_leaves_is_no_second_fault_and_what_is_beside_it_is(spec: HandSpec) -> None:
+    free = window()
+    known = -0.8 * late(free.torque) * (np.arange(N) == 5)
+    left = free._replace(disturbance=free.disturbance + 0.15 * known)
+    assert signature_fault(left, QUIET, spec) is not None
+    assert signature_fault(left._replace(known=known), QUIET, spec) is None
+    more = left.disturbance - 0.3 * late(free.torque) * (np.arange(N) == 6)
+    found = signature_fault(left._replace(known=known, disturbance=more), QUIET, spec)
+    assert found is not None
+    assert (found.name, found.joint) == ("weak", 6)
+
+
+def test_faults_of_a_stuck_joint_follow_from_it_and_its_encoder_and_other_joints_do_not(spec: HandSpec) -> None:
+    each = FaultList(spec, compensates=True)
+    names: tuple[tuple[FaultName, int], ...] = (
+        ("stuck", 6), ("weak", 6), ("friction", 6), ("encoder_step", 6), ("weak", 7), ("stuck", 6)
+    )  # fmt: skip
+    assert [each.add(Fault(name, joint, 0.05), 1.0, 2.0) for name, joint in names] == [
+        True, False, False, True, True, False
+    ]  # fmt: skip
+    np.testing.assert_array_equal(np.flatnonzero(each.hidden), [6])
+    each.resize(each.active[1], -0.05, 4.0)
+    assert report_text(each.reports[1], spec).endswith("jumped back at 4.00 s")
+    assert [one.name for one in each.active] == ["stuck", "weak"]
+
+
+def test_encoders_of_several_fingers_that_jump_in_one_period_are_lost_periods(spec: HandSpec) -> None:
+    rest, names = np.zeros(N), []
+    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N))
+    for joints in ((6,), (6, 9)):
+        each, only = FaultDetector(spec, Thresholds.default(spec), 0.003), np.isin(np.arange(N), joints)
+        for tick in range(ROWS * ROW + 2 * EVERY * ROW):
+            state = HandState(
+                0.003 * tick, tick, np.where(only & (tick > 100), 0.02, 0.0), rest, rest, np.full(N, np.nan), rest[:3]
+            )
+            estimate = Estimate(state.position, state.position, rest, rest)
+            each.add(
+                state, estimate, rest, np.where(only & (tick == 101), 0.02, 0.0), weights if each.row_due else None
+            )
+        names.append([one.name for one in each.faults.active])
+    assert names == [["encoder_step"], []]
+
+
+@pytest.mark.parametrize("name", ["weak", "friction", "payload", "encoder_step"])
+def test_a_mirror_that_knows_a_fault_expects_what_the_hand_does(
+    spec: HandSpec, make_sim: MakeSim, name: Ailment
+) -> None:
+    amount = {"weak": 0.5, "friction": 0.05, "payload": 0.03, "encoder_step": 0.05}[name]
+    faults = FaultList(spec, compensates=True)
+    faults.add(Fault(cast(FaultName, name), 6, amount), 0.0, 0.0)
+    each = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    pushed: list[Array] = []
+    for sample in suffering(spec, make_sim(spec, posture=(spec.lower + spec.upper) / 2.0), name, 6, amount, at=0.0):
+        state = sample.state
+        if state.tick == 1:
+            each.reset(state.position)
+            each.compensate(faults.model_change())
+        elif state.tick > 1:
+            pushed.append(each.step(state.torque, state.gravity, state.position).disturbance)
+        if state.t > 2.0:
+            break
+    assert np.abs(pushed[300:]).max() < 0.004
+
+
+def test_what_a_named_fault_explains_is_no_touch_and_a_push_on_its_finger_is(spec: HandSpec, make_sim: MakeSim) -> None:
+    hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
+    calm = Thresholds(np.full((2, N), 0.01), np.full(4, 3e-4))
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    each, touches, push = Mirror(spec, observer, np.ones(N), calm), [], np.zeros(N)
+    for sample in each.watch(suffering(spec, hand, "friction", 5, 0.05)):
+        push[6] = 0.05 * (5.0 <= sample.state.t < 5.3)
+        hand.push(push)
+        touches += [(sample.state.t, name) for name in each.contacts if each.faults]
+    (named,) = each.faults
+    assert (named.fault.name, named.fault.joint) == ("friction", 5)
+    assert named.fault.amount == pytest.approx(0.05, rel=0.1)
+    after = np.array([t for t, _ in touches if t > named.named + 0.2])
+    assert 5.0 < after.min() < 5.05
+    assert after.max() < 5.5
+    assert {name for _, name in touches} == {"middle"}
+    np.testing.assert_array_equal(np.flatnonzero(each.columns()["event"]), [4 + 5])
+
+
+def test_a_joint_that_reports_nothing_is_said_until_it_reports_again(spec: HandSpec, make_sim: MakeSim) -> None:
+    hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
+    observer = StateObserver(spec, drive_parameters(spec, np.ones(N), np.zeros(N)), 0.003)
+    each, lost = Mirror(spec, observer, np.ones(N), Thresholds.default(spec)), np.arange(N) == 6
+
+    def samples() -> Iterator[Sample]:
+        for state, command in suffering(spec, hand, "weak", 0, 0.0, at=np.inf):
+            gone = lost & (1.5 <= state.t < 2.0)
+            yield Sample(replace(state, position=np.where(gone, np.nan, state.position)), command)
+            if state.t > 2.5:
+                return
+
+    said = [[fault_text(one.fault, spec) for one in each.faults if one.ended == np.inf] for _ in each.watch(samples())]
+    assert list(dict.fromkeys(map(tuple, said))) == [(), ("middle_2 reports nothing",)]
+    assert said[-1] == []
+    (silent,) = each.faults
+    assert (silent.begin, silent.ended) == pytest.approx((1.5, 2.0), abs=0.004)
+    assert silent.named == pytest.approx(1.6, abs=0.01)
+    stopped = Mirror(spec, observer, np.ones(N), Thresholds.default(spec), stop=("silent",))
+    with pytest.raises(HandFault, match=r"middle_2 reports nothing, at 1\.6"):
+        hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
+        list(stopped.watch(samples()))
 
 
 def test_an_event_that_is_none_is_refused() -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.twin.mirror_run import lines, misfit, other_name, sensitivity
 from allegro_twin.twin.mirror.fault_detection import Thresholds
-from allegro_twin.twin.mirror.faults import Fault
-from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorLog, MirrorResult, recorded_samples
+from allegro_twin.twin.mirror.faults import Fault, FaultReport
+from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult
 from allegro_twin.types import Vector
 from tests.surfaces.cli.conftest import Run
 from tests.surfaces.cli.conftest import command as command
@@ -85,7 +83,7 @@ def test_a_recording_is_copied_with_the_columns_of_its_mirror(free: Path, tmp_pa
     before, after = load(free), load(tmp_path / "m.arrow")
     for name, column in before.columns.items():
         np.testing.assert_array_equal(after.columns[name], column)
-    assert after.columns["event"].shape == (len(before), 6)
+    assert after.columns["event"].shape == (len(before), 4 + N)
     assert after.meta["excitation"] == before.meta["excitation"]
     code, _, errors = command("mirror", free, "--record", free)
     assert (code, "that is the recording itself" in errors) == (2, True)
@@ -113,10 +111,10 @@ def test_a_run_that_ends_early_says_what_was_found_until_then(
     assert load(tmp_path / "r.arrow").columns["t"][-1] == pytest.approx(1.5, abs=0.01)
 
 
-def result(spec: HandSpec, above: Vector, fault: Fault | None = None) -> MirrorResult:
+def result(spec: HandSpec, above: Vector, *faults: FaultReport) -> MirrorResult:
     t = np.linspace(0.0, 2.0, 200)
     none, rows = np.zeros((200, N)), np.tile(above, (200, 1))
-    return MirrorResult(t, none, none, rows, (), fault, (), np.nan if fault is None else 1.234)
+    return MirrorResult(t, none, none, rows, (), faults)
 
 
 def test_joints_that_feel_late_and_joints_that_are_blind_are_named(spec: HandSpec) -> None:
@@ -134,25 +132,5 @@ def test_joints_that_feel_late_and_joints_that_are_blind_are_named(spec: HandSpe
 
 
 def test_what_is_wrong_is_said_with_the_time_at_which_it_got_its_name(spec: HandSpec) -> None:
-    _, line = lines(result(spec, np.full(N, 0.010), Fault("stuck", 3, 0.1)), spec)
-    assert line == "Something is wrong: index_3 is stuck, named at 1.234 s."
-
-
-def test_the_log_of_a_mirror_knows_when_a_fault_got_its_name(free: Path) -> None:
-    class Named:
-        fault: Fault | None = None
-        spec, unchecked_faults, moving = load_spec(), (), np.ones(N, dtype=bool)
-        contact_thresholds = np.full(N, 0.01)
-        observer = type("Observer", (), {"spread": np.full(N, 0.002)})
-
-        def columns(self) -> dict[str, Vector]:
-            return {"disturbance": np.zeros(N), "predicted": np.zeros(N)}
-
-        def observe(self, sample: object) -> None:
-            number = next(numbers)
-            self.fault = None if number < 50 else Fault("stuck", 3, 0.1 if number < 80 else 0.2)
-
-    numbers = count()
-    log = MirrorLog(Named())  # type: ignore[arg-type]
-    samples = [sample for sample, _ in zip(log.watch(recorded_samples(load(free))), range(100), strict=False)]
-    assert log.result().fault_time == samples[50].state.t  # Its amount changed later.
+    _, line = lines(result(spec, np.full(N, 0.010), FaultReport(Fault("stuck", 3, 0.1), 0.9, 1.234)), spec)
+    assert line == "Something is wrong: index_3 is stuck (since 0.90 s, named at 1.23 s)."

@@ -79,7 +79,8 @@ class HandClock:
 
     Every period of which any report came is counted. Those of which nothing came show only in the stamps: at once when
     two or more are gone, after three late states when it is one. What is read from a backlog is stamped when it was
-    read, so there the count alone holds.
+    read, so there the stamps only say how many periods there can have been at most: of a state that was late by two
+    or more, and counted for lost, the periods come after it.
     """
 
     def __init__(self, period: float, t: float, periods: int) -> None:
@@ -103,17 +104,17 @@ class HandClock:
         else:  # A little earlier is rounding, or the order in which an adapter stamps.
             t = max(t, self._stamp)
         self._stamp = t
+        late = t - self._begin - (self.tick + heard) * self._period
+        gone = round(late / self._period)
+        if gone < 0:  # More was counted than there can have been: a late state, or a report out of its order.
+            heard = max(heard + gone, 1)
         if not caught_up:
             self.tick += heard
             self.t = max(min(self.t + heard * self._period, t - self._origin), self.t + 0.1 * self._period)
             return heard
-        late = t - self._begin - (self.tick + heard) * self._period
-        gone = round(late / self._period)
         self._late = self._late + 1 if gone > 0 else 0
         if gone > 1 or self._late >= PATIENCE:
             heard, self._late = heard + gone, 0
-        elif gone < 0:  # More was counted than there can have been: a report out of its order.
-            heard = max(heard + gone, 1)
         elif gone == 0:
             self._begin += DRIFT * late
         self.tick += heard

@@ -266,17 +266,18 @@ def missing_checks(found: MirrorResult, free: Path | None) -> str:
 
 
 def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
-    """The touches, what could not be felt, and the fault, one line each."""
+    """The touches, what could not be felt, and the faults, one line each."""
+    from allegro_twin.twin.mirror.faults import fault_text, report_text
+    from allegro_twin.twin.mirror.on_recording import possible_cause
+
+    causes = [possible_cause(each, found.faults, spec) for each in found.contacts]
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
         + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
-        for each in found.contacts
+        + ("" if cause is None else f"; this may be because {fault_text(cause.fault, spec)}")
+        for each, cause in zip(found.contacts, causes, strict=True)
     ]
     if dull := sensitivity(found, spec):
         said.append(f"{'More touches are possible' if said else 'No touch was felt, which says little'}: {dull}.")
     said = said or ["Nothing touched it."]
-    if found.fault is not None:
-        from allegro_twin.twin.mirror.faults import fault_text
-
-        said.append(f"Something is wrong: {fault_text(found.fault, spec)}, named at {found.fault_time:.3f} s.")
-    return said
+    return said + [f"Something is wrong: {report_text(each, spec)}." for each in found.faults]

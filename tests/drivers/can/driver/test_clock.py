@@ -55,6 +55,16 @@ def test_a_stamp_that_is_earlier_by_rounding_is_no_clock_that_was_set_back() -> 
     assert clock.t == pytest.approx(0.015)
 
 
+def test_a_state_that_was_late_and_counted_as_lost_periods_is_corrected_by_those_that_come_after_it() -> None:
+    clock = HandClock(PERIOD, 0.0, 1)
+    clock.advance(1 * PERIOD, 2)
+    clock.advance(4 * PERIOD, 3)  # Two late: counted as lost.
+    clock.advance(5 * PERIOD, 6, caught_up=False)  # They come now, and more is waiting.
+    clock.advance(6 * PERIOD, 7)
+    assert clock.tick == 6
+    assert clock.t == pytest.approx(6 * PERIOD)
+
+
 @given(lateness=st.lists(st.floats(0.0, 2.4), min_size=300, max_size=300))
 def test_under_any_lateness_of_the_host_time_and_tick_agree(lateness: list[float]) -> None:
     """Stamps are late by up to 2.4 periods, and frames come in order."""
