@@ -56,7 +56,7 @@ def test_a_recording_that_the_fit_would_refuse_has_no_gap(motion: RecordedMotion
 def test_joints_that_a_file_predicts_worse_than_the_nominal_hand_are_named(spec: HandSpec) -> None:
     nominal, now = np.full(N, 0.010), np.full(N, 0.001)
     drive = drive_parameters(spec, np.ones(N), np.zeros(N))
-    written = WrittenDrive(drive, tuple(SOURCES[2] for _ in range(N)), {"nominal": nominal, "written": now}, 1.0)
+    written = WrittenDrive(drive, tuple(SOURCES[1] for _ in range(N)), {"nominal": nominal, "written": now}, 1.0)
     assert describe_worse(written, spec) == ""
     now[11], now[2], now[5] = 0.013, 0.020, 0.0102
     assert describe_worse(written, spec).startswith(

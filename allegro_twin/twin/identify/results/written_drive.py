@@ -2,7 +2,7 @@
 
 Candidates are the nominal drive, the one in which only determined values are changed, and the one in which all are as
 found that the motions show at all, however wide their intervals. Of every finger the best counts, then of every joint,
-as long as its finger's error falls. Where two are as good, the one that changes less counts.
+as long as its finger's error falls. Where two are as good, the earlier one of SOURCES counts.
 """
 
 from __future__ import annotations
@@ -35,9 +35,11 @@ KeptValues = Mapping[str, NDArray[np.bool_]]
 """Values that stay as they were, (n,) for each kind; one for the delay."""
 Source: TypeAlias = Literal["nominal", "determined", "all"]
 """What of a fit a joint has: nothing, the determined values, or all."""
-SOURCES: tuple[Source, ...] = ("nominal", "determined", "all")
+SOURCES: tuple[Source, ...] = ("nominal", "all", "determined")
+"""In the order in which they count where two are as good: in poses that were not recorded a value that is not known well
+is nearer to the truth than none."""
 BETTER = 0.95
-"""Times the error: a candidate that changes more must be this much better."""
+"""Times the error: a later candidate must be this much better."""
 LONGEST = 5.0
 """s of open loop, at most."""
 
@@ -82,16 +84,17 @@ def choose_drive(
     }
     trial = _Trial(found, motions)
     if not trial.pieces:
-        return WrittenDrive(candidates["determined"], tuple(SOURCES[1] for _ in found.floor), {}, 0.0)
+        sure: Source = "determined"
+        return WrittenDrive(candidates[sure], (sure,) * len(found.floor), {}, 0.0)
     for name in SOURCES[1:]:
         upright = _upright(candidates[name])
         if trial.total(upright) <= trial.total(candidates[name]) / BETTER:
             candidates[name] = upright
     errors: dict[str, Vector] = {name: trial.errors(each) for name, each in candidates.items()}
-    best = _fewest([float(np.square(errors[name]).sum()) for name in SOURCES])
+    best = _first_of_best([float(np.square(errors[name]).sum()) for name in SOURCES])
     made, now, source = candidates[SOURCES[best]], errors[SOURCES[best]], np.full(len(found.floor), best)
     for finger in trial.fingers:
-        one = _fewest([float(np.square(errors[name][finger]).sum()) for name in SOURCES])
+        one = _first_of_best([float(np.square(errors[name][finger]).sum()) for name in SOURCES])
         if one == best:
             continue
         # With the delay and the lean of the whole hand's best it may be worse than it was with its own.
@@ -149,7 +152,7 @@ SHORTEST_TRIAL = 0.6
 """s of open loop that tell a drive from another."""
 
 
-def _fewest(costs: list[float]) -> int:
+def _first_of_best(costs: list[float]) -> int:
     """The least cost; the first one that is nearly as low."""
     return next(k for k, cost in enumerate(costs) if BETTER**2 * cost <= min(costs))
 
