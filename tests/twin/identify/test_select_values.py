@@ -81,5 +81,5 @@ def test_a_finger_is_not_put_back_where_it_is_worse_with_the_hands_delay(monkeyp
     monkeypatch.setattr(written_drive, "_Trial", Trial)
     monkeypatch.setattr(written_drive, "select_values", lambda *_: found.fit.drive)
     written = written_drive.choose_drive(found.fit, found.values, [], nominal, {})
-    assert set(written.source) == {"determined"}
+    assert set(written.source) == {"all"}  # As good as the determined ones, and before them.
     assert written.errors["written"][usual].tolist() == [0.1] * 4
