@@ -11,7 +11,8 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain import lugre_friction
-from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf
+from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf, take_out_gears
+from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gains
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
 from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf
 from allegro_twin.types import Array
@@ -91,11 +92,10 @@ def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> fl
     """The most that it can give by the file: the smallest of its force range, its joint's force range, and, of a motor
     that takes torques, its range of control. None: it has none of them."""
     found = []
-    gear = abs(float(model.actuator_gear[number, 0])) or 1.0
     if model.actuator_forcelimited[number]:
-        found.append(gear * float(np.abs(model.actuator_forcerange[number]).max()))
+        found.append(float(np.abs(model.actuator_forcerange[number]).max()))
     if torque and model.actuator_ctrllimited[number]:
-        found.append(gear * float(np.abs(gain * model.actuator_ctrlrange[number]).max()))
+        found.append(float(np.abs(gain * model.actuator_ctrlrange[number]).max()))
     if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
         joint = int(model.actuator_trnid[number, 0])
         if model.jnt_actfrclimited[joint]:
@@ -143,6 +143,7 @@ def explore_hand(
             notes.append("the PID plugin is read as position servos of its kp and kd: no integral, no slew")
     for element in spec.keys:
         spec.delete(element)
+    take_out_gears(spec)
     try:
         model = compile_model(spec)
     except ValueError as error:
@@ -172,7 +173,7 @@ def explore_hand(
     followers, free = _followers(model, motors, moves)
     notes += _notes(model, structure, motors, free)
     torque = commands == {"torque"}
-    card = {
+    card: dict[str, Any] = {
         "mjcf": str(path),
         "root": structure.root,
         "side": "right",
@@ -181,6 +182,13 @@ def explore_hand(
         "fingers": {finger.name: _finger_row(model, finger, motors, drives) for finger in structure.fingers},
         "palm": _axes(model, structure, motors, ways, drives),
     }
+    if torque:
+        joints = [MotorJoint(motor.joint, motor.effort) for motor in motors if motor.joint is not None]
+        card["gains"] = {"default": motor_gains(model, joints)}
+        notes.append(
+            f"gains are chosen: by each joint's inertia, critically damped at {BANDWIDTH:g} rad/s or less, full effort "
+            "not before 0.1 rad (5 mm); `gains` in the card has them"
+        )
     if structure.wrist:
         names = [motor.name for motor, own in zip(motors, drives, strict=True) if own & set(structure.wrist)]
         card["wrist"] = {"joints": names, "palm": model.body(structure.palm).name}
