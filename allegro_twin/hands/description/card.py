@@ -79,7 +79,7 @@ class PalmCard(Settings):
 
 
 class GainsCard(Settings):
-    """Gains of the loop that closes round a hand that takes torques, a value for each that is driven, in their order."""
+    """Gains of the loop that closes round a hand that takes torques, a value for each that is driven."""
 
     kp: tuple[Amount, ...]
     """N·m/rad; N/m on a slide."""
