@@ -36,7 +36,7 @@ class PositionSettings(ControllerSettings):
 
     kind: Literal["pd", "pid"]
     gains: str = "default"
-    """Name in conf/gains/<model>.yaml."""
+    """Name in the hand's card (`gains`), or of a hand of ours in conf/gains/<model>.yaml."""
     speed: Positive = 1.0
     """To a posture: the peak, of the joint that travels furthest, rad/s."""
     profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from allegro_twin.errors import RecordingError, unknown
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.arrow_writer import END, FORMAT, SHARED
 from allegro_twin.recording.journal import FieldKind, unpack_event
 from allegro_twin.recording.spec_json import spec_from_json
@@ -137,7 +138,13 @@ class Recording:
 
     @property
     def spec(self) -> HandSpec:
-        return spec_from_json(self.meta["hand"])
+        """As it was when it was recorded; the model file of a hand by a card is where the card says now, and unknown
+        where the card is gone or has other joints."""
+        spec = spec_from_json(self.meta["hand"])
+        if not Path(spec.card).is_file():
+            return spec
+        now = load_spec(spec.card, spec.side)
+        return spec if now.joints != spec.joints else replace(spec, foreign=now.foreign)
 
 
 class RecordingTrack(NamedTuple):

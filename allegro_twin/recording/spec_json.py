@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from typing import Any
 
@@ -54,6 +55,7 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
             CoupledJoint(f["name"], f["driven"], frozen(f["positions"])) for f in content.get("followers", ())
         ),
         mirror_flips=tuple(content["mirror_flips"]),
+        card=content.get("card", ""),
     )
 
 
@@ -65,6 +67,8 @@ def _optional_entries(spec: HandSpec) -> dict[str, Any]:
         content["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
         if spec.slowing is not None:
             content["arm"]["slowing"] = {name: getattr(spec.slowing, name).tolist() for name in _SLOWING}
+    if spec.card:
+        content["card"] = os.path.abspath(spec.card)
     if spec.followers:
         content["followers"] = [
             {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers

@@ -78,6 +78,19 @@ class PalmCard(Settings):
     """Along stretched fingers."""
 
 
+class GainsCard(Settings):
+    """Gains of the loop that closes round a hand that takes torques, a value for each that is driven."""
+
+    kp: tuple[Amount, ...]
+    """N·m/rad; N/m on a slide."""
+    kd: tuple[Amount, ...]
+    """N·m·s/rad; N·s/m on a slide."""
+    ki: tuple[Amount, ...]
+    """N·m/(rad·s), N/(m·s) on a slide; only the controller `pid` uses it."""
+    clamp: tuple[Amount, ...]
+    """The largest integral term, N·m; N on a slide."""
+
+
 class HandCard(Settings):
     """One hand: the file that simulates it, and what is commanded and reported, in the order of every array."""
 
@@ -94,6 +107,8 @@ class HandCard(Settings):
     palm: PalmCard = PalmCard()
     postures: dict[str, tuple[float, ...]] = {}  # noqa: RUF012  # Pydantic copies it.
     """Postures by name, a value for each that is driven, in their order; `home`, `open` and `flat` are asked for."""
+    gains: dict[str, GainsCard] = {}  # noqa: RUF012  # Pydantic copies it.
+    """Gains by name, `default` among them, of a hand that takes torques."""
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     servos: dict[str, Any] | None = None
@@ -125,6 +140,12 @@ class HandCard(Settings):
                     raise ValueError(
                         f"postures: {name}: {each.name} is {value:g}, outside {each.lower:g} … {each.upper:g}"
                     )
+        for name, gains in self.gains.items():
+            for key, row in gains:
+                if len(row) != len(names):
+                    raise ValueError(f"gains: {name}.{key} has {len(row)} values; {len(names)} are driven")
+        if self.gains and "torque" not in self.commands:
+            raise ValueError("gains: the hand takes positions, and closes its own loop: leave them out")
         if "torque" in self.commands and len(self.commands) > 1:
             raise ValueError(f"commands: a hand that takes torques takes nothing else, not {', '.join(self.commands)}")
         return self
@@ -162,6 +183,11 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
             CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),
     )  # fmt: skip
+
+
+def card_gains(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
+    """Gains by name as a card has them, kp, kd, ki and clamp of each that is driven. Raises ConfigError."""
+    return {name: dict(gains) for name, gains in load_settings(HandCard, path).gains.items()}
 
 
 def _tip_name(finger: str, body: str) -> str:

@@ -103,6 +103,11 @@ def installed_hands() -> tuple[str, ...]:
     return tuple(name for name in sorted(entry_points_of(GROUP)) if not (own / f"{name}.yaml").is_file())
 
 
+def card_path(model: str) -> Path | None:
+    """The card of a model of hand, by its name or path; None: its name is one of our own, described by facts."""
+    return None if facts.has_facts(model) else _card_path(model)
+
+
 def _card_path(model: str) -> Path:
     """Raises ConfigError with the nearest names, or with what is wrong with a package."""
     if model not in installed_hands():

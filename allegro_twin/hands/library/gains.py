@@ -1,12 +1,17 @@
-"""Named controller gains."""
+"""Named controller gains: of a hand of ours in conf/gains, of any other in its card."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.hands.description.card import card_gains
+from allegro_twin.hands.description.specs import card_path
 from allegro_twin.spec import HandSpec
 
 _KEYS = ("kp", "kd", "ki", "clamp")
@@ -16,7 +21,16 @@ def gains_names(spec: HandSpec) -> tuple[str, ...]:
     """All names of gains of a hand."""
     if "torque" not in spec.commands:
         return ("default",)
-    return tuple(read_yaml(data_root() / "conf" / "gains" / f"{spec.model}.yaml"))
+    return tuple(_table(spec)[1])
+
+
+def _table(spec: HandSpec) -> tuple[str, Mapping[str, Any]]:
+    """Where the gains of a hand that takes torques are, and all of them by name."""
+    card = card_path(spec.card or spec.model)
+    if card is None:
+        path = data_root() / "conf" / "gains" / f"{spec.model}.yaml"
+        return str(path), read_yaml(path)
+    return f"{card}: gains", card_gains(card)
 
 
 def protocol_gains(asked: str | None, spec: HandSpec) -> str:
@@ -25,17 +39,21 @@ def protocol_gains(asked: str | None, spec: HandSpec) -> str:
 
 
 def load_gains(name: str, spec: HandSpec) -> Gains:
-    """Gains by name from conf/gains/<model>.yaml; those of its own loop, `default`, for a hand that takes positions.
-    Raises ConfigError for an unknown name or a wrong count."""
+    """Gains by name, from the hand's card, or for a hand of ours from conf/gains/<model>.yaml; those of its own loop,
+    `default`, for a hand that takes positions. Raises ConfigError for an unknown name or a wrong count."""
     if "torque" not in spec.commands:
         if name != "default":
             raise ConfigError(f"{spec.name} closes its own loop: leave out the gains {name!r}")
         stiffness, nothing = spec.actuation.stiffness, np.zeros(spec.n_joints)
         return Gains(nothing if stiffness is None else stiffness, nothing, nothing, nothing)
-    path = data_root() / "conf" / "gains" / f"{spec.model}.yaml"
-    table = read_yaml(path)
+    path, table = _table(spec)
+    if not table:
+        raise ConfigError(
+            f"{path}: none, and {spec.name} takes torques: write `gains: {{{name}: {{kp: [...], kd: [...], ki: [...], "
+            "clamp: [...]}}` into the card; `hand new` chooses some"
+        )
     if name not in table:
-        raise ConfigError(unknown("gains", name, table))
+        raise ConfigError(f"{path}: {unknown('gains', name, table)}")
     row = table[name]
     wrong = sorted(set(row) ^ set(_KEYS))
     if wrong:

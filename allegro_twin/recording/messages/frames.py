@@ -36,7 +36,7 @@ def urdf_text(spec: HandSpec) -> str:
     """The hand's URDF, with mesh paths that a viewer on this machine finds; of a hand without one, by its card, frames,
     joints and inertias from the model file that simulates it."""
     folder = data_root() / "models"
-    if not (folder / "urdf" / f"{spec.name}.urdf").is_file():
+    if spec.card or not (folder / "urdf" / f"{spec.name}.urdf").is_file():
         from allegro_twin.kinematics.tree import link_tree
         from allegro_twin.kinematics.urdf import urdf_from_tree
 

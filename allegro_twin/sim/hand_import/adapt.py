@@ -118,6 +118,23 @@ def _to_radians(spec: mujoco.MjSpec) -> None:
     spec.compiler.degree = False
 
 
+def take_out_gears(spec: mujoco.MjSpec) -> None:
+    """The same actuators without gears: positions are those of what they move, rad or m, and a motor's command is the
+    torque or the force there, N·m or N."""
+    for actuator in spec.actuators:
+        gear = float(actuator.gear[0])
+        if lugre_friction.is_friction_only(actuator.gaintype, actuator.gainprm) or gear == 0.0:
+            continue
+        bias = actuator.biasprm.copy()
+        damping = bias[2] if bias[2] > 0.0 else gear**2 * bias[2]  # Above 0 it is a damping ratio.
+        actuator.biasprm[:3] = [gear * bias[0], gear**2 * bias[1], damping]
+        actuator.forcerange = np.sort(gear * actuator.forcerange)
+        gain = gear * float(actuator.gainprm[0])
+        if not bias[:3].any():
+            actuator.ctrlrange, gain = np.sort(gain * actuator.ctrlrange), 1.0
+        actuator.gainprm[0], actuator.gear[0] = gain, 1.0
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
     """Without the warnings that say nothing about a hand: lost texture coordinates of a mesh, and names of parts that
@@ -139,6 +156,7 @@ def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
 
     Raises ConfigError with the nearest name when the card names something that the file does not have.
     """
+    take_out_gears(theirs)
     if foreign.root == WORLD:
         theirs = _under_a_palm(theirs)
     root = _get(theirs.bodies, "palm_link" if foreign.root == WORLD else foreign.root, "body", foreign.mjcf)

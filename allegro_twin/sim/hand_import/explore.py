@@ -11,7 +11,8 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain import lugre_friction
-from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf
+from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf, take_out_gears
+from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gains
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
 from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf
 from allegro_twin.types import Array
@@ -91,11 +92,10 @@ def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> fl
     """The most that it can give by the file: the smallest of its force range, its joint's force range, and, of a motor
     that takes torques, its range of control. None: it has none of them."""
     found = []
-    gear = abs(float(model.actuator_gear[number, 0])) or 1.0
     if model.actuator_forcelimited[number]:
-        found.append(gear * float(np.abs(model.actuator_forcerange[number]).max()))
+        found.append(float(np.abs(model.actuator_forcerange[number]).max()))
     if torque and model.actuator_ctrllimited[number]:
-        found.append(gear * float(np.abs(gain * model.actuator_ctrlrange[number]).max()))
+        found.append(float(np.abs(gain * model.actuator_ctrlrange[number]).max()))
     if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
         joint = int(model.actuator_trnid[number, 0])
         if model.jnt_actfrclimited[joint]:
@@ -109,6 +109,8 @@ def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> fl
 
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
+_SMALLEST, _LARGEST = 0.02, 1.0  # m. From the palm to the end of a finger, of any hand.
+_STEP = 0.01  # rad or m, by which a joint is moved to measure its servo.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _TOGETHER = 0.65  # Of the ways of all tips: what is left over where fingers close to one side; less: on each other.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -123,6 +125,8 @@ class ExploredHand(NamedTuple):
     spec: mujoco.MjSpec
     """The model; of a URDF, with servos: to be written beside the card."""
     structure: HandStructure
+    file: Path
+    """Of which it was read."""
 
 
 def explore_hand(
@@ -143,6 +147,7 @@ def explore_hand(
             notes.append("the PID plugin is read as position servos of its kp and kd: no integral, no slew")
     for element in spec.keys:
         spec.delete(element)
+    take_out_gears(spec)
     try:
         model = compile_model(spec)
     except ValueError as error:
@@ -162,7 +167,9 @@ def explore_hand(
         )
         raise ConfigError(f"{path} has no actuators: {way}")
     structure = find_structure(model, path, root, palm, fingers)
+    _check_names(model, structure, path)
     motors = [ImportedMotor(model, k, path) for k in given]
+    _check_one_each(motors, path)
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
         raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
@@ -172,7 +179,7 @@ def explore_hand(
     followers, free = _followers(model, motors, moves)
     notes += _notes(model, structure, motors, free)
     torque = commands == {"torque"}
-    card = {
+    card: dict[str, Any] = {
         "mjcf": str(path),
         "root": structure.root,
         "side": "right",
@@ -181,10 +188,59 @@ def explore_hand(
         "fingers": {finger.name: _finger_row(model, finger, motors, drives) for finger in structure.fingers},
         "palm": _axes(model, structure, motors, ways, drives),
     }
+    if torque:
+        joints = [MotorJoint(motor.joint, motor.effort) for motor in motors if motor.joint is not None]
+        card["gains"] = {"default": motor_gains(model, joints)}
+        notes.append(
+            f"gains are chosen: by each joint's inertia, critically damped at {BANDWIDTH:g} rad/s or less, full effort "
+            "not before 0.1 rad (5 mm); `gains` in the card has them"
+        )
     if structure.wrist:
         names = [motor.name for motor, own in zip(motors, drives, strict=True) if own & set(structure.wrist)]
         card["wrist"] = {"joints": names, "palm": model.body(structure.palm).name}
-    return ExploredHand(card | ({"followers": followers} if followers else {}), notes, spec, structure)
+    return ExploredHand(card | ({"followers": followers} if followers else {}), notes, spec, structure, path)
+
+
+def _check_names(model: mujoco.MjModel, structure: HandStructure, path: Path) -> None:
+    """Raises ConfigError for a joint of the hand without a name."""
+    for joint in range(model.njnt):
+        body = model.body(int(model.jnt_bodyid[joint]))
+        mine = structure.root in (WORLD, model.body(int(body.rootid[0])).name)
+        if mine and not model.joint(joint).name and int(model.jnt_type[joint]) in _JOINTS:
+            raise ConfigError(f"{path}: a joint of body {body.name or '(unnamed)'} has no name: give it one")
+
+
+def _check_one_each(motors: Sequence[ImportedMotor], path: Path) -> None:
+    """Raises ConfigError for a joint or a tendon that two motors drive."""
+    for k, motor in enumerate(motors):
+        for other in motors[:k]:
+            if (motor.joint, motor.tendon) == (other.joint, other.tendon):
+                what = "one tendon" if motor.joint is None else f"joint {motor.name}"
+                raise ConfigError(
+                    f"{path}: actuators {other.actuator} and {motor.actuator} both drive {what}: leave one of them"
+                )
+
+
+def measured_stiffness(hand: ExploredHand) -> dict[str, float]:
+    """Of each joint with a position servo, by its name, N·m/rad or N/m: how much less torque there is when it is moved
+    on by a little and all else stays, in the model as its file has it."""
+    path, found = hand.file, {}
+    model = compile_model(read_urdf(path).spec if is_urdf(path) else read_mjcf(path))
+    model.actuator_forcelimited[:] = model.jnt_actfrclimited[:] = 0
+    data = mujoco.MjData(model)
+    for row in hand.card["driven"]:
+        actuator = model.actuator(row["actuator"])
+        if "stiffness" not in row or int(actuator.trntype[0]) != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
+        joint, torques = model.joint(int(actuator.trnid[0])), []
+        for place in (0.0, _STEP):
+            mujoco.mj_resetData(model, data)
+            data.qpos[joint.qposadr[0]] += place
+            mujoco.mj_forward(model, data)
+            torques.append(float(data.qfrc_actuator[joint.dofadr[0]]))
+        value = (torques[0] - torques[1]) / _STEP
+        found[row["name"]] = row["stiffness"] if np.isclose(value, row["stiffness"], rtol=1e-5) else round(value, 6)
+    return found
 
 
 def _driven_joints(model: mujoco.MjModel, motor: ImportedMotor) -> set[int]:
@@ -252,6 +308,16 @@ def _notes(
         )
     if structure.root == WORLD:
         notes.append("the fingers hang on the world itself: it is taken for the palm")
+    reach = _reach(model, structure)
+    if not _SMALLEST <= reach <= _LARGEST:
+        notes.append(
+            f"it reaches {reach:.3g} m from the palm to the end of a finger: is it in mm, or in inches? A mesh takes "
+            'scale="0.001 0.001 0.001"; all other lengths are in m'
+        )
+    turning = [motor.name for motor in motors if motor.joint is not None and max(-motor.lower, motor.upper) > 2 * np.pi
+               and model.jnt_type[motor.joint] == mujoco.mjtJoint.mjJNT_HINGE]  # fmt: skip
+    if turning:
+        notes.append(f"ranges beyond a whole turn: {', '.join(turning)}: are they in degrees?")
     if structure.wrist:
         names = ", ".join(model.joint(joint).name for joint in structure.wrist)
         notes.append(f"a wrist: {names}, between {structure.root} and {model.body(structure.palm).name}")
@@ -262,6 +328,20 @@ def _notes(
                      "share of a limit can be said; write the maker's into the card")  # fmt: skip
     notes += [f"{name}: nobody drives this joint, and it follows none; it swings freely" for name in free]
     return notes
+
+
+def _reach(model: mujoco.MjModel, structure: HandStructure) -> float:
+    """From the palm's origin to the far side of the furthest shape that ends a finger, at rest, m."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    ends = [float(np.linalg.norm(data.xpos[f.body] + data.xmat[f.body].reshape(3, 3) @ f.centre
+                                 - data.xpos[structure.palm])) for f in structure.fingers]  # fmt: skip
+    for finger in structure.fingers:
+        first = int(model.body_geomadr[finger.body])
+        for geom in range(first, first + int(model.body_geomnum[finger.body])):
+            far = data.geom_xpos[geom] - data.xpos[structure.palm]
+            ends.append(float(np.linalg.norm(far) + model.geom_rbound[geom]))
+    return max(ends)
 
 
 def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:

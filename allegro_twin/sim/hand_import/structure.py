@@ -146,10 +146,13 @@ def _root(model: mujoco.MjModel, links: _Links, path: Path, root: str | None) ->
         if root == WORLD:
             return 0
         found = _body(model, path, "root", root)
+        _check_held(model, links, found, path)
         if found not in tops:
             outer = model.body(int(model.body_rootid[found])).name
             raise ConfigError(f"{path}: --root {root} hangs on other bodies; take {outer}, and say --palm {root}")
         return found
+    if len(tops) == 1:
+        _check_free(model, links, tops[0], path)
     moving = [top for top in tops if any(int(model.body_rootid[model.jnt_bodyid[j]]) == top for j in range(model.njnt))]
     bodies = [top for top in moving if not links.free(links.of(top))]
     if len(moving) == 1 and bodies:
@@ -161,6 +164,24 @@ def _root(model: mujoco.MjModel, links: _Links, path: Path, root: str | None) ->
         return 0  # Fingers that hang on the world.
     names = [model.body(b).name or "(unnamed)" for b in moving]
     raise ConfigError(f"{path} has {len(moving)} things that move ({', '.join(names)}): say which with --root")
+
+
+def _check_free(model: mujoco.MjModel, links: _Links, body: int, path: Path) -> None:
+    """Raises ConfigError for a palm that floats."""
+    if links.free(links.of(body)):
+        name = model.body(body).name or "the first body"
+        raise ConfigError(f"{path}: {name} floats, and a palm is held: remove the freejoint of {name}")
+
+
+def _check_held(model: mujoco.MjModel, links: _Links, root: int, path: Path) -> None:
+    """Raises ConfigError for a root that moves."""
+    _check_free(model, links, root, path)
+    if joints := links.joints(links.of(root)):
+        name = model.body(root).name
+        raise ConfigError(
+            f"{path}: --root {name} moves by its joint {model.joint(joints[0]).name}, and a root is held: leave --root "
+            "out, or say --root world"
+        )
 
 
 def _branches(links: _Links, top: int, model: mujoco.MjModel) -> list[int]:
@@ -304,8 +325,8 @@ def _word(model: mujoco.MjModel, links: _Links, palm: int, leaves: Sequence[int]
 
 
 def _words(name: str) -> list[str]:
-    """The words of a name, in lower case."""
-    return re.findall(r"[a-z0-9]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
+    """The words of a name, in lower case, of any alphabet."""
+    return re.findall(r"[^\W_]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
 
 
 def _anatomical(word: str) -> str:

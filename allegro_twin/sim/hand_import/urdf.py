@@ -64,11 +64,14 @@ def read_urdf(path: Path) -> UrdfHand:
         raise ConfigError(f"{path}: not a readable URDF: {error}") from error
     if any(element.tag.startswith("{") and "xacro" in element.tag for element in robot.iter()):
         raise ConfigError(f"{path}: it has xacro macros; `xacro {path.name} > hand.urdf` resolves them")
+    _check_names(robot, path)
     _check_joints(robot, path)
+    _check_limits(robot, path)
+    _check_inertias(robot, path)
     notes: list[str] = []
     meshes = UrdfMeshes(path)
     meshes.find(robot, notes)
-    _repair_inertias(robot, notes)
+    shaped = _repair_inertias(robot, notes)
     for old in robot.findall("mujoco"):
         robot.remove(old)
     options = Element("mujoco")
@@ -88,7 +91,7 @@ def read_urdf(path: Path) -> UrdfHand:
     _under_one_root(spec, robot)
     _hide_collisions(spec)
     _couple(spec, robot, path)
-    _drive(spec, robot, path, notes)
+    _drive(spec, robot, path, shaped, notes)
     _exclude_touching(spec, path, notes)
     return UrdfHand(spec, notes, unlimited)
 
@@ -111,6 +114,60 @@ def _check_joints(robot: Element, path: Path) -> None:
         raise ConfigError(f"{path}: every link is the child of a joint: a URDF is a tree, and one link begins it")
 
 
+def _check_names(robot: Element, path: Path) -> None:
+    """Raises ConfigError for a name that two links or two joints have."""
+    for kind in ("link", "joint"):
+        names = [element.get("name") for element in robot.findall(kind)]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise ConfigError(f"{path}: two {kind}s are called {twice}: give each a name of its own")
+
+
+def _number(element: Element, key: str, where: str, default: float = 0.0) -> float:
+    """An attribute that is a finite number. Raises ConfigError with where it is."""
+    text = element.get(key)
+    try:
+        value = default if text is None else float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise ConfigError(f"{where}: {key} is {text}: it must be a finite number")
+    return value
+
+
+def _check_limits(robot: Element, path: Path) -> None:
+    """Raises ConfigError for a range that no joint has, and for one that is in degrees."""
+    for joint in robot.findall("joint"):
+        limit, kind = joint.find("limit"), joint.get("type")
+        if limit is None or kind not in ("revolute", "prismatic") or not {"lower", "upper"} & set(limit.keys()):
+            continue
+        where = f"{path}: joint {joint.get('name')}"
+        lower, upper = _number(limit, "lower", where), _number(limit, "upper", where)
+        if lower > upper:
+            raise ConfigError(f"{where}: lower {lower:g} is above upper {upper:g}: exchange them, or turn its axis")
+        if lower == upper and joint.find("mimic") is None:
+            raise ConfigError(f"{where}: lower and upper are both {lower:g}: give its range, or make it fixed")
+        if kind == "revolute" and max(-lower, upper) > 2.0 * np.pi:
+            raise ConfigError(
+                f"{where}: its range {lower:g} … {upper:g} goes beyond a whole turn: a URDF has radians, and these "
+                "look like degrees; a joint that turns on and on is `continuous`"
+            )
+
+
+def _check_inertias(robot: Element, path: Path) -> None:
+    """Raises ConfigError for a mass or an inertia that is no number, or below zero."""
+    for link in robot.findall("link"):
+        inertial, where = link.find("inertial"), f"{path}: link {link.get('name')}"
+        mass, inertia = (None, None) if inertial is None else (inertial.find("mass"), inertial.find("inertia"))
+        if inertial is not None and mass is None:
+            raise ConfigError(f"{where}: its <inertial> has no <mass>: give it one, or leave out the block")
+        if mass is not None and (value := _number(mass, "value", f"{where}: mass")) < 0.0:
+            raise ConfigError(f"{where}: its mass is {value:g} kg, below zero")
+        for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz") if inertia is not None else ():
+            value = _number(inertia, key, f"{where}: inertia")  # type: ignore[arg-type]
+            if key[1] == key[2] and value < 0.0:
+                raise ConfigError(f"{where}: its inertia {key} is {value:g} kg·m², below zero")
+
+
 def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
     """Write the model beside its card, and converted meshes into a folder beside it. Other meshes stay where they are,
     named relative to the new file."""
@@ -129,10 +186,12 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
         temporary.write_text(spec.to_xml())
 
 
-def _repair_inertias(robot: Element, notes: list[str]) -> None:
-    """A rigid body's principal moments satisfy a + b ≥ c; where they do not, the largest becomes what they allow, about
-    the same axes. Links that move and have no mass get one."""
-    repaired, light = [], []
+def _repair_inertias(robot: Element, notes: list[str]) -> list[str]:
+    """Links whose mass the file does not say, and whose shapes tell one.
+
+    A rigid body's principal moments satisfy a + b ≥ c; where they do not, the largest becomes what they allow, about
+    the same axes. Links that move and have neither mass nor shape get a mass."""
+    repaired, light, shaped = [], [], []
     moving = {joint.find("child").get("link") for joint in robot.findall("joint")  # type: ignore[union-attr]
               if joint.get("type") != "fixed"}  # fmt: skip
     for link in robot.findall("link"):
@@ -145,6 +204,8 @@ def _repair_inertias(robot: Element, notes: list[str]) -> None:
             if name in moving and not solid:
                 light.append(name)
                 link.append(_point(_LIGHTEST))
+            elif solid:
+                shaped.append(name)
             continue
         element = inertial.find("inertia")
         if element is None:
@@ -161,6 +222,7 @@ def _repair_inertias(robot: Element, notes: list[str]) -> None:
         notes.append(f"inertias that no rigid body has were repaired about the same axes: {', '.join(repaired)}")
     if light:
         notes.append(f"links without a mass or a shape weigh {_LIGHTEST:g} kg: {', '.join(light)}")
+    return shaped
 
 
 def _point(mass: float) -> Element:
@@ -251,7 +313,7 @@ def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
         follower.range = [min(follower.range[0], *ends), max(follower.range[1], *ends)]
 
 
-def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, notes: list[str]) -> None:
+def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, shaped: list[str], notes: list[str]) -> None:
     """A position servo for every joint that mimics none. Its gain gives the full effort at 0.1 rad (5 mm); where the
     effort is unknown it is 5 N·m/rad (500 N/m). Critically damped, with as much armature as keeps it under
     100 rad/s."""
@@ -260,6 +322,9 @@ def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, notes: list[str]) ->
         model = compile_model(spec)
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    if shaped:
+        masses = ", ".join(f"{name} {1e3 * float(model.body(name).mass[0]):.3g} g" for name in shaped)
+        notes.append(f"masses are assumed, of the shapes filled with water, for the file has none: {masses}")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     inertia = np.empty((model.nv, model.nv))

@@ -82,10 +82,16 @@ class Stage:
 
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
     """The hand's or the arm's own MJCF, or the foreign one that its file names, under our names."""
+    if spec.card and spec.foreign is None:
+        raise ConfigError(
+            f"hand {spec.name}: its card {spec.card} is gone or has other joints: say --config, or --hand"
+        )
     path = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
     file = find_mjcf(spec) if spec.foreign is not None else path
     if not file.is_file():
-        raise ConfigError(f"hand {spec.name}: no MJCF at {file}")
+        raise ConfigError(
+            f"hand {spec.name}: no MJCF at {file}; of a hand with a card, say the config that has it: --config"
+        )
     hand = read_mjcf(file)
     if spec.foreign is not None and spec.foreign.keeps:
         return adapt_hand(hand, spec, spec.foreign)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from allegro_twin.errors import ConfigError, unknown
 FORMATS = ("lerobot", "minari", "rosbag2")
 
 
-def convert(path: Path, target: Path, *, partial: bool, track: str | None = None) -> int:
-    """Write a recording in the format of the target's suffix. Returns the number of rows."""
+def convert(path: Path, target: Path, *, partial: bool, track: str | None = None, config: str | None = None) -> int:
+    """Write a recording in the format of the target's suffix; `config` has its hand's card. Returns the number of
+    rows."""
     from allegro_twin.recording.reader import load
     from allegro_twin.surfaces.cli.start import view
 
@@ -24,9 +26,25 @@ def convert(path: Path, target: Path, *, partial: bool, track: str | None = None
     cell = view.cell_recording(path)
     if cell is not None and track is None and target.suffix == ".rrd":
         return view.cell_to_rrd(cell, target, partial=partial)
-    recording = load(cell or path, partial=partial, track=track)
+    recording = _with_card(load(cell or path, partial=partial, track=track), config)
     writers[target.suffix](recording, target)
     return len(recording)
+
+
+def _with_card(recording: Any, config: str | None) -> Any:
+    """A recording whose hand is described by the card that a config names. Raises ConfigError for another hand."""
+    from allegro_twin.hands.description.specs import load_spec
+
+    if config is None:
+        return recording
+    hand = load_config(config).hand
+    spec = load_spec(hand.model, hand.side, hand.serial)
+    if spec.joints != recording.spec.joints:
+        raise ConfigError(f"--config {config}: {recording.path} is of {recording.spec.name}, which has other joints")
+    if not spec.card:
+        raise ConfigError(f"--config {config}: its hand {spec.name} has no card: leave it out")
+    meta = recording.meta | {"hand": recording.meta["hand"] | {"card": str(Path(spec.card).resolve())}}
+    return replace(recording, meta=meta)
 
 
 def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> tuple[int, str]:
@@ -57,7 +75,7 @@ def from_bag(path: Path, target: Path, config: str | None) -> int:
     return len(recording)
 
 
-def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool) -> int:
+def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool, config: str | None = None) -> int:
     """Write a data set of `kind`. Returns the number of its rows. Raises ConfigError or RecordingError."""
     from allegro_twin.recording.exchange.episodes import check_recordings
     from allegro_twin.recording.exchange.lerobot import to_lerobot
@@ -69,7 +87,7 @@ def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool
         raise ConfigError(unknown("data set format", kind, FORMATS))
     if kind == "rosbag2" and len(recordings) > 1:
         raise ConfigError(f"{len(recordings)} recordings are as many bags: give one with --format rosbag2")
-    loaded = [load(path, partial=partial) for path in recordings]
+    loaded = [_with_card(load(path, partial=partial), config) for path in recordings]
     if kind == "rosbag2":
         check_recordings(loaded, folder)
         to_rosbag2(loaded[0], folder)

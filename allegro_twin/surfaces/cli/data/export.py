@@ -55,7 +55,11 @@ def export(
     ] = None,
     episode: Annotated[int | None, typer.Option(help="Which episode of a data set; default: 0, the first.")] = None,
     config: Annotated[
-        str | None, typer.Option(help="Config of the hand in a bus log or a bag.", autocompletion=completion.configs)
+        str | None,
+        typer.Option(
+            help="Config of the hand: in a bus log or a bag; of a recording, where its card has moved.",
+            autocompletion=completion.configs,
+        ),
     ] = None,
     bus: Annotated[str | None, typer.Option(help="Which bus, for a log of several.")] = None,
     track: Annotated[str | None, typer.Option(help="Which track of a `lab` recording: hand or arm.")] = None,
@@ -67,9 +71,17 @@ def export(
 
     first, bag = recordings[0], is_bag(recordings[0])
     log = target.suffix == ".arrow" and not first.is_dir() and kind is None and not bag
+    if first.suffix == target.suffix == ".arrow":
+        raise ConfigError(f"{first} is a recording already: export it to .mcap, .parquet, .csv, .rrd or a data set")
+    framed = kind == "rosbag2" or (kind is None and target.suffix in (".mcap", ".rrd") and not first.is_dir())
     back = kind is None and first.is_dir() and not bag
     for name, value, read, what in (
-        ("--config", config, log or bag, "a bus log or a bag"),
+        (
+            "--config",
+            config,
+            log or bag or framed,
+            "a bus log, a bag, or a recording that becomes .mcap, .rrd or rosbag2",
+        ),
         ("--bus", bus, log, "a bus log"),
         ("--episode", episode, back, "a data set"),
         ("--track", track, not (log or back or bag or kind), "a lab run's recording"),
@@ -78,7 +90,7 @@ def export(
         if value is not None and not read:
             raise ConfigError(f"{name} is for {what} that is read; {first} to {target} reads none")
     if kind is not None:
-        rows = convert.to_dataset(recordings, target, kind, partial=partial)
+        rows = convert.to_dataset(recordings, target, kind, partial=partial, config=config)
     elif len(recordings) != 1:
         raise ConfigError(f"{len(recordings)} recordings make one data set: give --format lerobot or minari")
     elif bag:
@@ -89,5 +101,5 @@ def export(
         rows, notes = convert.from_log(first, target, config, bus)
         console.warn(notes)
     else:
-        rows = convert.convert(first, target, partial=partial, track=track)
+        rows = convert.convert(first, target, partial=partial, track=track, config=config)
     console.console.print(f"{target}: {rows} rows")

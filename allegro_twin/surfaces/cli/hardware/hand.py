@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.cli import options
+from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.options import Config, OtherHand
 
 if TYPE_CHECKING:
@@ -79,16 +79,29 @@ def calibrate_limits(
 
 @hand.command()
 def show(
+    which: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[HAND]",
+            help="A hand's name, file or card; default: that of --config.",
+            autocompletion=completion.hands,
+        ),
+    ] = None,
     config: Config = "sim_right",
     other: OtherHand = None,
 ) -> None:
     """Show a hand's joints: limits of the model and measured ones, margin, motors."""
     from allegro_twin.app.config import load_config
+    from allegro_twin.files.assets import read_yaml
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
 
-    settings = on_hand(load_config(config), other)
+    if which is not None and other is not None:
+        raise ConfigError(f"{which} and --hand {other}: say one hand")
+    if which is not None and Path(which).is_file() and {"hand", "backend"} & read_yaml(Path(which)).keys():
+        raise ConfigError(f"{which} is a config, not a hand: --config {which} shows its hand")
+    settings = on_hand(load_config(config), which or other)
     model = load_spec(settings.hand.model, settings.hand.side)
     mine = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
     if settings.limits.margin < 0:
@@ -213,12 +226,16 @@ def _picture(spec: HandSpec, stem: Path, *, film: bool) -> bool:
 def _check(path: Path, found: ExploredHand) -> None:
     """Print where a card and the file that it names say different things. Raises ConfigError if they do."""
     from allegro_twin.files.assets import read_yaml
+    from allegro_twin.sim.hand_import.explore import measured_stiffness
     from allegro_twin.surfaces.cli import console
 
     card = read_yaml(path)
     if "driven" not in card:
         raise ConfigError(f"{path}: no card of a hand: it has no `driven`")
-    differences = card_differences(card, found.card)
+    measured = measured_stiffness(found)
+    rows = [row | ({"stiffness": measured[row["name"]]} if row["name"] in measured else {}) for row in
+            found.card["driven"]]  # fmt: skip
+    differences = card_differences(card, found.card | {"driven": rows})
     for line in differences:
         console.console.print(line, soft_wrap=True, highlight=False, markup=False)
     if differences:
