@@ -36,8 +36,8 @@ KeptValues = Mapping[str, NDArray[np.bool_]]
 Source: TypeAlias = Literal["nominal", "determined", "all"]
 """What of a fit a joint has: nothing, the determined values, or all."""
 SOURCES: tuple[Source, ...] = ("nominal", "all", "determined")
-"""In the order in which they count where two are as good: in poses that were not recorded a value that is not known well
-is nearer to the truth than none."""
+"""In the order in which they count where two are as good: in poses that were not recorded a value that is not known
+well is nearer to the truth than none."""
 BETTER = 0.95
 """Times the error: a later candidate must be this much better."""
 LONGEST = 5.0
