@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
 from allegro_twin.files.schema import Positive, Settings, Vector3, load_settings
 from allegro_twin.grasping.interchange.grasps import FARTHEST
@@ -194,11 +195,11 @@ class ScenarioObject(Settings):
 
 
 def check_object_names(objects: Sequence[ScenarioObject]) -> None:
-    """Raises ValueError where two objects have one name."""
+    """Raises ConfigError where two objects have one name."""
     names = [each.name for each in objects]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ValueError(
+        raise ConfigError(
             f"two objects are named {twice}: objects have different names; give the second one a name, shape, size and "
             f"mass of its own: {{name: {twice}_2, shape: box, …}}"
         )

@@ -11,8 +11,7 @@ import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.interchange.grasps import FARTHEST
-from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
+from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol, check_object_names
 from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
@@ -139,6 +138,7 @@ def _approaches(protocol: TrialProtocol) -> bool:
 
 def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
+    check_object_names(scenario.objects)  # Another object may have been put in the place of the first.
     things = [place_object(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
     if scenario.wrist.over is not None:
@@ -238,11 +238,6 @@ def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
     thing = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
     if shape == "mesh" and settings.mass is None:
         thing = replace(thing, mass=DENSITY * thing.mesh().volume)
-    if shape == "mesh" and (length := 2.0 * float(thing.half_extents().max())) > FARTHEST:
-        raise ConfigError(
-            f"object {name}: {file}: is {length:.4g} m long, longer than the {FARTHEST:g} m around a hand: `scale` is the "
-            f"file's unit in m; for a file in mm say scale: 0.001"
-        )
     return thing
 
 
