@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -22,7 +23,7 @@ def _in_metres(length: float) -> float:
 
 
 def _all_in_metres(lengths: _Lengths) -> _Lengths:
-    if max(map(abs, lengths)) > FARTHEST:
+    if max(map(abs, lengths), default=0.0) > FARTHEST:
         raise ValueError(f"lengths are in m, here at most {FARTHEST:g} (if these are mm, divide them by 1000)")
     return lengths
 
@@ -188,9 +189,7 @@ class ScenarioObject(Settings):
                     f"`yaw` and `at`; for another {key} give a shape of your own (sphere, cylinder, box, ellipsoid, "
                     "mesh, mjcf)"
                 )
-            raise ValueError(
-                f"{self.name}: a {self.shape} has no `{key}`; its keys are {', '.join(used)}, up, yaw, at"
-            )
+            raise ValueError(f"{self.name}: a {self.shape} has no `{key}`; its keys are {', '.join(used)}, up, yaw, at")
         return self
 
 
@@ -236,6 +235,20 @@ class Wrist(Settings):
     """Where stretched fingers point: the direction of its z axis, made square to `facing`."""
     retreat: Offset
     """From the grasp pose to where the approach begins, m."""
+
+
+_SQUARE = 1.0
+"""Degrees by which `fingers` may be off square to `facing` without a word: rounded numbers are."""
+
+
+def skew_warning(wrist: Wrist) -> str | None:
+    """A line for fingers that are not square to where the palm looks; None where they are."""
+    size = math.hypot(*wrist.facing) * math.hypot(*wrist.fingers)
+    cosine = sum(a * b for a, b in zip(wrist.facing, wrist.fingers, strict=True)) / size
+    off = math.degrees(math.asin(max(-1.0, min(1.0, cosine))))
+    if abs(off) <= _SQUARE:
+        return None
+    return f"wrist: fingers are {abs(off):.1f}° off square to facing, and are turned by so much to be square"
 
 
 class EdgePush(Settings):

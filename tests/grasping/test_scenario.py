@@ -11,7 +11,7 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.scenario import Wrist, load_protocol, load_scenario, skew_warning
 from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
@@ -92,6 +92,13 @@ def test_an_object_of_the_catalogue_has_the_mass_that_the_scenario_gives_it(tmp_
     scenario, _ = load_scenario(path)
     stage = make_stage(scenario, load_protocol("table_pick"), "right", tmp_path)
     assert stage.things[0].thing.mass == 0.3
+
+
+def test_fingers_that_are_not_square_to_the_palms_direction_are_told_with_their_angle() -> None:
+    square = {"position": (0, 0, 0.1), "facing": (0, 0, -1), "fingers": (1, 0, 0.01), "retreat": (0, 0, 0.1)}
+    assert skew_warning(Wrist.model_validate(square)) is None
+    skew = Wrist.model_validate(square | {"fingers": (1, 0, 0.5)})
+    assert "26.6° off square to facing" in str(skew_warning(skew))
 
 
 def test_one_wrong_value_in_a_list_is_one_mistake(tmp_path: Path) -> None:

@@ -103,11 +103,7 @@ def _in_range(found: Array, given: Array | None, spec: HandSpec, where: str) -> 
     if beyond.size == 0 or not beyond.max() > 0.0:  # NaN is somebody else's to report.
         return
     grasp, stage, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
-    fitting = [
-        n
-        for n, o in (joint_orders(spec) if given is not None else {}).items()
-        if limit_excess(permute_joints(given, o)[:, -2], spec).max() <= TOLERANCE
-    ]
+    fitting = [] if given is None else _fitting_orders(given, spec)
     way_out = (
         f"its numbers fit the order {' or '.join(repr(name) for name in fitting)}: say order={fitting[0]!r}"
         if fitting
@@ -119,8 +115,15 @@ def _in_range(found: Array, given: Array | None, spec: HandSpec, where: str) -> 
     named = {stages - 3: " preshape:", stages - 1: " squeeze:"}.get(int(stage), "")
     raise ConfigError(
         f"{where}: grasp {grasp}:{named} {spec.joint_labels[joint]} = {found[grasp, stage, joint]:.4g} rad is "
-        f"{over[grasp, stage, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
+        f"{over[grasp, stage, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; "
+        f"{way_out}"
     )
+
+
+def _fitting_orders(given: Array, spec: HandSpec) -> list[str]:
+    """Names of the orders in which the closed postures fit the limits."""
+    orders = joint_orders(spec).items()
+    return [n for n, o in orders if limit_excess(permute_joints(given, o)[:, -2], spec).max() <= TOLERANCE]
 
 
 def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:

@@ -1,4 +1,5 @@
-"""The panel's own part of the page: a stop that lies over it, a line when the program is gone, bars in the rows of sliders, pictures that are buttons.
+"""The panel's own part of the page: a stop that lies over it, a line when the program is gone, bars in the rows of
+sliders, pictures that are buttons.
 
 The stop is no part of viser, so that it is there, and works, whatever viser does. The bars are drawn into viser's rows
 from what `page.html.joint_states` sends; without them sliders are plain sliders.
@@ -10,7 +11,7 @@ TITLE = "Allegro hand"
 _COARSE = 0.6
 """Pixels of the picture for each of the screen's, each way, where no GPU draws it."""
 _BEAT, _PATIENCE = 500, 1000
-"""ms between two questions of the page whether the program is there, and for an answer: two seconds are not exceeded."""
+"""ms between two questions of the page whether the program is there, and for an answer: together below 2 s."""
 _BEFORE = """
 <script>
 (() => {
