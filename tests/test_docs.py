@@ -363,6 +363,16 @@ def test_the_blocks_of_a_page_that_take_minutes_run(page: Path, place: Place) ->
     through(page, "long", place)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_scenario_of_the_how_to_holds(side: str, place: Place) -> None:
+    page = ROOT / "docs/how-to/write_a_scenario.md"
+    block = next(block for block in blocks(page) if block.file == "my_scenario.yaml")
+    (place.folder / block.file).write_text(block.text)
+    code, shown, _ = place.run("run", block.file, "--side", side)
+    assert (code, "% of the limits left" in shown) == (0, True)
+
+
 def generated() -> dict[str, str]:
     """The pages of the reference that a script writes, as it writes them now."""
     made = runpy.run_path(str(ROOT / "docs/site/reference.py"))

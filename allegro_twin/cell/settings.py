@@ -11,7 +11,7 @@ from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.schema import Positive, Settings, Vector3
-from allegro_twin.grasping.scenario import ScenarioObject
+from allegro_twin.grasping.scenario import ScenarioObject, check_object_names
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.sim.model.arm_with_hand import CAMERA
 from allegro_twin.spec import Side
@@ -240,9 +240,7 @@ class LabSettings(Settings):
 
     @model_validator(mode="after")
     def _names(self) -> LabSettings:
-        names = [thing.name for thing in self.objects]
-        if len(set(names)) < len(names):
-            raise ValueError(f"objects have different names: {', '.join(names)}; give a second one of a kind its shape")
+        check_object_names(self.objects)
         return self
 
     @property

@@ -54,13 +54,25 @@ _SHOWN = 5
 
 
 def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
-    details = error.errors(include_url=False)
+    details = _causes(error.errors(include_url=False))
     # A key that is wrong is often one that is missed elsewhere: the cause before its consequence.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     where = source if isinstance(source, str) else source(details[0]["loc"])
     text = "; ".join(_mistake(detail, model) for detail in details[:_SHOWN])
     more = len(details) - _SHOWN
     return f"{where}: {text}{f'; and {more} more' if more > 0 else ''}"
+
+
+def _causes(details: list[Any]) -> list[Any]:
+    """Without the containers that are only too short because one of their elements is wrong."""
+    places = [detail["loc"] for detail in details]
+
+    def follows(detail: Any) -> bool:
+        here = detail["loc"]
+        inside = (place for place in places if len(place) > len(here) and place[: len(here)] == here)
+        return detail["type"] == "too_short" and any(inside)
+
+    return [detail for detail in details if not follows(detail)]
 
 
 def _mistake(detail: Any, model: type[BaseModel]) -> str:
@@ -79,6 +91,8 @@ def _mistake(detail: Any, model: type[BaseModel]) -> str:
         return message.removeprefix("value error, ")
     if detail["type"] == "unknown_kind":  # It names the kind.
         return f"{location}: {message}"
+    if detail["type"] == "value_error" and isinstance(detail["input"], dict):  # It names the key.
+        return f"{location}: {message.removeprefix('value error, ')}"
     value = repr(detail["input"])
     shown = value if len(value) <= 60 else value[:57] + "..."
     return f"{location}: {message.removeprefix('value error, ')}, not {shown}"

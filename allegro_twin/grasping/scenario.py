@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
 from allegro_twin.files.schema import Positive, Settings, Vector3, load_settings
+from allegro_twin.grasping.interchange.grasps import FARTHEST
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
+
+
+def _in_metres(length: float) -> float:
+    return _all_in_metres((length,))[0]
+
+
+def _all_in_metres(lengths: _Lengths) -> _Lengths:
+    if max(map(abs, lengths), default=0.0) > FARTHEST:
+        raise ValueError(f"lengths are in m, here at most {FARTHEST:g} (if these are mm, divide them by 1000)")
+    return lengths
+
+
+_Lengths = TypeVar("_Lengths", bound=tuple[float, ...])
+Length = Annotated[Positive, AfterValidator(_in_metres)]
+"""m, at most what is around a hand."""
+Offset = Annotated[Vector3, AfterValidator(_all_in_metres)]
+"""m, at most so far along each axis."""
 
 
 class Shake(Settings):
@@ -34,7 +55,7 @@ class Phase(Settings):
     """In place of `hand`: where the joints of the right hand go, rad."""
     wrist: Literal["approach"] | None = None
     """`approach`: from the retreat to the grasp pose."""
-    move: Vector3 = (0.0, 0.0, 0.0)
+    move: Offset = (0.0, 0.0, 0.0)
     """m, world axes."""
     turn: Vector3 = (0.0, 0.0, 0.0)
     """Degrees about the palm's own x, y, z."""
@@ -127,16 +148,21 @@ class TrialProtocol(Settings):
         return self.phases[names.index(self.reference) + 1 :]
 
 
+_KEYS_OF_PRIMITIVE = ("size", "mass")
+_KEYS_OF_SHAPE = {"": ("mass",), "mesh": ("file", "scale", "collision", "mass"), "mjcf": ("file",)}
+"""What counts of an object, besides where it stands; "": of the catalogue."""
+
+
 class ScenarioObject(Settings):
     """One object: from the catalogue by name, or given here."""
 
     name: str
     shape: Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"] | None = None
     """None: look the name up in the catalogue."""
-    size: tuple[Positive, ...] | None = None
+    size: Annotated[tuple[Positive, ...], AfterValidator(_all_in_metres)] | None = None
     """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short, long diameter."""
     mass: Positive | None = None
-    """kg; of a mesh by default 500 kg/m³ times its volume."""
+    """kg; by default that of the catalogue, of a mesh 500 kg/m³ times its volume. An MJCF brings its own."""
     file: Path | None = None
     """Of a mesh (.obj, .stl) or an MJCF; a relative path is the scenario's own."""
     scale: Positive = 1.0
@@ -147,32 +173,59 @@ class ScenarioObject(Settings):
     """Which of the object's own axes points at the sky."""
     yaw: float = 0.0
     """Turn about the vertical, degrees."""
-    at: tuple[float, float] | Vector3 = (0.0, 0.0)
+    at: Annotated[tuple[float, float] | Vector3, AfterValidator(_all_in_metres)] = (0.0, 0.0)
     """Middle of the object on the table, m; with a third value its height, else it stands on the table."""
+
+    @model_validator(mode="after")
+    def _heard(self) -> ScenarioObject:
+        fields = ScenarioObject.model_fields
+        used = _KEYS_OF_SHAPE.get(self.shape or "", _KEYS_OF_PRIMITIVE)
+        for key in ("size", "mass", "file", "scale", "collision"):
+            if key in used or getattr(self, key) == fields[key].default:
+                continue
+            if self.shape is None:
+                raise ValueError(
+                    f"{self.name}: `{key}` without `shape`: an object of the catalogue takes `mass`, `up`, "
+                    f"`yaw` and `at`; for another {key} give a shape of your own (sphere, cylinder, box, ellipsoid, "
+                    "mesh, mjcf)"
+                )
+            raise ValueError(f"{self.name}: a {self.shape} has no `{key}`; its keys are {', '.join(used)}, up, yaw, at")
+        return self
+
+
+def check_object_names(objects: Sequence[ScenarioObject]) -> None:
+    """Raises ConfigError where two objects have one name."""
+    names = [each.name for each in objects]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ConfigError(
+            f"two objects are named {twice}: objects have different names; give the second one a name, shape, size and "
+            f"mass of its own: {{name: {twice}_2, shape: box, …}}"
+        )
 
 
 class StandSettings(Settings):
     """A fixed block on the table, on which the first object lies: room for fingers below and around it."""
 
-    height: Positive
+    height: Length
     """m."""
-    size: tuple[Positive, Positive] = (0.04, 0.04)
+    size: tuple[Length, Length] = (0.04, 0.04)
     """Edges along the world's x and y, m."""
 
 
 class PalmHeight(Settings):
     """How high the palm is: for objects that are taken from above, whatever their size."""
 
-    table: Positive
+    table: Length
     """At least so far above what the object stands on, m."""
-    top: Positive
+    top: Length
     """And at least so far above the object's top, m."""
 
 
 class Wrist(Settings):
     """Where the palm is when the fingers close, from the middle of the first object, world axes."""
 
-    position: Vector3
+    position: Offset
     """m, of the palm's origin."""
     over: PalmHeight | None = None
     """Replaces the third number of `position`."""
@@ -180,14 +233,28 @@ class Wrist(Settings):
     """Where the palm looks: the direction of its x axis."""
     fingers: Vector3
     """Where stretched fingers point: the direction of its z axis, made square to `facing`."""
-    retreat: Vector3
+    retreat: Offset
     """From the grasp pose to where the approach begins, m."""
+
+
+_SQUARE = 1.0
+"""Degrees by which `fingers` may be off square to `facing` without a word: rounded numbers are."""
+
+
+def skew_warning(wrist: Wrist) -> str | None:
+    """A line for fingers that are not square to where the palm looks; None where they are."""
+    size = math.hypot(*wrist.facing) * math.hypot(*wrist.fingers)
+    cosine = sum(a * b for a, b in zip(wrist.facing, wrist.fingers, strict=True)) / size
+    off = math.degrees(math.asin(max(-1.0, min(1.0, cosine))))
+    if abs(off) <= _SQUARE:
+        return None
+    return f"wrist: fingers are {abs(off):.1f}° off square to facing, and are turned by so much to be square"
 
 
 class EdgePush(Settings):
     """Before the grasp: the hand pushes the first object along the table, over its edge, and lets go of it."""
 
-    distance: Positive
+    distance: Length
     """m, along x, that the palm goes with its fingers behind the object."""
     wrist: Wrist
     """Where the palm is when it begins; `retreat` is from where it comes down, and to where it goes up again."""
@@ -207,7 +274,7 @@ class Scenario(Settings):
     """Sliding friction of every contact."""
     stand: StandSettings | None = None
     """None: the objects lie on the table."""
-    edge: Positive | None = None
+    edge: Length | None = None
     """The table ends so far from the middle of the first object, along x, m; None: far away."""
     push: EdgePush | None = None
     """None: the object is grasped where it is."""
@@ -223,6 +290,7 @@ class Scenario(Settings):
     def _ends(self) -> Scenario:
         if self.push is not None and self.edge is None:
             raise ValueError("`push` needs `edge`: how far from the object the table ends, m")
+        check_object_names(self.objects)
         return self
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
+from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol, check_object_names
 from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
@@ -31,6 +31,7 @@ from allegro_twin.types import Array, Vector
 # are pseudovectors, about the palm's x, y, z.
 DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
 _DENSEST = 25_000.0  # kg/m³; osmium has 22,590.
+_PART_OF_BOX = {"sphere": np.pi / 6, "cylinder": np.pi / 4, "ellipsoid": np.pi / 6, "box": 1.0}
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 PUSHED = "push"
 """The window at whose end the object is over the table's edge."""
@@ -137,6 +138,7 @@ def _approaches(protocol: TrialProtocol) -> bool:
 
 def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
+    check_object_names(scenario.objects)  # Another object may have been put in the place of the first.
     things = [place_object(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
     if scenario.wrist.over is not None:
@@ -193,8 +195,12 @@ def place_object(settings: ScenarioObject, folder: Path = Path()) -> PlacedObjec
     looked for. Raises ConfigError for what its shape needs and does not have."""
     if settings.shape is None:
         thing = load_object(settings.name)
+        if settings.mass is not None:
+            thing = replace(thing, mass=settings.mass)
     else:
         thing = _own(settings, folder)
+    if settings.mass is not None:
+        _check_density(thing)
     turned = standing_orientation(settings.up, float(np.radians(settings.yaw)))
     if len(settings.at) == 3:
         position = settings.at
@@ -232,12 +238,18 @@ def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
     thing = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
     if shape == "mesh" and settings.mass is None:
         thing = replace(thing, mass=DENSITY * thing.mesh().volume)
-    elif shape == "mesh" and mass > _DENSEST * (volume := thing.mesh().volume):
-        raise ConfigError(
-            f"object {name}: {mass:g} kg in {1e6 * volume:.3g} cm³ is {mass / volume:,.0f} kg/m³, denser than any "
-            f"metal: masses are in kg; if this is in g, say {mass / 1e3:g}"
-        )
     return thing
+
+
+def _check_density(thing: GraspObject) -> None:
+    """Raises ConfigError for a mass that no solid of that size has."""
+    box = float(np.prod(2.0 * thing.half_extents()))
+    volume = thing.mesh().volume if thing.shape == "mesh" else _PART_OF_BOX[thing.shape] * box
+    if thing.mass > _DENSEST * volume:
+        raise ConfigError(
+            f"object {thing.name}: {thing.mass:g} kg in {1e6 * volume:.3g} cm³ is {thing.mass / volume:,.0f} kg/m³, "
+            f"denser than any metal: masses are in kg; if this is in g, say {thing.mass / 1e3:g}"
+        )
 
 
 def _mirrored(placement: PlacedObject) -> PlacedObject:

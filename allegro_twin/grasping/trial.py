@@ -12,7 +12,14 @@ import numpy as np
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, SurfaceLoad, classify_grasp
-from allegro_twin.grasping.scenario import Scenario, TrialProtocol, load_protocol, load_scenario, parse_object
+from allegro_twin.grasping.scenario import (
+    Scenario,
+    TrialProtocol,
+    load_protocol,
+    load_scenario,
+    parse_object,
+    skew_warning,
+)
 from allegro_twin.grasping.timeline import first_posture, make_stage, make_timeline, with_push_phases
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule, TrialReport, judge
@@ -94,7 +101,7 @@ class Trial:
         """What speaks against a success, with its numbers."""
         friction = self.scenario.friction * self.protocol.physics.friction
         said = weight_warning(self._weight, self.grasp, self.backend.spec, friction)
-        return [] if said is None else [said]
+        return [line for line in (said, skew_warning(self.scenario.wrist)) if line is not None]
 
     @property
     def typed(self) -> bool:

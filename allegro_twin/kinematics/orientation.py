@@ -150,9 +150,12 @@ def angle_between_quaternions(first: ArrayLike, second: ArrayLike) -> Array:
 def matrix_facing(x: ArrayLike, z: ArrayLike) -> Array:
     """The matrix whose x axis is along `x` and whose z axis is as near to `z` as it can be, (..., 3) → (..., 3, 3).
 
-    Raises ConfigError where they are parallel.
+    Raises ConfigError where one is zero, and where they are parallel.
     """
     along, towards = rows("facing", x, 3), rows("fingers", z, 3)
+    for name, vector in (("facing", along), ("fingers", towards)):
+        if not (_length(vector) > 0.0).all():
+            raise ConfigError(f"wrist: {name} {vector.tolist()} is zero; it is a direction, such as [0, 0, -1]")
     first = along / _length(along)[..., None]
     last = towards - first * np.add.reduce(first * towards, axis=-1)[..., None]
     if not (_length(last) > 1e-6).all():

@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.app.session import Outputs, perform
-from allegro_twin.grasping.evaluation.rejudge import phase_results, rejudge, report_markdown
+from allegro_twin.grasping.evaluation.rejudge import limits_left, phase_results, rejudge, report_markdown
 from allegro_twin.recording.reader import load
 
 
@@ -50,3 +50,8 @@ def test_the_contact_vectors_of_a_held_object_carry_its_weight(trial: tuple[obje
     away = np.linalg.norm(points - recording.columns["object"][rows][:, None, :3], axis=2)
     assert np.nanmax(away) < 0.036  # Half the lemon's length, and a little.
     assert (np.isnan(away) == (recording.columns["contact_force"][rows] == 0)).all()
+
+
+def test_a_part_of_the_limits_is_only_told_where_some_is_left() -> None:
+    assert limits_left(0.784) == ", 78 % of the limits left"
+    assert limits_left(-32.17) == limits_left(float("nan")) == ""

@@ -11,8 +11,8 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.grasping.scenario import load_protocol, load_scenario
-from allegro_twin.grasping.timeline import make_timeline
+from allegro_twin.grasping.scenario import Wrist, load_protocol, load_scenario, skew_warning
+from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import grasp_names, load_grasp, load_posture, posture_names
@@ -60,12 +60,50 @@ def fails(tmp_path: Path, text: str) -> str:
         (("grasp: quadpod", "grasp: quadpod\ngrasp: quadpod"), "it.yaml:4: not valid YAML: key 'grasp' is given twice"),
         (("[{name", "[{name: ["), "it.yaml:"),
         (("facing: [0, 0, -1]", "facing: [1, 0, 0]"), "wrist: fingers [1.0, 0.0, 0.0] must not be parallel to facing"),
+        (("facing: [0, 0, -1]", "facing: [0, 0, 0]"), "wrist: facing [0.0, 0.0, 0.0] is zero; it is a direction"),
+        (("fingers: [1, 0, 0]", "fingers: [0, 0, 0]"), "wrist: fingers [0.0, 0.0, 0.0] is zero; it is a direction"),
+        (("name: rubiks_cube", "name: rubiks_cube, mass: 93"), "185 cm³ is 502,179 kg/m³, denser than any metal"),
+        (("name: rubiks_cube", "name: rubiks_cube, size: [1]"), "objects.0: rubiks_cube: `size` without `shape`"),
+        (("name: rubiks_cube", "name: rubiks_cube, scale: 2"), "objects.0: rubiks_cube: `scale` without `shape`"),
+        (
+            ("name: rubiks_cube", "name: b, shape: sphere, scale: 2, size: [0.05], mass: 0.1"),
+            "objects.0: b: a sphere has no `scale`; its keys are size, mass, up, yaw, at",
+        ),
+        (
+            ("[{name: rubiks_cube}]", "[{name: rubiks_cube}, {name: rubiks_cube, at: [0.2, 0]}]"),
+            "two objects are named rubiks_cube: objects have different names; give the second one",
+        ),
+        (("[0, 0, 0.1]", "[0, 0, 90]"), "wrist.position: lengths are in m, here at most 2 (if these are mm, divide"),
+        (
+            ("name: rubiks_cube", "name: b, shape: box, size: [57, 57, 57], mass: 0.1"),
+            "objects.0.size: lengths are in m, here at most 2 (if these are mm, divide them by 1000)",
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place_and_the_way_out(
     change: tuple[str, str], message: str, tmp_path: Path
 ) -> None:
     assert message in fails(tmp_path, GOOD.replace(*change, 1))
+
+
+def test_an_object_of_the_catalogue_has_the_mass_that_the_scenario_gives_it(tmp_path: Path) -> None:
+    path = tmp_path / "it.yaml"
+    path.write_text(GOOD.replace("name: rubiks_cube", "name: rubiks_cube, mass: 0.3"))
+    scenario, _ = load_scenario(path)
+    stage = make_stage(scenario, load_protocol("table_pick"), "right", tmp_path)
+    assert stage.things[0].thing.mass == 0.3
+
+
+def test_fingers_that_are_not_square_to_the_palms_direction_are_told_with_their_angle() -> None:
+    square = {"position": (0, 0, 0.1), "facing": (0, 0, -1), "fingers": (1, 0, 0.01), "retreat": (0, 0, 0.1)}
+    assert skew_warning(Wrist.model_validate(square)) is None
+    skew = Wrist.model_validate(square | {"fingers": (1, 0, 0.5)})
+    assert "26.6° off square to facing" in str(skew_warning(skew))
+
+
+def test_one_wrong_value_in_a_list_is_one_mistake(tmp_path: Path) -> None:
+    wrong = fails(tmp_path, GOOD.replace("name: rubiks_cube", "name: b, shape: sphere, size: [0.05], mass: 0"))
+    assert wrong == "it.yaml: objects.0.mass: input should be greater than 0, not 0"
 
 
 def test_a_file_that_is_missing_empty_or_no_mapping_is_named(tmp_path: Path) -> None:

@@ -52,11 +52,17 @@ def report_markdown(report: TrialReport) -> str:
         if phase.check:
             lines.append(
                 f"- {phase.name}: {'held' if phase.held else 'not held'}, moved {phase.drift * 1000:.1f} mm and "
-                f"{phase.rotation:.1f}° in the hand, {100 * phase.margin:.0f} % of the limits left"
+                f"{phase.rotation:.1f}° in the hand{limits_left(phase.margin)}"
             )
     lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled_joints(report)}")
     lines.append(f"- {motor_load(report)}")
     return "\n".join([*lines, f"- at most {report.penetration * 1000:.1f} mm in each other"])
+
+
+def limits_left(margin: float) -> str:
+    """The end of a sentence on motion in the hand: the part of its limits that is left. Empty where none is, as after
+    a fall, and where nothing was checked."""
+    return f", {100 * margin:.0f} % of the limits left" if margin >= 0.0 else ""
 
 
 def stalled_joints(report: TrialReport, share: float = 0.5) -> str:

@@ -87,25 +87,43 @@ def limit_excess(joints: Array, spec: HandSpec) -> Array:
     return over
 
 
-def _in_range(found: Array, given: Array, spec: HandSpec, where: str) -> None:
-    over = limit_excess(found[:, -2], spec)
-    if over.size == 0 or not over.max() > TOLERANCE:  # NaN is somebody else's to report.
+def check_limits(joints: Array, spec: HandSpec, where: str) -> None:
+    """Raises ConfigError for joints (k, s, n), rad, of which a closed posture is more than `TOLERANCE` outside the
+    limits, or any posture so far that its numbers are no radians."""
+    _in_range(joints, None, spec, where)
+
+
+def _in_range(found: Array, given: Array | None, spec: HandSpec, where: str) -> None:
+    """`given`: the same in the file's order; None: the file has them by name."""
+    allowed = np.empty(found.shape[1:])
+    allowed[:] = np.maximum(np.pi, 2.0 * (spec.upper - spec.lower))
+    allowed[-2] = TOLERANCE
+    over = limit_excess(found, spec)
+    beyond = over - allowed
+    if beyond.size == 0 or not beyond.max() > 0.0:  # NaN is somebody else's to report.
         return
-    grasp, joint = np.unravel_index(int(over.argmax()), over.shape)
-    fitting = [
-        n
-        for n, o in joint_orders(spec).items()
-        if limit_excess(permute_joints(given, o)[:, -2], spec).max() <= TOLERANCE
-    ]
+    grasp, stage, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    fitting = [] if given is None else _fitting_orders(given, spec)
     way_out = (
         f"its numbers fit the order {' or '.join(repr(name) for name in fitting)}: say order={fitting[0]!r}"
         if fitting
         else f"no known order of {spec.name}'s joints fits: is it another hand's, or in degrees?"
+        if given is not None
+        else "is it in degrees?"
     )
+    stages = found.shape[1]
+    named = {stages - 3: " preshape:", stages - 1: " squeeze:"}.get(int(stage), "")
     raise ConfigError(
-        f"{where}: grasp {grasp}: {spec.joint_labels[joint]} = {found[grasp, -2, joint]:.4g} rad is "
-        f"{over[grasp, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
+        f"{where}: grasp {grasp}:{named} {spec.joint_labels[joint]} = {found[grasp, stage, joint]:.4g} rad is "
+        f"{over[grasp, stage, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; "
+        f"{way_out}"
     )
+
+
+def _fitting_orders(given: Array, spec: HandSpec) -> list[str]:
+    """Names of the orders in which the closed postures fit the limits."""
+    orders = joint_orders(spec).items()
+    return [n for n, o in orders if limit_excess(permute_joints(given, o)[:, -2], spec).max() <= TOLERANCE]
 
 
 def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:

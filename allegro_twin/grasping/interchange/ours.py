@@ -13,6 +13,7 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.schema import Settings, load_settings
 from allegro_twin.files.yaml_edit import replace_document
 from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, check_grasps
+from allegro_twin.grasping.interchange.orders import check_limits
 from allegro_twin.hands.library.entries import Angles, joint_vector
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
@@ -62,6 +63,8 @@ def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
         raise ConfigError(f"{where}: every grasp of a file has an approach of the same number of stages")
     poses = [[stage.pose for stage in row] for row in stages]
     joints = [[joint_vector(s.angles, spec, f"{where}: grasp {k}") for s in row] for k, row in enumerate(stages)]
+    if joints:
+        check_limits(np.array(joints, dtype=np.float64), spec, where)
     return check_grasps(
         spec, poses, joints, [entry.object_pose for entry in file.grasps] or np.zeros((0, 7)),
         [entry.scale for entry in file.grasps], thing=file.object, frame=FRAMES[file.frame], source=where,

@@ -93,6 +93,19 @@ def load_grasps(path: Path, spec: HandSpec) -> Grasps:
     return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
 
 
+def replaced_object(path: Path, thing: str, spec: HandSpec) -> str:
+    """A sentence on what of a file does not count where `thing` stands for its object; empty where all does. Raises
+    ConfigError."""
+    grasps, own = load_grasps(path, spec), Path(thing).suffix.lower() in SUFFIXES
+    said = []
+    if Path(grasps.object).stem != Path(thing).stem:
+        said.append(f"its grasps are for {grasps.object!r} and are tried on {thing}")
+    if not own and not np.all(grasps.scale == 1.0):
+        scales = ", ".join(f"{scale:g}" for scale in np.unique(grasps.scale)[:3])
+        said.append(f"its scale ({scales}) does not count: {thing} has the catalogue's size")
+    return f"{path.name}: {'; '.join(said)}" if said else ""
+
+
 def _object(grasps: Grasps, row: int, thing: str | None, path: Path) -> ScenarioObject:
     name = grasps.object if thing is None else thing
     if thing is not None and Path(name).suffix.lower() not in SUFFIXES:

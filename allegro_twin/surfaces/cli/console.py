@@ -146,13 +146,13 @@ def phases(title: str, report: TrialReport) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import motor_load, stalled_joints
+    from allegro_twin.grasping.evaluation.rejudge import limits_left, motor_load, stalled_joints
 
     kind = report.observed
     acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
     table.caption = (
-        f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
-        f"{100 * report.margin:.0f} % of the limits left; {stalled_joints(report)}; {motor_load(report)}{acts}"
+        f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other"
+        f"{limits_left(report.margin)}; {stalled_joints(report)}; {motor_load(report)}{acts}"
     )
     return table
 

@@ -1,4 +1,5 @@
-"""The panel's own part of the page: a stop that lies over it, bars in the rows of sliders, pictures that are buttons.
+"""The panel's own part of the page: a stop that lies over it, a line when the program is gone, bars in the rows of
+sliders, pictures that are buttons.
 
 The stop is no part of viser, so that it is there, and works, whatever viser does. The bars are drawn into viser's rows
 from what `page.html.joint_states` sends; without them sliders are plain sliders.
@@ -9,6 +10,8 @@ from __future__ import annotations
 TITLE = "Allegro hand"
 _COARSE = 0.6
 """Pixels of the picture for each of the screen's, each way, where no GPU draws it."""
+_BEAT, _PATIENCE = 500, 1000
+"""ms between two questions of the page whether the program is there, and for an answer: together below 2 s."""
 _BEFORE = """
 <script>
 (() => {
@@ -29,9 +32,14 @@ _STOP = """
     border-radius: 10px; background: #c8102e; color: #fff; font: 700 26px/1 system-ui, sans-serif;
     letter-spacing: 2px; box-shadow: 0 2px 8px #0006; cursor: pointer; touch-action: none; }
   #stop:active { background: #8a0b20; }
+  .lost #stop { background: #8b8f94; box-shadow: none; }
+  #lost { display: none; position: fixed; left: 0; top: 0; right: 0; z-index: 2147483647; padding: 12px 20px;
+    background: #c8102e; color: #fff; font: 700 16px/1.4 system-ui, sans-serif; text-align: center; }
+  .lost #lost { display: block; }
   #stop small { display: block; margin-top: 5px; font: 400 11px/1 system-ui, sans-serif; letter-spacing: 0; }
 </style>
 <button id="stop" title="No torque from the next period on. Everybody may press it.">STOP<small>or Esc</small></button>
+<div id="lost" role="alert">Connection to the program lost: STOP of this page does nothing</div>
 <script>
 (() => {
   const button = document.getElementById("stop"), face = button.innerHTML;
@@ -48,12 +56,20 @@ _STOP = """
       say(answer.ok ? "LIMP" : "REFUSED");
     } catch { say("NO LINK"); }
   };
+  const lost = (is) => document.documentElement.classList.toggle("lost", is);
+  const listen = async () => {
+    try {
+      lost(!(await fetch("/alive", { cache: "no-store", signal: AbortSignal.timeout(PATIENCE) })).ok);
+    } catch { lost(true); }
+    setTimeout(listen, BEAT);
+  };
+  listen();
   button.addEventListener("pointerdown", stop);
   button.addEventListener("click", (event) => { if (event.detail === 0) stop(); });
   addEventListener("keydown", (event) => { if (event.key === "Escape") stop(); }, true);
 })();
 </script>
-"""
+""".replace("BEAT", str(_BEAT)).replace("PATIENCE", str(_PATIENCE))
 _ROWS = """
 <style>
   .joint-states { display: flex; font: 11px/1.4 system-ui, sans-serif; color: #777; padding: 0 22px 0 0; }

@@ -1,4 +1,4 @@
-"""The panel's HTTP server: one page, the stop, and a tunnel to viser behind it; it serves no files."""
+"""The panel's HTTP server: one page, the stop, a sign of life, and a tunnel to viser behind it; it serves no files."""
 
 from __future__ import annotations
 
@@ -70,6 +70,8 @@ class PanelServer:
         match request.method, request.path:
             case "POST", "/stop":
                 self._stop()
+                return answer(204)
+            case "GET", "/alive":
                 return answer(204)
             case "GET", "/" if request.upgrades:
                 return None

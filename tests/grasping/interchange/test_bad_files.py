@@ -135,6 +135,13 @@ grasps:
         ("  close: *a\n", "", r"grasps\.0\.close: missing"),
         ("0, 0, 0.1, 1,", "0, 0, 100, 1,", "the hand is 100 m from the object: are its lengths millimetres"),
         ("thumb: [0.5, 0.5, 0.5, 0.5]", "thumb: [0.5]", "thumb has 4 joints, not 1"),
+        (
+            "  close: *a",
+            "  close: {pose: [0, 0, 0.1, 1, 0, 0, 0], angles: {index: [0, 0.5, 60, 0.5], middle: [0, 0.5, 0.5, 0.5],"
+            " ring: [0, 0.5, 0.5, 0.5], thumb: [0.5, 0.5, 0.5, 0.5]}}",
+            r"grasp 0: index_2 = 60 rad is 58\.\d+ rad outside its limits .*; is it in degrees",
+        ),
+        ("index: [0, 0.5, 0.5", "index: [0, 30, 0.5", "index_1 = 30 rad is .* rad outside its limits"),
         ("grasps:", "graps:", "unknown key; did you mean 'grasps'"),
     ],
 )

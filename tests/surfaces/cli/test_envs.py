@@ -42,6 +42,31 @@ def test_episodes_are_kept_and_of_them_only_those_that_ended_well(
     assert f"{kept} of 4 ended well" in shown
 
 
+def test_episodes_that_are_whole_are_kept_when_it_is_interrupted(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from allegro_twin.learning.environments import collect as module
+
+    collect_episodes, seeds = module.collect_episodes, list[int]()
+
+    def until_the_third(*words: Any, seed: int) -> Any:
+        seeds.append(seed)
+        if len(seeds) == 3:
+            raise KeyboardInterrupt
+        return collect_episodes(*words, seed=seed)
+
+    monkeypatch.setattr(module, "collect_episodes", until_the_third)
+    monkeypatch.setattr("allegro_twin.surfaces.cli.learning.collect.TOGETHER", 2)
+    (tmp_path / "quick.yaml").write_text("task: Pinch\nenvironment: {level: easy, timestep: 0.003, decimation: 100}\n")
+    monkeypatch.chdir(tmp_path)
+    code, shown, errors = command("collect", "quick.yaml", "set", "--episodes", 7, "--seed", 10)
+    assert (code, seeds) == (130, [10, 12, 14])
+    assert "4 of 7 episodes are whole" in errors
+    assert "--seed 14 and --episodes 3" in errors
+    assert json.loads((tmp_path / "set" / "meta" / "info.json").read_text())["total_episodes"] == 4
+    assert "set/: 4 episodes" in shown
+
+
 def test_a_task_is_done_without_learning_and_each_episode_is_a_row(
     tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

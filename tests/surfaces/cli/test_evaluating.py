@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from allegro_twin.grasping.batch import trials
+from allegro_twin.grasping.interchange.read import replaced_object
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.trials import parse_variation
@@ -253,3 +254,24 @@ def test_an_evaluation_that_is_killed_goes_on_and_repeats_nothing_that_was_finis
     assert again[0] == 0
     whole, resumed = (pq.read_table(path / "results.parquet") for path in (tmp_path / "whole", out))
     assert as_bytes(whole) == as_bytes(resumed)
+
+
+GRASPS = """object: mug
+grasps:
+- object_pose: [0, 0, 0, 1, 0, 0, 0]
+  scale: 80
+  preshape: &a {pose: [0, 0, 0.1, 1, 0, 0, 0], angles: {index: [0, 0.5, 0.5, 0.5], middle: [0, 0.5, 0.5, 0.5],
+    ring: [0, 0.5, 0.5, 0.5], thumb: [0.5, 0.5, 0.5, 0.5]}}
+  close: *a
+  squeeze: *a
+"""
+
+
+def test_what_of_a_grasp_file_another_object_replaces_is_said_in_a_line(tmp_path: Path) -> None:
+    file, spec = tmp_path / "g.yaml", load_spec()
+    file.write_text(GRASPS)
+    assert replaced_object(file, "lemon", spec) == (
+        "g.yaml: its grasps are for 'mug' and are tried on lemon; its scale (80) does not count: lemon has the "
+        "catalogue's size"
+    )
+    assert replaced_object(file, "meshes/mug.stl", spec) == ""

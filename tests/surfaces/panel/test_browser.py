@@ -46,15 +46,19 @@ def served(folder: Path, *options: str, config: str = "sim_right") -> Iterator[S
     command = [sys.executable, "-m", "allegro_twin", "panel", config, "--port", str(free_port()), *options]
     paths = [str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
-    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    with (folder / "errors.txt").open("w") as errors:
+        process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
     assert process.stdout is not None
     try:
         found = re.search(r"http\S+", process.stdout.readline())
         assert found is not None, "the panel did not start"
         yield Served(found[0], folder, process)
     finally:
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30.0) == 0
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30.0) == 0
         process.stdout.close()
 
 
@@ -358,6 +362,22 @@ def test_the_page_that_died_is_served_again_and_the_hand_has_not_moved(browser: 
     again = tab(browser, panel.url)
     sees(again, "You drive")
     assert abs(number(again, "index_1") - 0.9) < 0.05
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
+def test_a_page_whose_program_is_gone_says_so_and_its_stop_is_grey(
+    end: signal.Signals, browser: Any, panel: Served
+) -> None:
+    page = tab(browser, panel.url)
+    sees(page, "You drive")
+    lost, stop = page.locator("#lost"), page.locator("#stop")
+    red = stop.evaluate("button => getComputedStyle(button).backgroundColor")
+    assert not lost.is_visible()
+    panel.process.send_signal(end)
+    panel.process.wait(30.0)
+    sees(page, "Connection to the program lost: STOP of this page does nothing")
+    assert stop.evaluate("button => getComputedStyle(button).backgroundColor") != red
+    assert "Traceback" not in (panel.folder / "errors.txt").read_text()
 
 
 def test_what_was_recorded_is_a_recording(browser: Any, panel: Served) -> None:

@@ -95,6 +95,18 @@ def test_a_stop_needs_no_more_than_a_post_and_nothing_else_stops() -> None:
     asked(steps, stops=stops)
 
 
+def test_a_sign_of_life_is_given_to_whoever_may_see_the_page() -> None:
+    async def open_to_all(ask: Ask) -> None:
+        assert status(await ask(get("/alive"))) == 204
+
+    async def with_a_token(ask: Ask) -> None:
+        assert status(await ask(get("/alive"))) != 204
+        assert status(await ask(get(f"/alive?token={TOKEN}"))) == 204
+
+    asked(open_to_all)
+    asked(with_a_token, TOKEN)
+
+
 def test_a_websocket_is_led_to_what_is_behind_without_the_cookie() -> None:
     async def steps(ask: Ask) -> None:
         request = get("/", "Upgrade: websocket", f"Cookie: allegro_panel={TOKEN}")

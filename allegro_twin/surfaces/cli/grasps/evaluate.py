@@ -128,21 +128,32 @@ def evaluate(
     if seed is not None and uncertainty is None:
         raise ConfigError(f"--seed {seed} is for draws: say how many with --uncertainty N")
     from allegro_twin.grasping.evaluation.campaign import TargetOptions, find_targets
+    from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps import trials
 
     if rrd is not None:
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
     found = find_targets(_paths(targets), TargetOptions(protocol, _sides(side), grasp, thing))
+    for line in dict.fromkeys(map(_replaced, found)):
+        console.warn(line)
     chosen = trials.engine_of(engine.value, address, count)
     results = trials.run_trials(found, noise, chosen, out)
     rows = trials.report_trials(found, noise, results, out, rrd)
     if out is None:
-        from allegro_twin.surfaces.cli import console
-
         console.hint("Next: --out FOLDER keeps the results and a page with pictures; --uncertainty 50 adds draws")
     if uncertainty is None and not all(row["held"] for row in rows):
         raise typer.Exit(5)
+
+
+def _replaced(target: EvaluationTarget) -> str:
+    """A sentence on what of a grasp file --object replaces; empty where nothing is."""
+    from allegro_twin.grasping.interchange.read import replaced_object
+
+    item = target.item
+    if "file" not in item or "object" not in item:
+        return ""
+    return replaced_object(Path(item["file"]), item["object"], target.spec)
 
 
 def compare(

@@ -13,8 +13,11 @@ from allegro_twin.surfaces.cli import completion, options
 if TYPE_CHECKING:
     from allegro_twin.learning.policy.controller import Policy
     from allegro_twin.learning.training.settings import Recipe
+    from allegro_twin.recording.exchange.environment_episodes import EnvironmentEpisode
 
 NOTHING = "nothing"
+TOGETHER = 50
+"""Episodes that run side by side: an interruption costs no more than these."""
 
 
 class Formats(StrEnum):
@@ -46,6 +49,7 @@ def collect(
 ) -> None:
     """Write episodes of an environment as a LeRobot or Minari set."""
     from allegro_twin.errors import ConfigError
+    from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.learning.environments.collect import collect_episodes
     from allegro_twin.learning.environments.settings import env_keywords
     from allegro_twin.learning.training.settings import load_recipe
@@ -56,18 +60,34 @@ def collect(
         raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
     recipe = load_recipe(task, hand=hand, side=side)
     actor, period, robot = _actor(policy, recipe)
-    found = collect_episodes(actor, recipe.task, env_keywords(recipe.environment), episodes, seed=seed)
+    found: list[EnvironmentEpisode] = []
+    keywords, interrupted = env_keywords(recipe.environment), False
+    try:
+        while len(found) < episodes:
+            n = min(TOGETHER, episodes - len(found))
+            found += collect_episodes(actor, recipe.task, keywords, n, seed=seed + len(found))
+    except KeyboardInterrupt:
+        interrupted, left = True, episodes - len(found)
+        console.warn(
+            f"interrupted: {len(found)} of {episodes} episodes are whole; the same command with another folder, "
+            f"--seed {seed + len(found)} and --episodes {left} collects the rest"
+        )
+        if not found:
+            raise
     held = [episode for episode in found if episode.success[-1]]
     kept = held if only else found
     if not kept:
-        raise ConfigError(f"none of {episodes} episodes ended well: leave out --only-success, or take a policy")
-    if format is Formats.minari:
-        to_minari(kept, out, period)
-    else:
-        to_lerobot(kept, out, period, robot)
+        raise ConfigError(f"none of {len(found)} episodes ended well: leave out --only-success, or take a policy")
+    with defer_signals():
+        if format is Formats.minari:
+            to_minari(kept, out, period)
+        else:
+            to_lerobot(kept, out, period, robot)
     steps = sum(len(episode.action) for episode in kept)
-    said = f"{out}/: {len(kept)} episodes, {steps} steps; {len(held)} of {episodes} ended well"
+    said = f"{out}/: {len(kept)} episodes, {steps} steps; {len(held)} of {len(found)} ended well"
     console.console.print(said, soft_wrap=True, highlight=False)
+    if interrupted:
+        raise typer.Exit(130)
 
 
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:

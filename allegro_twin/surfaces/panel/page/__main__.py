@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import secrets
 import socket
 import sys
@@ -24,7 +25,7 @@ from allegro_twin.surfaces.panel.stream import receive_frame
 
 
 def main() -> None:
-    """Serve until the session's process has ended."""
+    """Serve until the session's process has ended, and end this process with it."""
     number, frames, listening = (int(argument) for argument in sys.argv[1:4])
     link = Connection(number)
     setup = link.recv()
@@ -48,7 +49,7 @@ def main() -> None:
         while True:
             page.hear(link.recv())
     except (EOFError, OSError):
-        return
+        os._exit(0)  # viser's threads would each report a traceback for a browser that is still there.
 
 
 def hidden_server() -> viser.ViserServer:
