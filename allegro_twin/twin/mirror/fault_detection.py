@@ -194,7 +194,7 @@ class FaultDetector:
         # A joint that was stopped does not count: it met something.
         most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), off, 0.0)
-        if sum(jump[list(finger.joints)].any() for finger in self._spec.fingers) > 1:
+        if jump.any() and sum(jump[list(finger.joints)].any() for finger in self._spec.fingers) > 1:
             jump = np.zeros(len(jump))  # Not several encoders at once: the hand met something, or a period was lost.
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
