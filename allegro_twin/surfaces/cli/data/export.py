@@ -88,7 +88,7 @@ def export(
         ("--partial", partial or None, not (log or back or bag), "a recording"),
     ):
         if value is not None and not read:
-            raise ConfigError(f"{name} is for {what} that is read; {first} to {target} reads none")
+            raise ConfigError(f"{name} is for {what}; {first} to {target} is none")
     if kind is not None:
         rows = convert.to_dataset(recordings, target, kind, partial=partial, config=config)
     elif len(recordings) != 1:
