@@ -250,7 +250,7 @@ TABLE = [
         ("export none.log x.arrow --config can_virtual", 2, "no bus log at none.log"),
         # Options that nobody reads, and two that cannot be together.
         ("export r.arrow x.csv --episode 3", 2, "--episode is for a data set"),
-        ("export r.arrow x.csv --config can_virtual", 2, "--config is for a bus log, a bag, or a recording that becomes .mcap"),
+        ("export r.arrow x.csv --config can_virtual", 2, "--config is for a bus log, a bag"),
         ("export r.arrow x.csv --bus can7", 2, "--bus is for a bus log"),
         ("run sim_right --partial", 2, "--partial is for recordings; this config has backend sim"),
         ("run sim_right --view --web", 2, "choose one"),

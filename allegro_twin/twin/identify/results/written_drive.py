@@ -40,6 +40,8 @@ SOURCES: tuple[Source, ...] = ("nominal", "all", "determined")
 well is nearer to the truth than none."""
 BETTER = 0.95
 """Times the error: a later candidate must be this much better."""
+LIKELY_OFFSET = 0.02
+"""rad: an encoder offset that is not determined is written up to this. Ours."""
 LONGEST = 5.0
 """s of open loop, at most."""
 
@@ -75,8 +77,9 @@ def choose_drive(
     """The drive that predicts best. `before`: what the file has; `kept`: what stays in any case."""
     unseen = {name: value.unseen for name, value in values.items()}
     # An encoder offset is where a hand is said to be. In motion one that is 0.3 rad off can look like a cable; at rest
-    # every posture is that far off.
-    unseen["offset"] = unseen["offset"] | ~values["offset"].determined
+    # every posture is that far off. A small one is nearer to the truth than none.
+    doubted = ~values["offset"].determined & (np.abs(values["offset"].value) > LIKELY_OFFSET)
+    unseen["offset"] = unseen["offset"] | doubted
     candidates: dict[Source, DriveParameters] = {
         "nominal": _upright(before),
         "determined": _leaning(select_values(found, {**unwritten(values), **kept}, before)),
