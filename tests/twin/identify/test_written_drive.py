@@ -118,15 +118,19 @@ def test_a_recording_that_is_wrong_about_gravity_is_found_to_lean_and_one_that_i
     assert gap_table(honest).caption is None
 
 
-def test_an_encoder_offset_that_is_not_determined_stays_out_of_the_file_however_well_it_predicts() -> None:
+@pytest.mark.parametrize("large", [True, False])
+def test_a_large_encoder_offset_that_is_not_determined_stays_out_of_the_file_however_well_it_predicts(
+    *, large: bool
+) -> None:
     """A hidden hand of the rehearsal had offsets of up to 0.3 rad written, whose intervals were wider than that."""
     found = hidden.found()
     offset = found.values["offset"]
     doubtful = tuple("its interval is ± 328 mrad: record more" if k == JOINT else "" for k in range(16))
-    values = {**found.values, "offset": IdentifiedValue(offset.value, offset.half, doubtful, (True,) * 16)}
+    value = np.where(large & (np.arange(16) == JOINT), 0.3, offset.value)
+    values = {**found.values, "offset": IdentifiedValue(value, offset.half, doubtful, (True,) * 16)}
     made = drive_to_write(Path("new.yaml"), {}, found.fit, values, found.motions)
     others = np.arange(16) // 4 != JOINT // 4  # Of its finger the others follow it.
-    assert made.drive.offset[JOINT] == 0.0
+    assert made.drive.offset[JOINT] == (0.0 if large else found.fit.drive.offset[JOINT])
     np.testing.assert_allclose(made.drive.offset[others], hidden.OFFSET[others], atol=4e-3)
 
 
