@@ -146,10 +146,10 @@ def _root(model: mujoco.MjModel, links: _Links, path: Path, root: str | None) ->
         if root == WORLD:
             return 0
         found = _body(model, path, "root", root)
-        _check_held(model, links, found, path)
         if found not in tops:
             outer = model.body(int(model.body_rootid[found])).name
             raise ConfigError(f"{path}: --root {root} hangs on other bodies; take {outer}, and say --palm {root}")
+        _check_held(model, links, found, path)
         return found
     if len(tops) == 1:
         _check_free(model, links, tops[0], path)
