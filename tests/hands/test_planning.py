@@ -124,7 +124,7 @@ def test_every_other_hand_finds_a_grasp_of_a_ball(name: str) -> None:
 def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
     spec = load_spec("model_o")
     heavy = search_of(spec).scenario
-    thing = heavy.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 12.0})
+    thing = heavy.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 3.0})
     shared = {
         "scenario": heavy.model_copy(update={"objects": (thing,)}).model_dump(mode="json"), "folder": ".",
         "hand": "model_o", "side": "right", "kind": None, "n": 1, "budget": {"candidates": 2},
