@@ -1,9 +1,10 @@
 """Feedforward of a motion: the torques that it needs by inverse dynamics and by the losses of the hand's drive.
 
-    τ = M(q) q̈ + C(q, q̇) q̇ + A q̈ + B q̇ + F tanh(q̇ / v) − s(q, q̇)
+    τ = n − s(q, q̇, n),    n = M(q) q̈ + C(q, q̇) q̇ + A q̈ + B q̇ + F tanh(q̇ / v)
 
 at the place q of the reference where it will be when the torque acts. A: rotor inertia, B: damping, F: dry friction, v:
-the speed above which it has its full size, s: torque that a joint feels from elsewhere, such as a cable's or cogging.
+the speed above which it has its full size, s: torque that a joint feels from elsewhere, such as a cable's, cogging, or
+a motor's ripple when it gives n.
 The weight is not in it: `GravityFeedforward` carries that where the hand is.
 """
 
@@ -21,8 +22,8 @@ from allegro_twin.types import Vector
 
 RigidTorque: TypeAlias = Callable[[Vector, Vector, Vector], Vector]
 """(q rad, q̇ rad/s, q̈ rad/s²), (n,) each -> torque that links need to move so without gravity, (n,), N·m."""
-StrayTorque: TypeAlias = Callable[[Vector, Vector], Vector]
-"""(q rad, q̇ rad/s), (n,) each -> torque that the joints feel from elsewhere, (n,), N·m."""
+StrayTorque: TypeAlias = Callable[[Vector, Vector, Vector], Vector]
+"""(q rad, q̇ rad/s, torque of the motors N·m), (n,) each -> torque that the joints feel from elsewhere, (n,), N·m."""
 FULL = 0.03
 """rad/s. Friction that flips at every change of sign would shake a hand that hardly moves."""
 STEP = 0.003
@@ -52,4 +53,4 @@ class MotionFeedforward:
             + drive.damping * velocity
             + drive.frictionloss * np.tanh(velocity / FULL)
         )
-        return torque if self.stray is None else torque - self.stray(position, velocity)
+        return torque if self.stray is None else torque - self.stray(position, velocity, torque)

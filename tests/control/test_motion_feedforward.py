@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -22,8 +23,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
+from allegro_twin.sim.drivetrain import parasitic_torque
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.twin.rehearsal import rehearsal_trajectory
 from allegro_twin.types import Array, Vector, frozen
 
@@ -81,6 +84,17 @@ def test_the_reference_is_looked_at_where_it_will_be_when_the_torque_acts() -> N
     model = hand_kinematics(spec)
     late = MotionFeedforward(model.inverse_dynamics, spec.actuation, lead=0.02)
     np.testing.assert_allclose(late(path, 0.1), MotionFeedforward(model.inverse_dynamics, spec.actuation)(path, 0.12))
+
+
+def test_a_motor_whose_torque_ripples_is_told_as_much_more_where_it_gives_less() -> None:
+    spec, (path, _) = load_spec(), swinging(load_spec())
+    drive = Drive.from_values({"ripple_cosine": 0.1, "ripple_sine": -0.05, "ripple_periods": 9}, 16)
+    needed = MotionFeedforward(hand_kinematics(spec).inverse_dynamics, spec.actuation)
+    told = replace(needed, stray=partial(parasitic_torque.torque, drive))(path, 0.35)
+    angle = 9.0 * path(0.35).position
+    given = told * (1.0 + 0.1 * np.cos(angle) - 0.05 * np.sin(angle))
+    np.testing.assert_allclose(given, needed(path, 0.35), rtol=0.015)  # To the first order.
+    assert np.abs(told / needed(path, 0.35) - 1.0).max() > 0.08
 
 
 def rms(config: RunConfig, moves: Moves) -> float:
