@@ -81,3 +81,10 @@ def test_what_follows_is_where_numpy_finds_it_in_its_table_to_the_bit(model: str
         table = np.linspace(0.0, 1.0, len(each.positions)), each.positions
         np.testing.assert_array_equal(found[..., k], np.interp(part[..., each.driven], *table))
         np.testing.assert_array_equal(spec.coupled_positions(posture[3, 3])[k], found[3, 3, k])
+
+
+def test_a_joint_knows_its_finger_and_one_of_none_is_refused() -> None:
+    spec = load_spec()
+    assert [spec.finger_of(joint) for joint in range(16)] == [k for k in range(4) for _ in range(4)]
+    with pytest.raises(ConfigError, match="joint 16 of allegro_right moves no finger"):
+        spec.finger_of(16)

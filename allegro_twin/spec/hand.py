@@ -152,6 +152,14 @@ class HandSpec:
                 return finger
         raise ConfigError(unknown("finger", name, [f.name for f in self.fingers]))
 
+    def finger_of(self, joint: int) -> int:
+        """Index of the finger that a joint moves, the first one where it moves several. Raises ConfigError for a joint
+        of none."""
+        for number, finger in enumerate(self.fingers):
+            if joint in finger.joints:
+                return number
+        raise ConfigError(f"joint {joint} of {self.name} moves no finger")
+
     def coupled_positions(self, position: Array) -> Array:
         """Positions of coupled joints with nothing in their way, (..., n) → (..., followers), rad or m: an estimate."""
         found = np.empty((*position.shape[:-1], len(self.followers)))

@@ -229,13 +229,13 @@ class FaultDetector:
 
     def _forget(self, joint: int) -> None:
         """Of the finger of a joint only rows from now on count: its model, or what is known of it, has changed."""
-        finger = next(k for k, each in enumerate(self._spec.fingers) if joint in each.joints)
+        finger = self._spec.finger_of(joint)
         self._since[finger], self._sign[finger] = self._count, -1
         self._drift.forget(self._spec.fingers[finger].joints)
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
         """Whether no other finger was in contact or held something in the last ROWS."""
-        own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
+        own = self._spec.fingers[self._spec.finger_of(joint)].joints
         return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
     def _check_drift(self, row: Sequence[Vector], weights: LinkWeights) -> None:
@@ -292,7 +292,7 @@ class FaultDetector:
         """Name what is visible without shapes. Returns fingers of which the next evaluation tells more."""
         wait = set()
         for found in direct_faults(window, self._spec):
-            finger = next(k for k, each in enumerate(self._spec.fingers) if found.joint in each.joints)
+            finger = self._spec.finger_of(found.joint)
             if _may_be_fall(found, window):
                 wait.add(finger)
                 continue
@@ -317,7 +317,7 @@ class FaultDetector:
             rows = min(self._rows_since(each.joint), LONGEST)
             if rows < WAIT:
                 continue
-            finger = next(k for k, own in enumerate(self._spec.fingers) if each.joint in own.joints)
+            finger = self._spec.finger_of(each.joint)
             rest = fit_signature(self._last(rows), each.name, each.joint, self._spec)
             if rest.convinces(float(self._quiet[finger])):
                 self.faults.resize(each, rest.amount, self._t)
@@ -325,7 +325,7 @@ class FaultDetector:
 
     def _rows_since(self, joint: int) -> int:
         """Rows since the model of a joint's finger changed."""
-        finger = next(k for k, each in enumerate(self._spec.fingers) if joint in each.joints)
+        finger = self._spec.finger_of(joint)
         return int(self._count - self._since[finger])
 
     def _wrong_file(self) -> bool:

@@ -49,7 +49,7 @@ class FaultList:
 
     def fingers(self, joint: int) -> list[int]:
         """All joints of a joint's finger."""
-        return list(next(finger.joints for finger in self._spec.fingers if joint in finger.joints))
+        return list(self._spec.fingers[self._spec.finger_of(joint)].joints)
 
     def add(self, found: Fault, begin: float, t: float) -> bool:
         """Add a fault at a time, s, unless it is there, or follows from one that is. Returns whether it is new."""

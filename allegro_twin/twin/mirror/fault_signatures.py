@@ -116,7 +116,7 @@ class SignatureFit(NamedTuple):
 
 def fit_signature(window: MirrorWindow, name: FaultName, joint: int, spec: HandSpec) -> SignatureFit:
     """Fit the shape of one of weak, friction and payload to the disturbances of its joint's finger."""
-    own = list(next(finger.joints for finger in spec.fingers if joint in finger.joints))
+    own = list(spec.fingers[spec.finger_of(joint)].joints)
     moving = _moving(window)[:, own]
     side, torque = (np.where(moving, _delay(each)[:, own], 0.0) for each in (window.side, window.torque))
     d, only = np.where(moving, window.disturbance[:, own], 0.0), np.array(own) == joint

@@ -137,7 +137,8 @@ class Sufferer(Protocol):
 
 def _tip(hand: Firmware, joint: int) -> int:
     """The last joint of its finger."""
-    return next(finger.joints[-1] for finger in hand.backend.spec.fingers if joint in finger.joints)
+    spec = hand.backend.spec
+    return spec.fingers[spec.finger_of(joint)].joints[-1]
 
 
 def _suffer(hands: Sequence[Firmware], what: Ailment, joint: int, amount: float) -> None:

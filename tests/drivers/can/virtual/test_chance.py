@@ -12,6 +12,7 @@ import pytest
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.config import BusFaultEvent, FaultSettings
 from allegro_twin.drivers.can.virtual.faults import BusFaults
+from allegro_twin.hands.description.specs import load_spec
 
 FRAME = Frame(0b101_0101_0101, bytes([0b1010_1010] * 8))
 HAND: Any = SimpleNamespace()
@@ -136,7 +137,7 @@ def test_hands_fail_by_chance_so_often_a_minute() -> None:
     suffered: list[tuple[str, int, float]] = []
     backend = SimpleNamespace(
         suffer=lambda what, joint, amount: suffered.append((what, joint, amount)),
-        spec=SimpleNamespace(fingers=[SimpleNamespace(joints=tuple(range(4 * k, 4 * k + 4))) for k in range(4)]),
+        spec=load_spec(),
     )
     hand: Any = SimpleNamespace(backend=backend, period=0.003)
     faults = BusFaults(FaultSettings(failures=60.0))
