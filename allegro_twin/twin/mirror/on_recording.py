@@ -123,7 +123,7 @@ class MirrorLog:
 
 def possible_cause(contact: Contact, faults: Sequence[FaultReport], spec: HandSpec) -> FaultReport | None:
     """The fault that may have caused what looked like a contact: it was named soon after, on the same finger."""
-    own = next(finger.joints for finger in spec.fingers if finger.name == contact.finger)
+    own = spec.finger(contact.finger).joints
     for each in faults:
         if each.fault.joint in own and each.ended == np.inf and each.begin - SOON < contact.begin < each.named:
             return each
