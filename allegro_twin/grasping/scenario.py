@@ -324,6 +324,15 @@ def load_protocol(name: str) -> TrialProtocol:
     return load_settings(TrialProtocol, find_file(name, "protocol", "conf/protocols"))
 
 
+def with_object(scenario: Scenario, name: str) -> Scenario:
+    """The scenario with another object (`parse_object`) where its first one stands: at the same place, with the same
+    yaw. Raises ConfigError."""
+    first, *others = scenario.objects
+    placed = parse_object(name).model_copy(update={"at": first.at, "yaw": first.yaw})
+    check_object_names((placed, *others))
+    return scenario.model_copy(update={"objects": (placed, *others)})
+
+
 def parse_object(name: str) -> ScenarioObject:
     """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³. Raises
     ConfigError for a file of another kind."""

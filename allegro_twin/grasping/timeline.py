@@ -164,6 +164,11 @@ def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: 
         stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
     if protocol.mass is not None:
+        if things[0].thing.shape == "mjcf":
+            raise ConfigError(
+                f"object {things[0].thing.name}: an MJCF brings its own mass, and the protocol asks for "
+                f"{protocol.mass:g} kg: give the file that mass and take a protocol without `mass`"
+            )
         things[0] = replace(things[0], thing=replace(things[0].thing, mass=protocol.mass))
     friction = (protocol.friction or scenario.friction) * protocol.physics.friction
     return Stage(

@@ -17,8 +17,8 @@ from allegro_twin.grasping.scenario import (
     TrialProtocol,
     load_protocol,
     load_scenario,
-    parse_object,
     skew_warning,
+    with_object,
 )
 from allegro_twin.grasping.timeline import first_posture, make_stage, make_timeline, with_push_phases
 from allegro_twin.grasping.uncertainty import Perturbation
@@ -263,7 +263,6 @@ def make_trial(
     if settings.model != spec.model and grasp is None:
         raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
     if thing is not None:
-        others = settings.objects[1:]
-        settings = settings.model_copy(update={"objects": (parse_object(thing), *others)})
+        settings = with_object(settings, thing)
     chosen = load_grasp(grasp or settings.grasp, spec)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)

@@ -11,7 +11,8 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.grasping.scenario import Wrist, load_protocol, load_scenario, skew_warning
+from allegro_twin.grasping.batch.trials import load_case
+from allegro_twin.grasping.scenario import Wrist, load_protocol, load_scenario, skew_warning, with_object
 from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
@@ -206,3 +207,35 @@ def test_a_grasp_with_a_finger_too_few_or_too_short_says_so(tmp_path: Path, spec
     path.write_text(text.replace("close: {index:", "close: {pinky:"))
     with pytest.raises(ConfigError, match="no finger named 'pinky'"):
         load_grasp(path, spec)
+
+
+def test_another_object_stands_where_the_scenarios_own_does(tmp_path: Path) -> None:
+    path = tmp_path / "it.yaml"
+    path.write_text(GOOD.replace("{name: rubiks_cube}", "{name: rubiks_cube, at: [0.02, -0.01], yaw: 30}"))
+    scenario, _ = load_scenario(path)
+    asked = with_object(scenario, "apple").objects[0]
+    assert (asked.name, asked.at, asked.yaw) == ("apple", (0.02, -0.01), 30.0)
+    spec = load_spec()
+    for made in (
+        load_case({"scenario": str(path), "object": "apple"}, spec).scenario,
+        make_trial(str(path), spec, thing="apple").scenario,
+    ):
+        assert made.objects == (asked,)
+
+
+def test_another_object_has_a_name_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "it.yaml"
+    path.write_text(GOOD.replace("{name: rubiks_cube}", "{name: rubiks_cube}, {name: apple, at: [0.2, 0]}"))
+    with pytest.raises(ConfigError, match="two objects are named apple"):
+        make_trial(str(path), load_spec(), thing="apple")
+
+
+def test_a_protocols_mass_is_refused_for_an_object_that_brings_its_own(tmp_path: Path) -> None:
+    (tmp_path / "thing.xml").write_text(
+        "<mujoco><worldbody><body><freejoint/><geom size='0.03'/></body></worldbody></mujoco>"
+    )
+    text = GOOD.replace("{name: rubiks_cube}", "{name: thing, shape: mjcf, file: thing.xml, at: [0, 0, 0.03]}")
+    assert fails(tmp_path, text + "protocol: fc\n") == (
+        "object thing: an MJCF brings its own mass, and the protocol asks for 0.1 kg: give the file that mass and take "
+        "a protocol without `mass`"
+    )

@@ -22,8 +22,8 @@ from allegro_twin.grasping.scenario import (
     TrialProtocol,
     load_protocol,
     load_scenario,
-    parse_object,
     turn_pushes,
+    with_object,
 )
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
@@ -193,7 +193,7 @@ def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
         return TrialCase(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
-        scenario = scenario.model_copy(update={"objects": (parse_object(item["object"]), *scenario.objects[1:])})
+        scenario = with_object(scenario, item["object"])
     grasp = load_grasp(item.get("grasp") or scenario.grasp, spec)
     return TrialCase(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
 

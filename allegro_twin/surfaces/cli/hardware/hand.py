@@ -88,7 +88,6 @@ def show(
         ),
     ] = None,
     config: Config = "sim_right",
-    other: OtherHand = None,
 ) -> None:
     """Show a hand's joints: limits of the model and measured ones, margin, motors."""
     from allegro_twin.app.config import load_config
@@ -97,11 +96,9 @@ def show(
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
 
-    if which is not None and other is not None:
-        raise ConfigError(f"{which} and --hand {other}: say one hand")
     if which is not None and Path(which).is_file() and {"hand", "backend"} & read_yaml(Path(which)).keys():
         raise ConfigError(f"{which} is a config, not a hand: --config {which} shows its hand")
-    settings = on_hand(load_config(config), which or other)
+    settings = on_hand(load_config(config), which)
     model = load_spec(settings.hand.model, settings.hand.side)
     mine = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
     if settings.limits.margin < 0:
