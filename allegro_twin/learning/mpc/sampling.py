@@ -10,8 +10,9 @@ al. 2022), the *cross-entropy method* the mean and spread of the best share, *MP
 exp((J_i − max J) / (λ sd J)). The first action is taken, of the best sample or with MPPI of θ̄, and θ̄ moves on by one
 decision.
 
-Among the samples of every decision are always the plan of the last one, moved on; no action at all; the action that was
-taken last, held; and the best samples of the last decision (`keep`). Some samples move one finger alone (`fingers`).
+Among the samples of every decision are always the rest of the last plan, action by action, with no action after it; no
+action at all; the action that was taken last, held; and the best samples of the last decision (`keep`). Some samples
+move one finger alone (`fingers`).
 """
 
 from __future__ import annotations
@@ -26,8 +27,6 @@ from allegro_twin.learning.environments.snapshot import EpisodeState
 from allegro_twin.learning.mpc.rollouts import Rollouts
 from allegro_twin.learning.mpc.settings import MpcSettings
 from allegro_twin.types import Array
-
-_FIXED = 3  # Samples that are always tried: the plan, no action, the last action held.
 
 
 class Plan(NamedTuple):
@@ -63,6 +62,8 @@ class SamplingMpc:
         self._mean: Array = np.zeros((self.settings.knots, self._joints))
         self._spread: Array = np.full_like(self._mean, self.settings.spread)
         self._last: Array = np.zeros(self._joints)
+        self._rest: Array | None = None
+        """Of the last plan, (decisions, joints): no spline has it, for knots lie elsewhere."""
         self._kept: Array = np.zeros((0, *self._mean.shape))
         self._begun = False
         self._place, self.searches = 0, 0
@@ -89,27 +90,31 @@ class SamplingMpc:
             self._rollouts.begin(state)
             self._begun = True
         self._spread = np.clip(2.0 * self._spread, chosen.narrowest, chosen.spread)
-        best, value, tried = self._mean, -np.inf, []
-        for _ in range(chosen.iterations):
+        best, value, tried = np.zeros((self.decisions, self._joints), np.float32), -np.inf, []
+        for iteration in range(chosen.iterations):
             knots = self._draw(self._steps_back(state) if chosen.back else np.zeros((0, *self._mean.shape)))
             actions = self._actions(knots, decided)
+            if iteration == 0 and self._rest is not None:
+                actions[:, 0] = self._rest if decided is None else [decided, *self._rest[1:]]
             returns = self._rollouts(state, actions.astype(float), self._still)
             top = int(returns.argmax())
             if returns[top] > value:
-                best, value = knots[top], float(returns[top])
+                best, value = actions[:, top].copy(), float(returns[top])
             tried.append((returns, knots))
             self._choose(knots, returns)
         self._keep(tried)
         # What was tried is certain here, and a mean was not tried; with `mppi` it is the plan by definition.
-        return Plan(self._actions((self._mean if chosen.method == "mppi" else best)[None], decided)[:, 0], value)
+        return Plan(self._actions(self._mean[None], decided)[:, 0] if chosen.method == "mppi" else best, value)
 
     def move_on(self, plan: Plan, decisions: int = 1) -> None:
         """Go on with the rest of a plan of which so many decisions have passed."""
         taken = min(max(decisions, 1), self.decisions)
         self._last = plan.actions[taken - 1].astype(float)
         actions = plan.actions.astype(float)
-        self._mean = self._later(actions, decisions)
-        self._kept = np.array([self._later(self._spline(knots[None])[:, 0], decisions) for knots in self._kept])
+        self._rest = self._rest_of(actions, decisions)
+        self._mean = self._knots(self._rest)
+        splines = (self._spline(knots[None])[:, 0] for knots in self._kept)
+        self._kept = np.array([self._knots(self._rest_of(spline, decisions)) for spline in splines])
 
     def _actions(self, knots: Array, decided: Array | None) -> NDArray[np.float32]:
         actions = self._spline(knots).astype(np.float32)
@@ -174,10 +179,14 @@ class SamplingMpc:
             self._mean = best.mean(axis=0)
             self._spread = np.maximum(best.std(axis=0), chosen.narrowest)
 
-    def _later(self, actions: Array, decisions: int) -> Array:
-        """Knots of the spline (decisions, joints) so many decisions later, which ends with no action."""
+    def _rest_of(self, actions: Array, decisions: int) -> Array:
+        """What is left of actions (decisions, joints) so many decisions later, with no action after it."""
         rest = np.zeros((self.decisions, self._joints))
         rest[: max(self.decisions - decisions, 0)] = actions[decisions:]
+        return rest
+
+    def _knots(self, actions: Array) -> Array:
+        """Knots on the actions of a horizon, (knots, joints)."""
         at = np.linspace(0.0, self.decisions - 1.0, self.settings.knots)
-        found: Array = np.stack([np.interp(at, np.arange(self.decisions), column) for column in rest.T], axis=-1)
+        found: Array = np.stack([np.interp(at, np.arange(self.decisions), column) for column in actions.T], axis=-1)
         return found

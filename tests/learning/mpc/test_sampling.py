@@ -152,6 +152,26 @@ def test_an_episode_reports_what_became_of_it() -> None:
     assert math.isnan(reached.by_tips)
 
 
+def test_the_rest_of_the_last_plan_is_tried_action_by_action(monkeypatch: pytest.MonkeyPatch) -> None:
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK.model_copy(update={"every": 2}), threads=1)
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    tried: list[Any] = []
+
+    def returns(state: Any, actions: Any, still: int) -> Any:
+        tried.append(actions)
+        return -np.arange(float(actions.shape[1]))  # The first is the best.
+
+    returns.begin = mpc._rollouts.begin  # type: ignore[attr-defined]
+    monkeypatch.setattr(mpc, "_rollouts", returns)
+    mpc._rest = np.random.default_rng(0).uniform(-1.0, 1.0, (mpc.decisions, 16))  # Of no spline.
+    rest = mpc._rest.astype(np.float32)
+    taken = [mpc.plan(env.save_state()) for _ in range(3)]
+    np.testing.assert_array_equal(taken, rest[:3])
+    np.testing.assert_array_equal(tried[-1][:-2, 0], rest[2:])
+    np.testing.assert_array_equal(tried[-1][-2:, 0], 0.0)
+
+
 def test_a_device_has_no_states_to_plan_from() -> None:
     pytest.importorskip("mujoco_warp", reason="mujoco_warp is not installed: pip install 'allegro-twin[warp]'")
     with pytest.raises(ConfigError, match="states are not saved there"):
