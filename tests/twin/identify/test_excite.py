@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
@@ -17,6 +18,7 @@ from allegro_twin.app.rig import SimulatedScene
 from allegro_twin.app.serve_can import virtual_hands
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
 from allegro_twin.spec import Side
@@ -59,6 +61,25 @@ def test_a_pose_is_where_gravity_is_in_the_palm() -> None:
     assert right == (0.0, -left[1], 0.0)
     with pytest.raises(ConfigError, match="did you mean 'palm-up'"):
         find_pose("palm-upp", "right")
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_instruction_of_a_pose_says_what_is_up_and_down_of_the_models_hand(side: Side) -> None:
+    tips = {name: pose[0] for name, pose in hand_kinematics(load_spec(side=side)).fingertips(np.zeros(16)).items()}
+    fingers = np.mean([tips[name] for name in ("index", "middle", "ring")], axis=0)
+    across = tips["thumb"] - tips["ring"]  # From the little finger's side to the thumb's.
+
+    def lower(pose: str, direction: ArrayLike) -> float:
+        return float(np.array(find_pose(pose, side).gravity) @ np.asarray(direction))
+
+    assert "the thumb's side down" in find_pose("side", side).instruction
+    assert lower("side", across) > 0.0
+    assert "its fingers pointing up" in find_pose("up", side).instruction
+    assert lower("up", fingers) < 0.0
+    assert "the palm looking up" in find_pose("palm-up", side).instruction
+    assert lower("palm-up", [1.0, 0.0, 0.0]) < 0.0
+    assert "the palm looking down" in find_pose("palm-down", side).instruction
+    assert lower("palm-down", [1.0, 0.0, 0.0]) > 0.0
 
 
 def test_a_hand_that_lies_otherwise_is_not_moved() -> None:

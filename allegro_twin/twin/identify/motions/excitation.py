@@ -81,7 +81,7 @@ def find_pose(name: str, side: Side) -> ExcitationPose:
     known = (
         ExcitationPose("up", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "stand the hand upright, its fingers pointing up"),
         ExcitationPose("palm-up", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), "lay the hand on its back, the palm looking up"),
-        ExcitationPose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "lay the hand on its edge, the thumb's side up"),
+        ExcitationPose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "turn the hand on its edge, the thumb's side down"),
         ExcitationPose("palm-down", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), "hold the hand out, the palm looking down"),
     )
     for each in known:
