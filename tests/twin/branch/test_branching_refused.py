@@ -72,3 +72,16 @@ def test_a_hand_that_does_not_say_where_down_is_or_what_its_motors_gave_is_refus
     assert rms((told.branched - told.recorded)[after(told)]) < 0.5 * MRAD
     with pytest.raises(ConfigError, match="holds positions without torques"):
         branch_recording(path["torque"], AT, {}, options=BranchOptions(own))
+
+
+def test_a_log_that_begins_before_the_first_torque_is_branched(made: Path, own: str, tmp_path: Path) -> None:
+    origin, path = load(made), tmp_path / "log.arrow"
+    samples = (
+        Sample(replace(sample.state, torque=np.full(16, np.nan)) if k < 2 else sample.state, sample.command)
+        for k, sample in enumerate(recorded_samples(origin))
+    )
+    meta = {key: value for key, value in origin.meta.items() if key != "engine"}
+    for _ in record(samples, path, origin.spec, origin.period, meta=meta):
+        pass
+    found = branch_recording(path, AT, {}, options=BranchOptions(own))
+    assert rms((found.branched - found.recorded)[after(found)]) < 0.5 * MRAD

@@ -36,6 +36,7 @@ from allegro_twin.twin.identify.results.uncertainty import (
     motion_coverage,
     value_correlations,
 )
+from allegro_twin.twin.mirror.on_recording import recorded_samples
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.twin.identify import hidden
 
@@ -337,6 +338,20 @@ def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, r
             read_motion(path)
     with pytest.raises(RecordingError, match="no recording at"):
         read_motion(tmp_path / "none.arrow")
+
+
+def test_what_a_log_has_before_the_first_torque_counts_for_nothing(tmp_path: Path) -> None:
+    first, none = load(hidden.recording(hidden.POSES[0])), np.full(16, np.nan)
+    path = tmp_path / "log.arrow"
+    samples = (
+        Sample(replace(sample.state, torque=none) if k < 3 else sample.state, sample.command)
+        for k, sample in enumerate(recorded_samples(first))
+    )
+    for _ in record(samples, path, first.spec, first.period, meta=dict(first.meta)):
+        pass
+    whole, read = read_motion(hidden.recording(hidden.POSES[0])), read_motion(path)
+    for name in ("position", "duty", "good"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(whole, name)[3:])
 
 
 def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:

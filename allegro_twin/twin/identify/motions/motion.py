@@ -71,11 +71,14 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
             f"{path} does not say with which torque constant its counts became N·m: record it again through the hand's "
             "bus (`allegro-twin excite`), or give its backend a `calibration` (docs/contract.md#calibration)"
         )
+    # A log of a bus begins before its host has sent a torque: such rows are as if they had not come.
+    driven = np.isfinite(columns["torque"]).all(axis=1)
+    columns = {name: column[driven] for name, column in columns.items()}
+    torque = columns["torque"]
+    if 2 * driven.sum() < len(driven) or not torque.any():
+        raise ConfigError(f"{path} holds positions without torques: nothing about motors follows from it")
     if len(columns["t"]) * recording.period < FEWEST:
         raise ConfigError(f"{path} is {len(columns['t']) * recording.period:.1f} s long: record at least {FEWEST:g} s")
-    torque = columns["torque"]
-    if not np.isfinite(torque).all() or not torque.any():
-        raise ConfigError(f"{path} holds positions without torques: nothing about motors follows from it")
     gravity = np.median(columns["gravity"], axis=0)
     if not np.isfinite(gravity).all() or np.ptp(columns["gravity"], axis=0).max() > 2.0:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
