@@ -62,7 +62,7 @@ class Rollouts:
 
     def __call__(self, state: EpisodeState, actions: Array, still: int) -> Array:
         """What each sample is worth from a saved state: `actions` (decisions, samples, joints), and then `still`
-        decisions without any. Shape (samples,)."""
+        decisions without any. What has failed pays as much as the worst that goes on. Shape (samples,)."""
         self._spread(state)
         engine, n = self.engine, self.engine.n
         seconds, weight = engine.task.interface.seconds, self.settings.reward
@@ -76,7 +76,9 @@ class Rollouts:
             if self.settings.count:
                 count = outcome.terms[engine.task.count_term]
                 gained, before = gained + worth * self.settings.count * (count - before), count
-            total += np.where(going, np.where(np.isfinite(gained), gained, 0.0), 0.0)
+            gained = np.where(np.isfinite(gained), gained, 0.0)
+            # Else what fails at once would save the costs of what fails later.
+            total += np.where(going, gained, min(gained[going].min(), 0.0))
             going &= ~outcome.failed
             if not going.any():
                 break

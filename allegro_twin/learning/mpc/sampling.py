@@ -143,6 +143,8 @@ class SamplingMpc:
         fixed = fixed[: max(chosen.samples // 2, 1)]
         left = chosen.samples - len(fixed)
         noise = self._spread * rng.standard_normal((left, *self._mean.shape))
+        if chosen.method != "cem":
+            noise *= np.exp(rng.uniform(np.log(min(chosen.narrowest / chosen.spread, 1.0)), 0.0, (left, 1, 1)))
         alone = np.flatnonzero(rng.random(left) < chosen.fingers)
         for row, finger in zip(alone, rng.integers(len(self._fingers), size=len(alone)), strict=True):
             others = np.ones(self._joints, bool)

@@ -58,7 +58,9 @@ class MpcSettings(Settings):
     spread: Positive = 0.4
     """Largest standard deviation of samples, in parts of an action's range."""
     narrowest: Positive = 0.05
-    """Least standard deviation, with `cem`, which begins every decision with twice that of the last."""
+    """Least standard deviation. With `cem`, which begins every decision with twice that of the last, of all samples;
+    else each sample has its own, drawn between this and `spread` by its logarithm: steps of a gait are wide, what saves
+    a bad hold is fine."""
     elite: Share = 0.15
     """Best share of the samples, with `cem`."""
     temperature: Positive = 0.2

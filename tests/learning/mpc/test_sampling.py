@@ -135,6 +135,22 @@ def test_what_comes_after_a_failure_counts_for_nothing_and_a_discount_makes_late
         assert stepped == [[0, 1], [0, 1], [1], [1]]  # What has failed takes no time any more.
 
 
+def test_failing_at_once_does_not_save_the_costs_of_failing_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = HandEnv("Reach", timestep=0.003)
+    env.reset(seed=3)
+    rollouts = Rollouts("Reach", EnvSettings(timestep=0.003), QUICK.model_copy(update={"samples": 3}), threads=1)
+    rewards = iter([[-20.0, -2.0, -1.0], [0.0, -20.0, -3.0], [0.0, 0.0, -4.0]])
+    failed = iter([[True, False, False], [False, True, False], [False, False, False]])
+
+    def outcome(*_: Any) -> Any:
+        return StepOutcome(np.array(next(rewards)), np.array(next(failed)), np.zeros(3, bool), {}), None
+
+    monkeypatch.setattr(rollouts.engine, "outcome", outcome)
+    monkeypatch.setattr(rollouts.engine, "step", lambda action, rows: None)
+    # What has failed pays as the worst of those that went on in the decision: 20 of the second, and then 4.
+    np.testing.assert_array_equal(rollouts(env.save_state(), np.zeros((3, 3, 16)), 0), [-44.0, -26.0, -8.0])
+
+
 def test_an_episode_reports_what_became_of_it() -> None:
     seen: list[Any] = []
     (found,) = run_episodes(
@@ -203,6 +219,15 @@ def test_some_samples_move_one_finger_alone_and_some_begin_afresh() -> None:
     assert moved.any(axis=0).all()
     mpc.settings = settings.model_copy(update={"afresh": 1.0})
     assert (mpc._draw(NO_STEPS)[3:] == 0.0).sum() >= 37 * 2 * 12
+
+
+def test_samples_are_spread_between_the_narrowest_and_the_widest() -> None:
+    settings = MpcSettings(samples=400, horizon=0.3, knots=2, method="predictive", narrowest=0.02, spread=0.32)
+    mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), settings, threads=1)
+    spread = mpc._draw(NO_STEPS)[3:].std(axis=(1, 2))
+    np.testing.assert_allclose(np.quantile(spread, [0.05, 0.5, 0.95]), [0.023, 0.08, 0.28], rtol=0.15)
+    mpc.settings = settings.model_copy(update={"narrowest": 0.32})
+    np.testing.assert_allclose(mpc._draw(NO_STEPS)[3:].std(axis=(1, 2)), 0.32, rtol=0.5)
 
 
 def test_some_samples_bring_one_finger_back_to_its_beginning() -> None:
