@@ -72,7 +72,7 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
             "bus (`allegro-twin excite`), or give its backend a `calibration` (docs/contract.md#calibration)"
         )
     # A log of a bus begins before its host has sent a torque: such rows are as if they had not come.
-    driven = np.isfinite(columns["torque"]).all(axis=1)
+    driven = np.asarray(np.isfinite(columns["torque"]).all(axis=1))
     columns = {name: column[driven] for name, column in columns.items()}
     torque = columns["torque"]
     if 2 * driven.sum() < len(driven) or not torque.any():
