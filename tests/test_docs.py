@@ -370,7 +370,7 @@ def test_the_scenario_of_the_how_to_holds(side: str, place: Place) -> None:
     block = next(block for block in blocks(page) if block.file == "my_scenario.yaml")
     (place.folder / block.file).write_text(block.text)
     code, shown, _ = place.run("run", block.file, "--side", side)
-    assert (code, "% of the limits left" in shown) == (0, True)
+    assert (code, "% of the drift limits left" in shown) == (0, True)
 
 
 def generated() -> dict[str, str]:

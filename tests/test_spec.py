@@ -88,3 +88,11 @@ def test_a_joint_knows_its_finger_and_one_of_none_is_refused() -> None:
     assert [spec.finger_of(joint) for joint in range(16)] == [k for k in range(4) for _ in range(4)]
     with pytest.raises(ConfigError, match="joint 16 of allegro_right moves no finger"):
         spec.finger_of(16)
+
+
+def test_an_unknown_hand_is_told_the_models_and_not_every_serial_number() -> None:
+    with pytest.raises(
+        ConfigError, match=r"no hand named 'shadow'; there are: allegro, .*sih; or the path of a card"
+    ) as said:
+        load_spec("shadow")
+    assert "SAH0" not in str(said.value)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
 import os
 import shutil
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from types import FrameType
@@ -20,6 +21,9 @@ UNFINISHED = "unfinished"
 """The folder in an output folder where a run writes until it ends; what an interrupted run has written stays there."""
 FILES = "run.json"
 """List of the files that a run wrote into an output folder: the next run replaces these and no others."""
+_WRITTEN = "sha256"
+"""In that list: the hash of each file that people edit, as the run wrote it."""
+_EDITED = ".yaml"
 _TRIES = 100
 """Attempts to lock a folder that its last writer removes, empty, at the same moment."""
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)]
@@ -54,11 +58,15 @@ def write_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[P
     staging = folder / UNFINISHED
     before = _written(folder)
     try:
-        if staging.exists() and not (staging / FILES).is_file():
+        if staging.exists() and not (staging / FILES).is_file() and not _is_empty(staging):
             raise RecordingError(f"{staging}: stands where a run is written; move it away, or give another folder")
         shutil.rmtree(staging, ignore_errors=True)
         staging.mkdir(parents=True)
-        _list(staging, [])  # Says whose it is.
+        try:
+            _list(staging, [])  # Says whose it is.
+        except OSError:
+            shutil.rmtree(staging, ignore_errors=True)
+            raise
     except OSError as error:
         if isinstance(error, RecordingError):
             raise
@@ -125,6 +133,18 @@ def _lock(folder: Path) -> int:
     raise RecordingError(f"{folder}: cannot be a folder to write into: it vanishes as soon as it is made")
 
 
+def files_changed_by_hand(folder: Path) -> list[Path]:
+    """The YAML files of the run before that are not as it wrote them. Raises RecordingError as `write_run` does."""
+    written = _written(folder)
+    hashes = _hashes(folder)
+    names = {path: path.relative_to(folder).as_posix() for path in written if path.is_file()}
+    return [path for path, name in names.items() if name in hashes and hashes[name] != _hash(path)]
+
+
+def _is_empty(folder: Path) -> bool:
+    return folder.is_dir() and not any(folder.iterdir())
+
+
 def _written(folder: Path) -> list[Path]:
     """The files of the run before. Raises RecordingError for a list that is none, and for one that leads out of the
     folder."""
@@ -169,12 +189,29 @@ def _replace(folder: Path, before: list[Path], staging: Path, last: str) -> None
 
 def add_to_run(folder: Path, paths: list[Path]) -> None:
     """Count files that were made of a run afterwards, such as pictures, among its files. Raises RecordingError."""
-    _list(folder, sorted({str(path.relative_to(folder).as_posix()) for path in [*_written(folder), *paths]}))
+    names = sorted({str(path.relative_to(folder).as_posix()) for path in [*_written(folder), *paths]})
+    _list(folder, names, _hashes(folder))
 
 
-def _list(folder: Path, names: list[str]) -> None:
+def _list(folder: Path, names: list[str], known: Mapping[str, str] | None = None) -> None:
+    """`known`: hashes of files as they were written, which somebody may have edited since."""
+    new = {name: _hash(folder / name) for name in names if name.endswith(_EDITED) and (folder / name).is_file()}
+    content = {"files": names} | ({_WRITTEN: new | dict(known or {})} if new or known else {})
     with atomic_file(folder / FILES) as temporary:
-        temporary.write_text(json.dumps({"files": names}, indent=1), encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
+
+
+def _hashes(folder: Path) -> dict[str, str]:
+    """Of the files that a run has written, as `_list` has noted them; empty where it has not."""
+    path = folder / FILES
+    if not path.exists():
+        return {}
+    noted = json.loads(path.read_text(encoding="utf-8")).get(_WRITTEN)
+    return {str(name): str(each) for name, each in noted.items()} if isinstance(noted, dict) else {}
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _files(staging: Path) -> list[str]:

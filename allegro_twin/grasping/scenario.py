@@ -165,8 +165,8 @@ class ScenarioObject(Settings):
     """kg; by default that of the catalogue, of a mesh 500 kg/m³ times its volume. An MJCF brings its own."""
     file: Path | None = None
     """Of a mesh (.obj, .stl) or an MJCF; a relative path is the scenario's own."""
-    scale: Positive = 1.0
-    """Of a mesh: file units to m."""
+    scale: Positive | None = None
+    """Of a mesh: the unit of the file, m; None: as the file or its size says."""
     collision: Literal["pieces", "hull"] = "pieces"
     """How a mesh collides: as what it is, in convex pieces, or as its hull."""
     up: Literal["x", "y", "z"] = "z"

@@ -122,6 +122,14 @@ class TrialReport:
         return min((phase.margin for phase in self.phases if phase.check), default=float("nan"))
 
 
+def faulted(reason: str) -> TrialReport:
+    """The verdict on a trial that a fault ended before its own end: not held, and nothing measured."""
+    unknown = float("nan")
+    return TrialReport(
+        held=False, reason=reason, phases=(), peak_torque=unknown, lift=unknown, penetration=unknown, at_limit={}
+    )
+
+
 def judge(
     seen: Observations,
     windows: Sequence[PhaseWindow],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,14 @@ import pytest
 
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.app.session import Outputs, perform
-from allegro_twin.grasping.evaluation.rejudge import limits_left, phase_results, rejudge, report_markdown
+from allegro_twin.grasping.evaluation.rejudge import (
+    limits_left,
+    phase_results,
+    rejudge,
+    report_markdown,
+    stalled_joints,
+)
+from allegro_twin.grasping.verdict import faulted
 from allegro_twin.recording.reader import load
 
 
@@ -53,5 +61,11 @@ def test_the_contact_vectors_of_a_held_object_carry_its_weight(trial: tuple[obje
 
 
 def test_a_part_of_the_limits_is_only_told_where_some_is_left() -> None:
-    assert limits_left(0.784) == ", 78 % of the limits left"
+    assert limits_left(0.784) == ", 78 % of the drift limits left"
     assert limits_left(-32.17) == limits_left(float("nan")) == ""
+
+
+def test_every_joint_at_its_torque_limit_is_named_with_its_share_of_the_time() -> None:
+    report = replace(faulted(""), at_limit={"thumb 1": 0.397, "ring 2": 0.004, "index 3": 0.0})
+    assert stalled_joints(report) == "at the torque limit, of the time: thumb 1 40 %"
+    assert stalled_joints(faulted("")) == "no joint at its torque limit"

@@ -48,12 +48,12 @@ LITTLE = RoundSize(guessed=24, closed=8, drawn=3)
 
 
 def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: RoundSize = LITTLE) -> GraspSearch:
-    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.model_reference})
+    scenario = scenario_of(thing, "z", None, None, 0.8).model_copy(update={"hand": spec.model_reference})
     return GraspSearch(scenario, spec, grasp_templates(spec), effort=effort)
 
 
 def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> GraspScene:
-    scenario = scenario_of(thing, "z", 1.0, None, 0.8)
+    scenario = scenario_of(thing, "z", None, None, 0.8)
     return GraspScene(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 

@@ -128,7 +128,7 @@ def plan(tried: Tried) -> None:
     is in tests/hands/test_planning.py."""
     spec = tried.spec
     check_efforts(spec)
-    scenario = scenario_of(THING, "z", 1.0, None, 0.8).model_copy(update={"hand": tried.reference})
+    scenario = scenario_of(THING, "z", None, None, 0.8).model_copy(update={"hand": tried.reference})
     bench = GraspScene(spec, make_stage(scenario, load_protocol("table_pick"), spec.side, Path()))
     templates, random = grasp_templates(spec), np.random.default_rng(0)
     performer = FingerGains(load_gains("default", spec), hand_kinematics(spec).gravity_torque)

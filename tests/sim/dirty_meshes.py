@@ -346,7 +346,7 @@ def _polygons(folder: Path, solid: Solid) -> Path:
     vertices = np.vstack([np.column_stack([plan, np.full(6, h)]) for h in (-z, z)])
     faces = [[5, 4, 3, 2, 1, 0], [6, 7, 8, 9, 10, 11], *([k, (k + 1) % 6, 6 + (k + 1) % 6, 6 + k] for k in range(6))]
     head = "mtllib lost.mtl\no box\nusemtl paper\nvt 0 0\nvn 0 0 1"
-    return obj(folder / "scan.obj", vertices, faces, 0.0254, head, "/1/1")
+    return obj(folder / "scan_inch.obj", vertices, faces, 0.0254, head, "/1/1")
 
 
 def _t_junctions(folder: Path, solid: Solid) -> Path:
@@ -421,7 +421,7 @@ DIRTY = (
     Dirty("ball", "a shell inside, OFF", ball,
           lambda at, it: off(at / "scan.off", merged(it, moved(it, (0.004, 0.0, 0.0), 0.6)))),
     Dirty("mug", "twelve loose flecks, ASCII PLY", mug, _mesh_ply("ascii", flecks)),
-    Dirty("cracker box", "quads and n-gons in inches, materials missing", cracker, _polygons),
+    Dirty("cracker box", "quads and n-gons in inches, as its name says, materials missing", cracker, _polygons),
     Dirty("screwdriver", "cm, holes", screwdriver,
           lambda at, it: stl(at / "scan_cm.stl", soup(pierced(fine(it, 0.004), 5, 0.004)), 0.01)),
     Dirty("bracket", "T-junctions", bracket, _t_junctions),

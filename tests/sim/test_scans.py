@@ -161,13 +161,19 @@ def test_a_unit_that_a_file_states_is_known_or_refused_with_those_that_are(tmp_p
 
 
 def test_a_size_that_several_units_fit_is_never_taken_for_the_largest(tmp_path: Path) -> None:
-    marble = moved(ball(), (0, 0, 0), 18 / 70)
+    marble = moved(ball(), (0, 0, 0), 31 / 70)
     report = make_clean(stl(tmp_path / "marble.stl", soup(marble), 0.001)).report
     assert (report.unit, report.scale) == ("mm, by its size", 0.001)
-    for size, said in ((0.0185, r"18\.5 mm if it is in mm .* or 185 mm if it is in cm"), (0.9, r"9\.0 mm .* or 23 mm")):
+    for size, said in (
+        (0.0185, r"18\.5 mm if it is in mm .* or 185 mm if it is in cm"), (0.9, r"9\.0 mm .* or 23 mm"),
+        (0.018, r"18\.0 mm if it is in mm .* or 180 mm if it is in cm"), (0.025, r"25 mm .* or 250 mm"),
+        (0.008, r"80 mm if it is in cm .* or 203 mm if it is in inch"),
+    ):  # fmt: skip
         file = stl(tmp_path / "scan.stl", soup(moved(ball(), (0, 0, 0), size / 0.07)), 1.0 if size > 0.5 else 0.001)
         with pytest.raises(ConfigError, match=rf"scan\.stl: .* across, in a unit that it does not name: {said}"):
             load_mesh(file)
+    cup = make_clean(stl(tmp_path / "cup.stl", soup(moved(ball(), (0, 0, 0), 12 / 70)), 0.001)).report
+    assert (cup.unit, cup.scale) == ("cm, by its size", 0.01)  # In mm it were a crumb, in inches a chair.
     solid = moved(ball(), (0, 0, 0), 10)
     file = obj(tmp_path / "said.obj", solid.vertices, solid.faces.tolist(), 1.0, "# units: m")
     assert load_mesh(file).extents.max() == pytest.approx(0.7)
@@ -426,3 +432,16 @@ def test_two_things_in_one_file_are_said_to_be_taken_as_one(tmp_path: Path) -> N
     both = merged(ball(), moved(torus(), (0.135, 0.0, 0.0)))
     report = make_clean(stl(tmp_path / "scan.stl", soup(both), 0.001)).report
     assert "2 separate things, 50 mm apart, all taken as one" in report.line()
+
+
+def test_a_wall_is_refused_for_what_is_closed_already(tmp_path: Path) -> None:
+    file = obj(tmp_path / "box.obj", cracker().vertices, cracker().faces.tolist())
+    with pytest.raises(ConfigError, match=r"box\.obj: --wall 2mm is for an open surface, and this one is closed"):
+        make_clean(file, ScanSettings(wall=0.002))
+
+
+def test_a_scale_of_one_is_metres_whatever_the_size_says(tmp_path: Path) -> None:
+    file = obj(tmp_path / "box.obj", cracker().vertices, cracker().faces.tolist(), 0.001)
+    assert load_mesh(file).extents.max() < 0.3
+    with pytest.raises(ConfigError, match=r"m across in m, as said"):
+        load_mesh(file, 1.0)

@@ -60,15 +60,19 @@ def report_markdown(report: TrialReport) -> str:
 
 
 def limits_left(margin: float) -> str:
-    """The end of a sentence on motion in the hand: the part of its limits that is left. Empty where none is, as after
+    """The end of a sentence: the part of the limits on motion in the hand that is left. Empty where none is, as after
     a fall, and where nothing was checked."""
-    return f", {100 * margin:.0f} % of the limits left" if margin >= 0.0 else ""
+    return f", {100 * margin:.0f} % of the drift limits left" if margin >= 0.0 else ""
 
 
-def stalled_joints(report: TrialReport, share: float = 0.5) -> str:
-    """The joints that push at their limit for more than a share of the time."""
-    found = [f"{joint} {100 * part:.0f} %" for joint, part in report.at_limit.items() if part > share]
-    return f"at its limit for most of the time: {', '.join(found)}" if found else "no joint stays at its limit"
+_MOMENT = 0.005
+"""Of the time: a joint that is at its torque limit for less is not named."""
+
+
+def stalled_joints(report: TrialReport) -> str:
+    """The joints that push at their torque limit, and for how much of the time."""
+    found = [f"{joint} {100 * part:.0f} %" for joint, part in report.at_limit.items() if part >= _MOMENT]
+    return f"at the torque limit, of the time: {', '.join(found)}" if found else "no joint at its torque limit"
 
 
 WARM = 60.0

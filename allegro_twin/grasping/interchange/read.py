@@ -114,5 +114,5 @@ def _object(grasps: Grasps, row: int, thing: str | None, path: Path) -> Scenario
     file = next((place for place in places if place.is_file() and place.suffix.lower() in SUFFIXES), None)
     if file is None:
         raise ConfigError(f"{path}: its object {name!r} is no mesh here: say --object FILE")
-    scale = float(grasps.scale[row])
+    scale = None if grasps.scale[row] == 1.0 else float(grasps.scale[row])  # 1 says nothing of the mesh's unit.
     return parse_object(str(file)).model_copy(update={"scale": scale})

@@ -76,6 +76,8 @@ def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) 
             uncertainty=Uncertainty.model_validate(shared["uncertainty"]),
         )  # fmt: skip
         found = search.run(shared["n"], SearchBudget(**shared["budget"]))
+        if search.interrupted:
+            raise KeyboardInterrupt  # The row would be taken for that of a whole search.
         rows.append(
             {
                 "found": json.dumps([planned_to_json(each) for each in found]), "ends": json.dumps(search.ends),

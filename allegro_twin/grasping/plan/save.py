@@ -13,7 +13,8 @@ from allegro_twin.grasping.plan.validate import SEARCHED, PlannedGrasp
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.uncertainty import Uncertainty
-from allegro_twin.hands.library.entries import PlanRecord
+from allegro_twin.hands.library.entries import GraspFile, PlanRecord
+from allegro_twin.hands.library.entry_files import check_free, check_name
 from allegro_twin.hands.library.grasps import Grasp, entry_from_grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.spec import HandSpec
@@ -37,6 +38,28 @@ def save_grasps(
         )
         for number, planned in enumerate(found, 1)
     ]  # fmt: skip
+
+
+def check_names(name: str, n: int) -> None:
+    """Raise ConfigError unless `save_grasps` may use the names of so many grasps for an object."""
+    for number in range(1, n + 1):
+        check_free(check_name(f"{name}_{number}", "library"))
+
+
+def written_out(
+    found: Sequence[PlannedGrasp], name: str, folder: Path, spec: HandSpec, uncertainty: Uncertainty
+) -> list[tuple[Path, str]]:
+    """The files that `save_grasps` would write into a folder, each with its text, for a disk that takes none."""
+    files = []
+    for number, planned in enumerate(found, 1):
+        scenario, grasp = f"{name}_{number}", f"{GRASPS}/{name}_{number}.yaml"
+        entry = _entry(planned.grasp, spec, describe(planned), scenario, make_proof(planned, uncertainty))
+        contents = {
+            f"{scenario}.yaml": _plain(planned.scenario, grasp, folder, describe(planned)),
+            grasp: {"kind": entry.kind} | entry.model_dump(mode="json", exclude_unset=True),
+        }
+        files += [(folder / file, yaml_edit.replace_document("", each, file)) for file, each in contents.items()]
+    return files
 
 
 def save_grasp(
@@ -66,16 +89,18 @@ def store_grasp(
     RecordingError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     library = Library(path.parent)
-    entry = entry_from_grasp(grasp, spec, description, evidence).model_copy(
-        update={} if proof is None else {"planned": proof}
-    )
-    library.add(name, entry, spec)
+    library.add(name, _entry(grasp, spec, description, evidence, proof), spec)
     library.store(name, path)
+
+
+def _entry(grasp: Grasp, spec: HandSpec, description: str, evidence: str, proof: PlanRecord | None) -> GraspFile:
+    entry = entry_from_grasp(grasp, spec, description, evidence)
+    return entry.model_copy(update={} if proof is None else {"planned": proof})
 
 
 def describe(planned: PlannedGrasp) -> str:
     """What was shown of it."""
-    thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the limits left"
+    thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the drift limits left"
     said = [f"{left} without noise"]
     if planned.judged:
         drawn = make_rate("", planned.judged_held, planned.judged)

@@ -139,6 +139,8 @@ class GraspSearch:
     """s that it took, of all processors together."""
     cut: bool = False
     """Whether its time did not suffice for one round: the same seed and as many candidates find something else."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it."""
 
     def run(
         self,
@@ -147,8 +149,9 @@ class GraspSearch:
         tell: Callable[[list[PlannedGrasp], float], None] = lambda found, share: None,
     ) -> list[PlannedGrasp]:
         """The best `n` that are apart from each other. It ends when they are good, or when the budget is spent, with
-        fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent. Raises
-        ConfigError for a hand of which the effort of a motor is unknown."""
+        fewer where there are fewer; at a KeyboardInterrupt, of which `interrupted` tells, with those that have held the
+        whole trial by then. `tell`: what is good so far, and how much of the budget is spent. Raises ConfigError for a
+        hand of which the effort of a motor is unknown."""
         check_efforts(self.spec)
         return _Rounds(self, n, budget).run(tell)
 
@@ -202,6 +205,19 @@ class _Rounds:
         """s that the dearest round so far took after evolution, and the longest in all, each for a whole one."""
 
     def run(self, tell: Callable[[list[PlannedGrasp], float], None]) -> list[PlannedGrasp]:
+        search, prover, clock = self._search, self._prover, self._clock
+        try:
+            self._go_round(tell)
+            prover.settle(self._n, clock.over if search.cut else None)
+        except KeyboardInterrupt:
+            search.interrupted = True
+        search.cpu = clock.spent
+        best = prover.best(self._n)
+        for each in best:
+            each.seed, each.candidates = search.seed, search.closed
+        return best
+
+    def _go_round(self, tell: Callable[[list[PlannedGrasp], float], None]) -> None:
         search, prover, clock, n = self._search, self._prover, self._clock, self._n
         while sum(each.good for each in prover.best(n)) < n:
             began = clock.spent
@@ -224,12 +240,6 @@ class _Rounds:
                 [each for each in prover.ranked(prover.options, n) if each.good],
                 max(clock.spent / self._budget.cpu, search.closed / self._budget.candidates),
             )
-        prover.settle(n, clock.over if search.cut else None)
-        search.cpu = clock.spent
-        best = prover.best(n)
-        for each in best:
-            each.seed, each.candidates = search.seed, search.closed
-        return best
 
     def _affordable(self) -> int:
         """How many candidates the next round is made for; 0: the search is over."""

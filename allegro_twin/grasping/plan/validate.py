@@ -241,12 +241,12 @@ class GraspValidator:
         verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure, stop_early=True)
         for option, verdict in zip(options, verdicts, strict=True):
             where = "whole trial" if not verdict.held else self.amiss([verdict]) or "held"
-            option.confirmed = where == "held"
             self.ends[where] += 1
             if verdict.report is not None:
                 option.show(verdict.report.observed)
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
                 option.sustained = verdict.report.hottest[1]
+            option.confirmed = where == "held"  # Last: an interruption leaves none that is half judged.
         self._spent("whole", len(cases), began)
 
     def amiss(self, verdicts: Sequence[Verdict]) -> str:
@@ -264,17 +264,19 @@ def judge_planned(
     planned: Sequence[PlannedGrasp], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path,
     threads: int = 0, count: int = JUDGED,
 ) -> None:  # fmt: skip
-    """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen."""
+    """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen. A
+    KeyboardInterrupt leaves those that are not judged to the end as they were."""
     drawn = sample_perturbations(uncertainty, count, seed, stream="judge")
     for each in planned:
         protocol = load_protocol(each.scenario.protocol)
         bench = TrialRunner(spec, protocol_gains(protocol.gains, spec), protocol.period or PERIOD, threads)
         split = [TrialCase(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
         verdicts = bench.verdicts([case for cases in split for case in cases], stop_early=True)
-        each.judged, each.judged_held = len(split), 0
+        held = 0
         for cases in split:
             found = [next(verdicts).held for _ in cases]
-            each.judged_held += all(found)
+            held += all(found)
+        each.judged, each.judged_held = len(split), held
 
 
 def best_grasps(options: Sequence[PlannedGrasp], n: int, turns: Array | None) -> list[PlannedGrasp]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,10 @@ def card_path(model: str) -> Path | None:
 def _card_path(model: str) -> Path:
     """Raises ConfigError with the nearest names, or with what is wrong with a package."""
     if model not in installed_hands():
+        stems = [file.stem for file in (data_root() / "conf" / "hands").glob("*.yaml")]
+        bare = Path(model).name == model and not Path(model).suffix and not Path(model).is_file()
+        if bare and not get_close_matches(model, stems, cutoff=0.5):  # Of which nobody wants every serial number.
+            raise ConfigError(unknown("hand", model, filter(is_hand_model, stems)) + "; or the path of a card")
         return find_file(model, "hand", "conf/hands")
     point = entry_points_of(GROUP)[model]
     try:

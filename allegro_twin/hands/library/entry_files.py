@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -113,6 +114,23 @@ def check_name(name: object, where: str) -> str:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ConfigError(f"{where}: a name is small letters, digits and _, and begins with a letter; not {name!r}")
     return name
+
+
+def check_free(name: str) -> str:
+    """A name that no entry has which ships with the package. Raises ConfigError."""
+    if name in shipped_entries():
+        raise ConfigError(f"{name!r} ships with the package and stays as it is; choose another name")
+    return name
+
+
+def name_from(text: str, where: str) -> str:
+    """A name as near to a text as `check_name` allows, `coke_can` of `Coke-Can`. Raises ConfigError for a text in which
+    there is none."""
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
+    name = re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
+    if not name:
+        raise ConfigError(f"{where}: its name has neither a letter nor a digit to name grasps by; rename the file")
+    return name if name[0].isalpha() else f"object_{name}"
 
 
 def _files(path: Path) -> list[Path]:

@@ -28,6 +28,7 @@ from allegro_twin.hands.library.entries import (
 )
 from allegro_twin.hands.library.entry_files import (
     LibraryEntry,
+    check_free,
     check_name,
     read_all,
     read_file,
@@ -110,7 +111,7 @@ class Library:
 
         Raises ConfigError unless the name is free for the user and the spec's hand can do it.
         """
-        _ours(check_name(name, "library"))
+        check_free(check_name(name, "library"))
         joint_values(entry, spec, name)
         self._added[name] = _Added(entry, spec)
 
@@ -119,7 +120,7 @@ class Library:
 
         Raises ConfigError for a name that is not there to be deleted.
         """
-        _ours(name)
+        check_free(name)
         added = self._added.pop(name, None)
         stored = read_all(self._sources).get(name) if from_file or added is None else None
         if stored is None:
@@ -191,11 +192,6 @@ def _of_card(name: str, spec: HandSpec) -> LibraryEntry:
     """A posture that a hand's card names."""
     entry = PostureFile(hand=spec.model, side=spec.side, angles=angles_by_finger(spec.postures[name], spec))
     return LibraryEntry(name, entry, Path(spec.card) if spec.card else None)
-
-
-def _ours(name: str) -> None:
-    if name in shipped_entries():
-        raise ConfigError(f"{name!r} ships with the package and stays as it is; choose another name")
 
 
 def _built(listed: LibraryEntry, spec: HandSpec) -> Vector | Grasp | TaughtMotion:

@@ -46,8 +46,8 @@ class GraspObject:
     """kg. NaN for an MJCF, which brings its own."""
     file: Path | None = None
     """For `mesh` and `mjcf`."""
-    scale: float = 1.0
-    """Of a mesh: file units to m."""
+    scale: float | None = None
+    """Of a mesh: the unit of the file, m; None: as the file or its size says."""
     collision: Collision = "pieces"
     """How a mesh collides: as what it is, in convex pieces, or as its hull."""
 

@@ -62,8 +62,8 @@ _WALL = 0.002
 class ScanSettings:
     """What a user may say of a scan."""
 
-    scale: float = 1.0
-    """Unit of the file, m; 1: m, or the unit that its size or the file itself says."""
+    scale: float | None = None
+    """Unit of the file, m; None: as the file or its size says."""
     tolerance: float = TOLERANCE
     """m."""
     wall: float | None = None
@@ -208,6 +208,10 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanS
     """A closed surface of what triangles show."""
     soup = fix.sew(soup)
     wall = settings.wall or (_WALL if repair.double and not _mostly_closed(soup) else None)
+    if settings.wall is not None and fix.is_closed(soup):
+        raise ConfigError(
+            f"{path}: --wall {1000 * settings.wall:.2g}mm is for an open surface, and this one is closed: leave it out"
+        )
     if wall is not None:
         repair.done.append(f"an open surface without thickness is a wall of {1000 * wall:.2g} mm")
         repair.filled = np.empty((0, 3, 3))
@@ -427,7 +431,7 @@ def _load(kept: Path, path: Path) -> CleanMesh:
         return CleanMesh(file["v"], file["f"], replace(Report(**said), file=str(path)))
 
 
-def hull_points(path: Path, scale: float) -> tuple[Numbers, str]:
+def hull_points(path: Path, scale: float | None) -> tuple[Numbers, str]:
     """The points of a scan of which its convex hull is, m, without flecks and strays; and what was left out, in a line.
     Raises ConfigError."""
     scan = read_scan(path)
@@ -436,6 +440,6 @@ def hull_points(path: Path, scale: float) -> tuple[Numbers, str]:
         points = fix.drop_flecks(fix.clean(scan.points, scan.faces, repair), repair).vertices
     else:
         points = whole_points(scan, repair)[0]
-    unit, scale = find_unit(path, scan, scale, points)
-    size = " × ".join(f"{1000 * scale * edge:.3g}" for edge in np.ptp(points, axis=0))
-    return points * scale, f"{path.name}: {'; '.join([f'{size} mm ({unit})', *repair.done, 'its convex hull'])}"
+    unit, factor = find_unit(path, scan, scale, points)
+    size = " × ".join(f"{1000 * factor * edge:.3g}" for edge in np.ptp(points, axis=0))
+    return points * factor, f"{path.name}: {'; '.join([f'{size} mm ({unit})', *repair.done, 'its convex hull'])}"

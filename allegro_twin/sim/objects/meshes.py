@@ -71,19 +71,19 @@ class Mesh(NamedTuple):
         return len(edges) - len(ahead) + sum((b, a) not in ahead for a, b in ahead)
 
 
-def load_mesh(path: Path, scale: float = 1.0) -> Mesh:
-    """A mesh from a file, times `scale`: as it is, or, where it is no solid of a hand's size, repaired, which the log
-    says. Raises ConfigError for what cannot be."""
+def load_mesh(path: Path, scale: float | None = None) -> Mesh:
+    """A mesh from a file: as it is, or, where it is no solid of a hand's size, repaired, which the log says. `scale`:
+    the unit of the file, m; None: as the file or its size says. Raises ConfigError for what cannot be."""
     return _load(path, scale).mesh
 
 
-def mesh_middle(path: Path, scale: float = 1.0) -> Vector:
+def mesh_middle(path: Path, scale: float | None = None) -> Vector:
     """Where the origin of a loaded mesh, the middle of its bounding box, is in the axes of its file, (3,), m: poses
     that others give of an object are those of its file. Raises ConfigError for what is no mesh of a hand's size."""
     return _load(path, scale).middle
 
 
-def mesh_report(path: Path, scale: float = 1.0) -> Report | None:
+def mesh_report(path: Path, scale: float | None = None) -> Report | None:
     """What was done to a mesh; None for one that is taken as it is. Raises ConfigError."""
     return _load(path, scale).report
 
@@ -95,7 +95,7 @@ class _Loaded(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def _load(path: Path, scale: float) -> _Loaded:
+def _load(path: Path, scale: float | None) -> _Loaded:
     plain, wrong = None, None
     if path.suffix.lower() in PLAIN:
         try:
@@ -120,14 +120,13 @@ def _load(path: Path, scale: float) -> _Loaded:
     return _Loaded(Mesh(made.vertices - middle, made.faces), middle, made.report)
 
 
-def _fault(path: Path, mesh: Mesh, scale: float) -> ConfigError | None:
+def _fault(path: Path, mesh: Mesh, scale: float | None) -> ConfigError | None:
     """Why a mesh is no solid of a hand's size."""
-    size, stated = float(mesh.extents.max()), stated_unit(path) if scale == 1.0 else "m"
+    size, stated = float(mesh.extents.max()), stated_unit(path) if scale is None else "m"
     if not SMALLEST <= size <= (LARGEST if stated == "m" else LARGE):
-        factor = (
-            f"its numbers look like millimetres: say scale: {scale / 1000:g}" if size > LARGEST else "say its scale"
-        )
-        return ConfigError(f"{path}: {size:.3g} m across with scale {scale:g}; {factor}")
+        unit = 1.0 if scale is None else scale
+        factor = f"its numbers look like millimetres: say scale: {unit / 1000:g}" if size > LARGEST else "say its scale"
+        return ConfigError(f"{path}: {size:.3g} m across with scale {unit:g}; {factor}")
     if stated not in (None, "m"):
         return ConfigError(f"{path}: its unit is {stated}, as it says: say its scale")
     if is_flat(Soup(mesh.vertices, mesh.faces)):
@@ -160,7 +159,7 @@ def _middle(vertices: Array) -> Vector:
 
 
 @lru_cache(maxsize=32)
-def load_hull(path: Path, scale: float = 1.0) -> Mesh:
+def load_hull(path: Path, scale: float | None = None) -> Mesh:
     """The convex hull of a mesh or of points, whose surface need not be closed. Raises ConfigError."""
     if path.suffix.lower() in PLAIN:
         try:
@@ -191,11 +190,11 @@ def convex_hull(points: Array, what: str) -> Mesh:
     return _oriented(_of_model(model))
 
 
-def _read(path: Path, scale: float) -> Mesh:
+def _read(path: Path, scale: float | None) -> Mesh:
     return _of_model(_compiled(path, scale))
 
 
-def _compiled(path: Path, scale: float) -> mujoco.MjModel:
+def _compiled(path: Path, scale: float | None) -> mujoco.MjModel:
     check_file(path)
     if path.suffix.lower() == ".stl" and (found := miscounted(path.read_bytes())) is not None:
         raise ConfigError(
@@ -203,7 +202,7 @@ def _compiled(path: Path, scale: float) -> mujoco.MjModel:
         )
     _refuse_scan(path, _triangles(path))  # Before MuJoCo reads it, which takes its time.
     spec = mujoco.MjSpec()
-    mesh = spec.add_mesh(name="it", scale=[scale] * 3)
+    mesh = spec.add_mesh(name="it", scale=[1.0 if scale is None else scale] * 3)
     if _is_text(path):
         mesh.uservert = _corners(path).ravel()
         mesh.userface = np.arange(len(mesh.uservert) // 3)

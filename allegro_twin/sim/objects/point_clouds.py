@@ -65,17 +65,17 @@ class Oriented(NamedTuple):
         return self._replace(points=self.points[rows], normals=self.normals[rows])
 
 
-def close_cloud(path: Path, scan: Scan, scale: float, repair: Repair) -> ClosedCloud:
+def close_cloud(path: Path, scan: Scan, scale: float | None, repair: Repair) -> ClosedCloud:
     """The solid that points show. `scale`: as in `find_unit`. Raises ConfigError."""
     points, normals = whole_points(scan, repair)
     if len(points) < FEWEST:
         raise ConfigError(f"{path}: {len(points)} points show no surface; at least {FEWEST}, or --hull")
-    unit, scale = find_unit(path, scan, scale, points)
-    points = points * scale
+    unit, factor = find_unit(path, scan, scale, points)
+    points = points * factor
     refuse_table(path, points)
     cloud = _thinned(path, points, normals)
     solid = _closed(path, cloud, normals is not None, repair, points)
-    return ClosedCloud(solid, points, cloud.spacing, unit, scale)
+    return ClosedCloud(solid, points, cloud.spacing, unit, factor)
 
 
 def whole_points(scan: Scan, repair: Repair) -> tuple[Numbers, Numbers | None]:

@@ -41,10 +41,11 @@ LARGEST, SMALLEST = 1.0, 0.002
 """m; an object beyond these is no object for a hand, and its file has another unit."""
 LARGE = 0.6
 """m; one that is larger needs its unit said."""
-_LIKELY = {"mm": (10.0, 600.0), "cm": (2.0, 40.0), "inch": (2.0, 15.7)}
-"""Longest edges of things for a hand, in each unit; what is at most LARGE is m."""
-_CHOICES = (0.005, LARGE)
-"""m: what a size that is in no unit by itself may be."""
+_GUESSED = ("mm", "cm", "inch")
+"""Units that files of things for a hand have without naming them."""
+_USUAL, _CHOICES = (0.015, 0.3), (0.005, LARGE)
+"""m: the longest edges of usual things for a hand, and of all: a unit goes without saying where it alone gives a usual
+one, or, where none does, any."""
 _HEAD, _FACE = 84, 50
 """Bytes of a binary .stl: 80 of anything and the number of its triangles, and for each of them."""
 _POLYGON = 5
@@ -482,18 +483,19 @@ _READERS = {".stl": _stl, ".obj": _obj, ".pcd": _pcd, ".xyz": _text_points, ".pt
             ".npz": _numpy}  # fmt: skip
 
 
-def find_unit(path: Path, scan: Scan, scale: float, points: Numbers) -> tuple[str, float]:
-    """How a file's numbers are understood, in words, and the unit, m. Raises ConfigError for what could be several."""
+def find_unit(path: Path, scan: Scan, scale: float | None, points: Numbers) -> tuple[str, float]:
+    """How a file's numbers are understood, in words, and the unit, m: as `scale` says; None: as the file or its size
+    says. Raises ConfigError for what could be several."""
     size = float(np.ptp(points, axis=0).max())
     in_metres = path.suffix.lower() in (".glb", ".gltf")
-    if scale != 1.0:
+    if scale is not None:
         unit, name = scale, next((f"{name}, as said" for name, each in UNITS.items() if each == scale), "as scaled")
     elif scan.unit is not None and (scan.unit != "m" or in_metres or LARGE < size <= LARGEST):
         unit, name = UNITS[scan.unit], f"{scan.unit}, by its {'format' if in_metres else 'file'}"
     elif size <= LARGE:
         unit, name = 1.0, "m"
     else:
-        name = _likely_unit(path, points, size)
+        name = _likely_unit(path, size)
         unit, name = UNITS[name], f"{name}, by its size"
     if not SMALLEST <= size * unit <= LARGEST:
         raise ConfigError(
@@ -503,25 +505,18 @@ def find_unit(path: Path, scan: Scan, scale: float, points: Numbers) -> tuple[st
     return name, unit
 
 
-def _likely_unit(path: Path, points: Numbers, size: float) -> str:
-    possible = [name for name, (low, high) in _LIKELY.items() if low <= size <= high]
-    if len(possible) > 1:
-        whole = [name for name in possible if _whole(points, UNITS[name])]
-        if "mm" in whole:  # What is whole in mm is so in cm; drawings are in mm.
-            whole = ["mm"]
-        possible = whole if len(whole) == 1 and not ("mm" in possible and whole == ["cm"]) else possible
-    if len(possible) == 1:
+def _likely_unit(path: Path, size: float) -> str:
+    """The only unit in which something so large, in a file's numbers, is for a hand."""
+    usual, could = (
+        [name for name in _GUESSED if low <= size * UNITS[name] <= high] for low, high in (_USUAL, _CHOICES)
+    )
+    possible = usual or could
+    if len(possible) == 1 and size > LARGEST:  # What is smaller could be in m.
         return possible[0]
-    could = [name for name in ("mm", "cm", "inch") if _CHOICES[0] <= size * UNITS[name] <= _CHOICES[1]]
+    possible = possible if len(possible) > 1 else could
     choices = " or ".join(f"{1000 * size * UNITS[name]:.{0 if size * UNITS[name] > 0.02 else 1}f} mm if it is in "
-                          f"{name} (--scale {UNITS[name]:g})" for name in possible or could or ["mm"])  # fmt: skip
+                          f"{name} (--scale {UNITS[name]:g})" for name in possible or ["mm"])  # fmt: skip
     metres = ", or write `# units: m` into it" if size <= LARGEST and path.suffix.lower() == ".obj" else ""
     raise ConfigError(
         f"{path}: {size:.3g} across, in a unit that it does not name: {choices}; `scale:` in a scenario{metres}"
     )
-
-
-def _whole(points: Numbers, unit: float) -> bool:
-    """Whether all edges of the bounding box are whole millimetres, as drawings have them."""
-    edges = 1000 * unit * np.ptp(points, axis=0)
-    return bool((np.abs(edges - np.round(edges)) < 0.01).all())

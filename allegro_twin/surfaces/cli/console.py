@@ -55,7 +55,7 @@ def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str,
     """One row for each trial: verdict and margins."""
     held = sum(report.held for report in reports.values())
     table = Table(title=f"{held} of {len(reports)} held ({engine})", title_style="bold")
-    parts = list(next(iter(reports.values())).phases[0].contact_force)
+    parts = next((list(report.phases[0].contact_force) for report in reports.values() if report.phases), [])
     for name in ("object", "hand", "grasp", "held"):
         table.add_column(name)
     for name in ("drift\nmm", "turn\n°", "inside\nmm", *(f"{part[:6]}\nN" for part in parts), "at\nlimit"):
@@ -70,8 +70,8 @@ def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str,
             "[green]yes[/]" if report.held else "[red]no[/]",
             f"{max(phase.drift for phase in checks) * 1000:.1f}" if checks else "",
             f"{max(phase.rotation for phase in checks):.1f}" if checks else "",
-            f"{report.penetration * 1000:.1f}",
-            *(f"{force:.1f}" for force in forces),
+            f"{report.penetration * 1000:.1f}" if report.phases else "",
+            *((f"{force:.1f}" for force in forces) if checks else [""] * len(parts)),
             _stalls(report),
         )
     failed = [f"{scenario}, {side}: {r.reason}" for (scenario, side), r in reports.items() if not r.held]
@@ -101,7 +101,7 @@ def plan_table(name: str, found: Sequence[PlannedGrasp], asked: int) -> Table:
     fewer = f" of {asked} asked for" if len(found) < asked else ""
     table = Table(title=f"{count}{fewer}: {name}" if fewer else f"{count} for {name}", title_style="bold")
     words = ("from", "like", "type")
-    for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "limits\nleft", "motor\nsustains"):
+    for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "drift\nlimits left", "motor\nsustains"):
         table.add_column(title, justify="left" if title in words else "right")
     for number, each in enumerate(found, 1):
         table.add_row(
@@ -113,8 +113,8 @@ def plan_table(name: str, found: Sequence[PlannedGrasp], asked: int) -> Table:
     return table
 
 
-def search_summary(search: GraspSearch, seeds: int) -> str:
-    """Size of a search, and how to repeat it."""
+def search_summary(search: GraspSearch, seeds: int, found: Sequence[PlannedGrasp]) -> str:
+    """Size of a search, how to repeat it, and how what it found was judged."""
     from allegro_twin.grasping.plan.validate import JUDGED
 
     closed, times = search.closed, f"{search.cpu:.0f} CPU-s"
@@ -123,10 +123,11 @@ def search_summary(search: GraspSearch, seeds: int) -> str:
         again = "; ".join(f"seed {seed}: --candidates {count}" for seed, count in search.counts.items())
     if search.cut:
         again = "--time cut the first round short, so no number of candidates repeats it"
-    return (
-        f"Searched: {closed} candidates closed in physics, {times}; {again}. Judged afterwards on {JUDGED} draws of "
-        "their own, in the whole trial."
-    )
+    if search.interrupted:
+        again = "it was interrupted, so no number of candidates repeats it"
+    judged = f" Judged afterwards on {JUDGED} draws of their own, in the whole trial."
+    said = f"Searched: {closed} candidates closed in physics, {times}; {again}."
+    return said + (judged if any(each.judged for each in found) else "")
 
 
 def _stalls(report: TrialReport) -> str:
@@ -137,7 +138,7 @@ def _stalls(report: TrialReport) -> str:
 
 def phases(title: str, report: TrialReport) -> Table:
     """One row for each phase of a trial."""
-    table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held[/] ' + report.reason}")
+    table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held:[/] ' + report.reason}")
     parts = list(report.phases[0].contact_force) if report.phases else []
     for name in ("phase", "drift mm", "largest mm", "turn °", *(f"{part} N" for part in parts), "held"):
         table.add_column(name, justify="left" if name in ("phase", "held") else "right")

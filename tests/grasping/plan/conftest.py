@@ -15,7 +15,7 @@ from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 def in_the_air() -> tuple[GraspSearch, PlannedGrasp]:
     """A ball that is held against pushes along every axis, without a table and without weight."""
     spec = load_spec()
-    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
+    scenario = scenario_of("tennis_ball", "z", None, None, 0.8).model_copy(update={"protocol": "fc"})
     search = GraspSearch(scenario, spec, grasp_templates(spec), effort=RoundSize(guessed=24, closed=8, drawn=3))
     (planned,) = search.run(1, SearchBudget(80))
     return search, planned

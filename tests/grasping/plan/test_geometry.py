@@ -43,7 +43,7 @@ def bench() -> GraspScene:
 
 
 def bench_of(name: str) -> GraspScene:
-    scenario = scenario_of(name, "z", 1.0, None, 0.8)
+    scenario = scenario_of(name, "z", None, None, 0.8)
     return GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 

@@ -62,7 +62,7 @@ def test_parallel_searches_are_of_the_same_hand_with_the_same_draws(
 
     hand = twin_to_plan_for("allegro", str(own(tmp_path / "mine.yaml")))
     search = GraspSearch(
-        scenario_of("lemon", "z", 1.0, None, 0.8), hand.spec, grasp_templates(hand.spec), uncertainty=hand.uncertainty
+        scenario_of("lemon", "z", None, None, 0.8), hand.spec, grasp_templates(hand.spec), uncertainty=hand.uncertainty
     )
     monkeypatch.setattr(parallel, "run", run)
     monkeypatch.setattr(GraspSearch, "run", nothing_found)

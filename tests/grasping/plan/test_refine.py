@@ -35,7 +35,7 @@ TURNS = (0.0, np.pi / 2.0, np.pi)
 
 
 def proposer(thing: str, seed: int = 0) -> Proposer:
-    search = GraspSearch(scenario_of(thing, "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC))
+    search = GraspSearch(scenario_of(thing, "z", None, None, 0.8), SPEC, grasp_templates(SPEC))
     return search._proposer(load_protocol("table_pick"), np.random.default_rng(seed))
 
 

@@ -41,7 +41,7 @@ def test_a_region_has_what_is_between_its_bounds() -> None:
 
 def test_fingers_that_are_proposed_touch_mostly_in_the_region() -> None:
     """The upper half of a can that stands on the table."""
-    scenario, upper = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8), parse_region("z>0.01")
+    scenario, upper = scenario_of("tomato_soup_can", "z", None, None, 0.8), parse_region("z>0.01")
     bench = GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, grasp_templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=upper)
     found = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(5), strict=False)]
@@ -53,7 +53,7 @@ def test_fingers_that_are_proposed_touch_mostly_in_the_region() -> None:
 
 
 def test_a_region_without_a_surface_is_an_error() -> None:
-    scenario = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8)
+    scenario = scenario_of("tomato_soup_can", "z", None, None, 0.8)
     bench = GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, grasp_templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=parse_region("z>1"))
     with pytest.raises(ConfigError, match="nothing of its surface"):
@@ -83,7 +83,7 @@ def test_a_part_of_an_object_turns_with_it() -> None:
 
 
 def test_whoever_waits_for_proposals_can_look_at_the_clock_after_every_batch() -> None:
-    scenario = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8)
+    scenario = scenario_of("tomato_soup_can", "z", None, None, 0.8)
     bench = GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, grasp_templates(SPEC), 0.8, (0.0,), np.random.default_rng(0))
     assert list(proposer.fresh(tries=3 * BATCH)).count(None) == 3
@@ -104,7 +104,7 @@ def test_in_the_air_an_object_is_held_by_its_part_too(in_the_air: tuple[GraspSea
 
 def test_what_a_push_takes_away_is_not_returned() -> None:
     """A hand that stays open."""
-    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
+    scenario = scenario_of("tennis_ball", "z", None, None, 0.8).model_copy(update={"protocol": "fc"})
     bench, known = GraspScene(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path())), grasp_templates(SPEC)
     opened = next(filter(None, Proposer(bench, known, 0.8, (0.0,), np.random.default_rng(0)).fresh()))
     opened = replace(opened, close=opened.preshape, squeeze=opened.preshape)

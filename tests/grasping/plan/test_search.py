@@ -58,7 +58,7 @@ SEED = 3
 def found() -> tuple[GraspSearch, list[PlannedGrasp], int]:
     """And in how many rounds."""
     search = GraspSearch(
-        scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=LITTLE
+        scenario_of("tennis_ball", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=LITTLE
     )
     rounds: list[int] = []
     return search, search.run(1, SearchBudget(48), lambda best, at: rounds.append(len(best))), len(rounds)
@@ -134,7 +134,7 @@ def test_a_search_that_ran_out_of_time_within_a_round_is_repeated_by_its_count(
 ) -> None:
     """That round counts for nothing."""
     timed, counted = (
-        GraspSearch(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY)
+        GraspSearch(scenario_of("tennis_ball", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY)
         for _ in range(2)
     )
     readings = chain([0.0], repeat(1e9))  # Time is up after the first look in the second round.
@@ -154,7 +154,7 @@ def test_a_search_that_ran_out_of_time_within_a_round_is_repeated_by_its_count(
 def test_a_smaller_last_round_is_repeated_by_its_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     size = RoundSize(guessed=8, closed=12, drawn=1)
     one, timed, counted = (
-        GraspSearch(scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=size)
+        GraspSearch(scenario_of("wood_block", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=size)
         for _ in range(3)
     )
     looks = count()  # The clock goes on by a second whenever somebody looks at it.
@@ -170,7 +170,7 @@ def test_a_smaller_last_round_is_repeated_by_its_count(tmp_path: Path, monkeypat
 
 @pytest.mark.slow
 def test_a_search_without_time_for_one_round_says_that_it_was_cut() -> None:
-    search = GraspSearch(scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0)
+    search = GraspSearch(scenario_of("wood_block", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=0)
     search.run(1, SearchBudget(cpu=1e-9))
     assert search.cut
     assert 1 <= search.closed <= 5
@@ -181,7 +181,7 @@ def test_a_first_round_whose_time_ends_between_two_rungs_of_draws_says_that_it_w
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     search = GraspSearch(
-        scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=TINY
+        scenario_of("tennis_ball", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=SEED, effort=TINY
     )
     rungs: list[int] = []
     draw = GraspValidator._draw
@@ -199,7 +199,7 @@ def test_a_first_round_whose_time_ends_between_two_rungs_of_draws_says_that_it_w
 @pytest.mark.slow
 def test_a_round_that_closes_one_candidate_ends_with_its_budget() -> None:
     search = GraspSearch(
-        scenario_of("wood_block", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=RoundSize(4, 1, 1)
+        scenario_of("wood_block", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=RoundSize(4, 1, 1)
     )
     search.run(5, SearchBudget(7))
     assert search.closed == 7
@@ -208,7 +208,7 @@ def test_a_round_that_closes_one_candidate_ends_with_its_budget() -> None:
 @pytest.mark.slow
 def test_a_budget_of_candidates_is_kept_to_the_last_one() -> None:
     search = GraspSearch(
-        scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY
+        scenario_of("tennis_ball", "z", None, None, 0.8), SPEC, grasp_templates(SPEC), seed=0, effort=TINY
     )
     search.run(5, SearchBudget(3))
     assert search.closed == 3
@@ -279,7 +279,7 @@ def test_a_search_for_a_type_keeps_nothing_of_another(found: tuple[GraspSearch, 
 @pytest.mark.slow
 def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
     """A ball of lead: 12 kg."""
-    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
+    scenario = scenario_of("tennis_ball", "z", None, None, 0.8)
     heavy = scenario.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 3.0})
     search = GraspSearch(scenario.model_copy(update={"objects": (heavy,)}), SPEC, grasp_templates(SPEC), effort=LITTLE)
     assert search.run(1, SearchBudget(8)) == []
@@ -348,7 +348,7 @@ def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
 
 
 def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
-    scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
+    scenario, grasp = first_guess(scenario_of("mug", "z", None, None, 0.8), SPEC)
     around = make_stage(scenario, load_protocol("table_pick"), "right", Path())
     bench = GraspScene(SPEC, around)
     rotation = matrix_facing(scenario.wrist.facing, scenario.wrist.fingers)

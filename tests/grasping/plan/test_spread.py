@@ -41,7 +41,7 @@ def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
 
 @pytest.mark.long
 def test_of_two_searches_side_by_side_the_better_grasp_counts() -> None:
-    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
+    scenario = scenario_of("tennis_ball", "z", None, None, 0.8)
     shared = {
         "scenario": scenario.model_dump(mode="json"), "folder": ".", "hand": "allegro", "side": "right", "twin": "",
         "kind": None, "n": 1, "uncertainty": SEARCHED.model_dump(mode="json"),

@@ -47,6 +47,24 @@ def test_a_scenario_is_one_row_with_its_margin_and_the_exit_code_says_whether_it
     assert "0 of 1 (0–79 %)" in shown
 
 
+def test_scenarios_with_one_object_and_grasp_are_told_apart_and_objects_of_two_masses_are_not_pooled(
+    command: Run, tmp_path: Path
+) -> None:
+    light = scenario(tmp_path)
+    heavy = tmp_path / "heavier.yaml"
+    heavy.write_text(light.read_text().replace("{name: lemon", "{name: lemon, mass: 0.035"))
+    words = ("--protocol", short(tmp_path), "--jobs", 1)
+    code, shown, said = command("evaluate", light, heavy, *words)
+    assert code == 0
+    assert "scenario" in shown
+    assert "heavier" in shown
+    assert "by object" not in shown
+    assert "by grasp" in shown
+    assert said == "no rates by object: lemon differs in mass or size between scenarios; see the rows\n"
+    heavy.write_text(light.read_text())
+    assert "by object: lemon 2 of 2" in command("evaluate", light, heavy, *words)[1]
+
+
 def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all_of_it(
     command: Run, tmp_path: Path
 ) -> None:

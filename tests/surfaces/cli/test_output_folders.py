@@ -18,8 +18,17 @@ from typing import Any
 import pytest
 
 from allegro_twin.errors import RecordingError
+from allegro_twin.files import output_folder
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.output_folder import FILES, UNFINISHED, add_to_run, defer_signals, lock_folder, write_run
+from allegro_twin.files.output_folder import (
+    FILES,
+    UNFINISHED,
+    add_to_run,
+    defer_signals,
+    files_changed_by_hand,
+    lock_folder,
+    write_run,
+)
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.cli import options
 from tests.surfaces.cli.conftest import Run
@@ -313,3 +322,30 @@ def test_a_place_where_no_folder_can_be_is_refused_and_not_tried_for_ever(tmp_pa
     for place in (Path("/proc/nowhere"), tmp_path / "file", tmp_path / "file" / "below", tmp_path / "dangling"):
         with pytest.raises(RecordingError, match="cannot be a folder to write into"), lock_folder(place):
             pass
+
+
+def test_a_run_that_could_not_begin_leaves_nothing_that_stands_in_the_way_of_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise RecordingError("cannot write run.json: No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(RecordingError, match="No space left"):
+        patch.setattr(output_folder, "_list", full)
+        with write_run(tmp_path):
+            pass
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / UNFINISHED).mkdir()
+    with write_run(tmp_path) as staging:
+        (staging / "one").touch()
+    assert (tmp_path / "one").is_file()
+
+
+def test_files_that_were_edited_after_a_run_are_known_also_after_pictures_were_added(tmp_path: Path) -> None:
+    with write_run(tmp_path) as staging:
+        for name in ("mine.yaml", "same.yaml"):
+            (staging / name).write_text("a: 1\n")
+    (tmp_path / "mine.yaml").write_text("a: 2\n")
+    (tmp_path / "picture.png").touch()
+    add_to_run(tmp_path, [tmp_path / "picture.png"])
+    assert files_changed_by_hand(tmp_path) == [tmp_path / "mine.yaml"]

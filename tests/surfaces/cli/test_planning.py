@@ -3,20 +3,57 @@
 from __future__ import annotations
 
 import json
+import signal
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import yaml
 
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.output_folder import UNFINISHED
+from allegro_twin.grasping.plan import save, validate
+from allegro_twin.grasping.plan import search as searching
 from allegro_twin.grasping.plan.region import parse_region
 from allegro_twin.grasping.plan.search import GraspSearch
+from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.plan.validate import PlannedGrasp
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entry_files import name_from
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
 from allegro_twin.surfaces.cli.console import plan_table
-from allegro_twin.surfaces.cli.grasps.plan import alternatives, scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import alternatives, scenario_of, search_failure
 from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
 from tests.surfaces.cli.conftest import Run
+
+Found = Callable[..., None]
+
+
+@pytest.fixture
+def finds(monkeypatch: pytest.MonkeyPatch) -> Found:
+    """Let searches find one grasp at once, and do something else besides."""
+
+    def having(besides: Callable[[GraspSearch], None] = lambda search: None) -> None:
+        def run(search: GraspSearch, *_: Any) -> list[PlannedGrasp]:
+            search.closed = 5
+            besides(search)
+            candidate: Any = SimpleNamespace(direction="above", template="tripod_lemon")
+            return [PlannedGrasp(candidate, search.scenario, search.templates[0], 16, 16, margin=0.5, sustained=0.5)]
+
+        monkeypatch.setattr(GraspSearch, "run", run)
+        monkeypatch.setattr(validate, "judge_planned", lambda *_: None)
+
+    having()
+    return having
+
+
+def never(search: GraspSearch) -> None:
+    pytest.fail("the search has begun")
 
 
 @pytest.mark.long
@@ -80,7 +117,7 @@ def test_a_table_of_fewer_grasps_than_were_asked_for_says_so() -> None:
 
 
 def test_where_no_pre_shape_goes_round_an_object_the_alternatives_that_were_not_taken_are_named() -> None:
-    scenario, spec = scenario_of("lemon", "z", 1.0, None, 0.8), load_spec()
+    scenario, spec = scenario_of("lemon", "z", None, None, 0.8), load_spec()
     edge, way = "--edge M, to push it over the table's edge first", "no pre-shape goes round it; try "
     search = GraspSearch(scenario, spec, ())
     assert alternatives(search) == f"{way}{edge}, or another --hand"
@@ -115,3 +152,130 @@ def test_the_command_mesh_refuses_what_is_no_length_and_to_write_over_what_it_re
     assert "its unit is one of m, cm, mm" in errors
     code, _, errors = command("mesh", file, "--out", file)
     assert (code, errors.count("\n")) == (2, 1)
+
+
+def test_grasps_of_a_mesh_are_named_after_its_file_as_nearly_as_names_allow(
+    command: Run, tmp_path: Path, finds: Found
+) -> None:
+    assert [name_from(each, "") for each in ("Coke-Can", "can off", "Töpfchen", "006_mustard")] == [
+        "coke_can", "can_off", "topfchen", "object_006_mustard",
+    ]  # fmt: skip
+    file = obj(tmp_path / "Can Off.obj", cracker().vertices, cracker().faces.tolist())
+    code, _, said = command("plan", file, "--no-pictures", "--out", tmp_path / "out")
+    assert (code, said) == (0, f"{file}: its grasps and files are named can_off\n")
+    assert load_scenario(tmp_path / "out" / "can_off_1.yaml")[0].objects[0].name == "can_off"
+    finds(never)
+    file.rename(tmp_path / "箱.obj")
+    code, _, said = command("plan", tmp_path / "箱.obj", "--out", tmp_path / "out")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "has neither a letter nor a digit to name grasps by; rename the file" in said
+
+
+def test_a_folder_that_cannot_take_a_plan_is_refused_before_the_search(
+    command: Run, tmp_path: Path, finds: Found
+) -> None:
+    (tmp_path / UNFINISHED).mkdir()
+    (tmp_path / UNFINISHED / "mine").touch()
+    finds(never)
+    code, _, said = command("plan", "lemon", "--out", tmp_path)
+    assert (code, "stands where a run is written" in said) == (2, True)
+    finds()
+    (tmp_path / UNFINISHED / "mine").unlink()  # Empty, it is nobody's.
+    assert command("plan", "lemon", "--no-pictures", "--out", tmp_path)[0] == 0
+    assert not (tmp_path / UNFINISHED).exists()
+
+
+def test_grasps_that_the_disk_does_not_take_are_printed(
+    command: Run, tmp_path: Path, finds: Found, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise RecordingError("cannot write it: No space left on device")
+
+    monkeypatch.setattr(save, "save_grasps", full)
+    code, shown, said = command("plan", "lemon", "--out", tmp_path / "p")
+    assert (code, said) == (2, "allegro-twin: cannot write it: No space left on device\n")
+    _, scenario, grasp = shown.split(f"# {tmp_path}/p/")
+    assert yaml.safe_load(scenario.partition("\n")[2])["grasp"] == "grasps/lemon_1.yaml"
+    assert set(yaml.safe_load(grasp.partition("\n")[2])) >= {"kind", "preshape", "close", "squeeze", "planned"}
+    assert not (tmp_path / "p").exists()
+
+
+def test_a_plan_names_the_files_of_the_one_before_that_were_changed_by_hand(
+    command: Run, tmp_path: Path, finds: Found
+) -> None:
+    for change in (False, True):
+        code, _, said = command("plan", "lemon", "--no-pictures", "--out", tmp_path)
+        assert (code, said) == (0, "")
+        if change:
+            file = tmp_path / "grasps" / "lemon_1.yaml"
+            file.write_text(file.read_text() + "# Mine.\n")
+    code, _, said = command("plan", "lemon", "--no-pictures", "--out", tmp_path)
+    assert said == f"{file}: changed since the plan before, and replaced by what this one finds\n"
+
+
+def test_an_interrupted_search_returns_what_has_held_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = load_spec()
+    search = GraspSearch(scenario_of("lemon", "z", None, None, 0.8), spec, grasp_templates(spec))
+
+    def stopped(rounds: Any, tell: object) -> None:
+        candidate: Any = SimpleNamespace(score=1.0)
+        for confirmed in (True, None):
+            rounds._prover.options.append(
+                PlannedGrasp(candidate, search.scenario, search.templates[0], confirmed=confirmed)
+            )
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(searching._Rounds, "_go_round", stopped)
+    (found,) = search.run(1, searching.SearchBudget())
+    assert (search.interrupted, found.confirmed) == (True, True)
+
+
+def test_an_interrupted_plan_keeps_what_it_has_found_and_says_so(command: Run, tmp_path: Path, finds: Found) -> None:
+    finds(lambda search: setattr(search, "interrupted", True))
+    code, shown, said = command("plan", "lemon", "--n", 2, "--out", tmp_path / "p")
+    assert code == 130
+    assert said == "interrupted: 1 of 2 grasps had held the whole trial, 0 of them judged on fresh draws\n"
+    assert "Judged afterwards" not in shown
+    assert {path.name for path in (tmp_path / "p").glob("*.*")} >= {"lemon_1.yaml"}
+    finds(lambda search: signal.raise_signal(signal.SIGINT))
+    code, shown, said = command("plan", "lemon", "--out", tmp_path / "q")
+    assert (code, shown) == (130, "")
+    assert said == "interrupted after 5 candidates before a grasp had held the whole trial: nothing is written\n"
+    assert not (tmp_path / "q").exists()
+
+
+def test_improve_and_mesh_say_that_they_were_interrupted(command: Run, tmp_path: Path, finds: Found) -> None:
+    from allegro_twin.grasping.plan.improve import GraspImprovement
+    from allegro_twin.sim.objects import clean_mesh
+
+    def stop(*_: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(GraspImprovement, "run", stop)
+        patch.setattr(clean_mesh, "clean_mesh", stop)
+        code, _, said = command("improve", "lemon", "--out", tmp_path / "p")
+        assert (code, said) == (130, "interrupted: 0 of 3 rounds had ended; nothing is compared or written\n")
+        code, _, said = command("mesh", tmp_path / "scan.ply")
+        assert (code, said.endswith("was not repaired to the end: nothing is written\n")) == (130, True)
+
+
+def test_where_nothing_holds_every_candidate_is_lost_once_and_the_numbers_add_up() -> None:
+    search: Any = SimpleNamespace(ends=Counter({"passed": 12, "lift": 1, "empty": 2, "whole trial": 2}))
+    assert search_failure(search) == (
+        "of 15 candidates that physics closed, 2 while closing, for they touched nothing, 1 in the lift were lost; 12 "
+        "were lifted and turned; squeezed in several ways each, 2 ways came through draws to the whole trial, where "
+        "2 dropped it; the budget ended the search: give it more --time, or --candidates"
+    )
+    search.ends = Counter({"pushed out": 3, "elsewhere": 1})
+    assert search_failure(search).startswith("3 were pushed out of the hand; 1 held it elsewhere than by --by; the")
+
+
+def test_a_scale_of_one_is_one_that_was_said(command: Run, tmp_path: Path) -> None:
+    file = obj(tmp_path / "box.obj", cracker().vertices, cracker().faces.tolist(), 0.001)
+    for words in (["mesh", file], ["plan", file], ["new", file]):
+        code, _, said = command(*words, "--scale", 1)
+        assert (code, said.count("\n")) == (2, 1)
+        assert "m across" in said
+    with pytest.raises(ConfigError, match="--scale and --mass are for meshes"):
+        scenario_of("lemon", "z", 1.0, None, 0.8)

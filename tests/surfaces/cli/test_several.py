@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from allegro_twin.app import session
+from allegro_twin.app.session import RunOutcome
+from allegro_twin.errors import HandFault
 from allegro_twin.files.output_folder import FILES, UNFINISHED
+from allegro_twin.grasping.verdict import faulted
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.cli.start import parallel
 from tests.patience import comes_true
 from tests.surfaces.cli.conftest import Run
+from tests.test_safety import state
 
 SUITE = Path(__file__).resolve().parents[3]
 MINUTES = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 600\n"
@@ -149,3 +158,27 @@ def test_a_run_whose_process_is_killed_is_one_line_that_names_it(tmp_path: Path)
     said = "allegro-twin: a, right hand: its process was killed by signal 9; --jobs 1 runs it in this one; what was"
     assert errors.startswith(said)
     assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_hand_that_the_guard_stops_in_a_trial_has_not_held_and_the_others_go_on(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    def perform(rig: Any, config: Any, *_: object) -> RunOutcome:
+        last = state()
+        if Path(config.task.scenario).stem == "a":
+            error = HandFault("stopped: joint_8.0 moves at 12.03 rad/s, over its limit; reset to go on")
+            error.history = (SimpleNamespace(state=last),)
+            raise error
+        return RunOutcome(last, replace(faulted(""), held=True), ())
+
+    lemon = (SUITE / "scenarios/demo/lemon.yaml").read_text()
+    paths = written(tmp_path, a=lemon, b=lemon)
+    monkeypatch.setattr(session, "perform", perform)
+    code, shown, said = command("run", *paths[:count], "--jobs", 1, "--out", tmp_path / "out")
+    assert (code, said) == (5, "")
+    assert "guard: joint_8.0 moves at 12.03 rad/s, over its limit" in shown
+    assert "reset to go on" not in shown
+    assert "a, right" in shown
+    report = json.loads((tmp_path / "out" / "report.json").read_text())["trials"]
+    assert [each["held"] for each in report.values()] == [False, True][:count]

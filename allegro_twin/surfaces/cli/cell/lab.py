@@ -31,9 +31,9 @@ def lab(
         str | None, typer.Option("--object", help="Object of the catalogue or mesh file, for the first.")
     ] = None,
     scale: Annotated[
-        float,
+        float | None,
         typer.Option(help="Unit of a mesh for --object, m; default: as its size says.", callback=options.positive),
-    ] = 1.0,
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise of camera and force sensor.")] = None,
     clear: Annotated[
         bool, typer.Option("--clear", help="Clear the table: put one object after the other away.")
@@ -116,7 +116,9 @@ def lab(
     raise typer.Exit(_CODES[report.end.word])
 
 
-def _objects(settings: LabSettings, thing: str | None, scale: float, folder: Path) -> tuple[TableObjectSettings, ...]:
+def _objects(
+    settings: LabSettings, thing: str | None, scale: float | None, folder: Path
+) -> tuple[TableObjectSettings, ...]:
     """What stands on the table, with `thing` where the first one would; files are those of the config's folder. Raises
     ConfigError."""
     from allegro_twin.cell.settings import TableObjectSettings
@@ -130,7 +132,7 @@ def _objects(settings: LabSettings, thing: str | None, scale: float, folder: Pat
                 f"--object {thing}: another {asked.name} is on the table; rename one: objects have different names"
             )
         first = TableObjectSettings(**{**asked.model_dump(exclude_unset=True), **placed})
-    if scale != 1.0:
+    if scale is not None:
         if thing is None or first.file is None:
             raise ConfigError(f"--scale is for the mesh of --object; {first.name} is none")
         first = first.model_copy(update={"scale": scale})

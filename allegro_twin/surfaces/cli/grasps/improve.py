@@ -97,9 +97,20 @@ def _load_start(scenario: str, grasp: str | None, thing: str | None) -> tuple[Sc
 def _search(search: GraspImprovement, name: str) -> ImprovementResult:
     from allegro_twin.surfaces.cli import console
 
+    ended = 0
     with console.progress() as bar:
         task = bar.add_task(name, total=search.rounds)
-        return search.run(lambda number, share: bar.update(task, completed=number + 1, description=f"{share:.0%}"))
+
+        def tell(number: int, share: float) -> None:
+            nonlocal ended
+            ended = number + 1
+            bar.update(task, completed=ended, description=f"{share:.0%}")
+
+        try:
+            return search.run(tell)
+        except KeyboardInterrupt:
+            console.warn(f"interrupted: {ended} of {search.rounds} rounds had ended; nothing is compared or written")
+            raise
 
 
 def _print_comparison(better: ImprovementResult, unseen: int, name: str, begun: str) -> str:

@@ -33,8 +33,8 @@ def mesh(
     file: Annotated[Path, typer.Argument(help="A scan: STL, OBJ, PLY, OFF, glTF, or points: PLY, PCD, XYZ, NPY.")],
     out: Annotated[Path | None, typer.Option(help="OBJ file to write, in m; default: FILE_clean.obj here.")] = None,
     scale: Annotated[
-        float, typer.Option(help="Unit of the file, m; default: as its size says.", callback=options.positive)
-    ] = 1.0,
+        float | None, typer.Option(help="Unit of the file, m; default: as its size says.", callback=options.positive)
+    ] = None,
     tolerance: Annotated[
         str, typer.Option(help="Largest distance between the surfaces before and after, 2mm for example.")
     ] = "1mm",
@@ -50,7 +50,11 @@ def mesh(
     from allegro_twin.surfaces.cli import console
 
     settings = ScanSettings(scale, parse_length(tolerance), None if wall is None else parse_length(wall))
-    made = clean_mesh(file, settings)
+    try:
+        made = clean_mesh(file, settings)
+    except KeyboardInterrupt:
+        console.warn(f"interrupted: {file} was not repaired to the end: nothing is written")
+        raise
     target = out or Path(f"{file.stem}_clean.obj")
     if target.suffix.lower() != ".obj" or target.resolve() == file.resolve():
         raise ConfigError(f"--out {target}: the result is an .obj beside the scan, never in its place")
@@ -66,7 +70,7 @@ def mesh(
     console.console.print(f"Wrote {target}, {beside}; try it: allegro-twin new {target}", soft_wrap=True)
 
 
-def show_repair(file: Path | None, scale: float, folder: Path, *, hull: bool = False) -> list[Path]:
+def show_repair(file: Path | None, scale: float | None, folder: Path, *, hull: bool = False) -> list[Path]:
     """The picture and the report of the repair of a mesh, in a folder: none for a mesh that was taken as it is."""
     from allegro_twin.sim.objects.clean_mesh import ScanSettings, clean_mesh
     from allegro_twin.sim.objects.meshes import mesh_report

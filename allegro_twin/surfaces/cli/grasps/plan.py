@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.grasps.mesh import show_repair
 
@@ -30,7 +31,7 @@ Hull = Annotated[
     bool, typer.Option("--hull", help="Use the convex hull of a mesh, closed or not.", rich_help_panel=options.MESH)
 ]
 Scale = Annotated[
-    float,
+    float | None,
     typer.Option(
         help="Unit of a mesh file, m; default: as its size says.",
         callback=options.positive,
@@ -61,18 +62,15 @@ def plan(
         str | None, typer.Option("--type", help="Only grasps whose contacts are of this type of the GRASP taxonomy.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder to write into; default: plans/OBJECT.", callback=options.folder)
+        Path | None,
+        typer.Option(
+            help="Folder to write into; default: plans/OBJECT. Replaces the plan before, edited or not.",
+            callback=options.folder,
+        ),
     ] = None,
     keep: Annotated[Path | None, typer.Option(help="Also store the grasps in this folder of your library.")] = None,
     up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
-    scale: Annotated[
-        float,
-        typer.Option(
-            help="Unit of a mesh file, m; default: as its size says.",
-            callback=options.positive,
-            rich_help_panel=options.MESH,
-        ),
-    ] = 1.0,
+    scale: Scale = None,
     mass: Annotated[
         float | None,
         typer.Option(
@@ -131,14 +129,14 @@ def plan(
     pictures: Annotated[bool, typer.Option(help="Make a picture of each grasp, and an overview.")] = True,
 ) -> None:
     """Find grasps for an object, validated in simulated trials."""
-    from allegro_twin.files.output_folder import add_to_run, lock_folder, write_run
+    from allegro_twin.files.output_folder import lock_folder
     from allegro_twin.grasping.plan.own_hand import PlannedHand, twin_to_plan_for
     from allegro_twin.grasping.plan.pushing import with_push
     from allegro_twin.grasping.plan.region import parse_region
-    from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
+    from allegro_twin.grasping.plan.save import check_names
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
     from allegro_twin.grasping.plan.templates import grasp_templates
-    from allegro_twin.grasping.plan.validate import SEARCHED, judge_planned
+    from allegro_twin.grasping.plan.validate import SEARCHED
     from allegro_twin.grasping.scenario import load_protocol
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
@@ -150,6 +148,8 @@ def plan(
     scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
         update={"protocol": protocol, "hand": hand}
     )
+    name = scenario.objects[0].name
+    check_names(name, n)
     if edge is not None:
         if load_protocol(protocol).floating:
             raise ConfigError(f"--edge is of a table; under {protocol} there is none")
@@ -164,37 +164,127 @@ def plan(
         kind=kind,
         uncertainty=own.uncertainty,
     )
-    name = scenario.objects[0].name
     unlimited = candidates is not None and seconds is None
     budget = SearchBudget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
-    if seeds == 1 and engine is options.Engines.local:
-        found = _search(search, n, budget)
-    else:
-        found = _search_parallel(search, n, budget, seeds, chosen.engine)
-    judge_planned(found, spec, search.uncertainty, seed, search.folder)
-    console.console.print(console.plan_table(name, found, n))
-    console.console.print(console.search_summary(search, seeds), soft_wrap=True)
-    if not found:
-        ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
-        why = f"of the candidates that physics closed ended {ends}" if ends else alternatives(search)
-        console.errors.print(f"no grasp holds {name}: {why}")
-        raise typer.Exit(5)
+    parallel = None if seeds == 1 and engine is options.Engines.local else _Parallel(seeds, chosen.engine)
     with ExitStack() as stack:
         folder = out or Path("plans") / name
         if out is None:
             stack.enter_context(lock_folder(folder))
-        with write_run(folder) as staging:
-            made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
-            paths = [folder / path.relative_to(staging) for path in made]
-        for number, planned in enumerate(found, 1):
-            if keep is not None:
-                kept = f"{name}_{number}"
-                store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
-                       proof=make_proof(planned, search.uncertainty))  # fmt: skip
-        if pictures:
-            made = show_repair(scenario.objects[0].file, scenario.objects[0].scale, folder, hull=hull)
-            add_to_run(folder, [*made, *_make_pictures(paths, folder)])
+        paths = _plan_into(folder, search, n, budget, parallel, keep)
+        if pictures and not search.interrupted:
+            _add_pictures(paths, scenario, folder, hull=hull)
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
+    if search.interrupted:
+        raise typer.Exit(130)
+
+
+class _Parallel(NamedTuple):
+    """Searches side by side."""
+
+    seeds: int
+    engine: SweepEngine
+
+
+def _plan_into(
+    folder: Path, search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel | None, keep: Path | None
+) -> list[Path]:
+    """Search, judge, print and write, in a folder that is known to take what is found before the search begins.
+    Returns the scenarios."""
+    from allegro_twin.files.output_folder import files_changed_by_hand
+    from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp, written_out
+    from allegro_twin.surfaces.cli import console
+
+    scenario, spec = search.scenario, search.spec
+    name = scenario.objects[0].name
+    with options.run_folder(folder) as staging:
+        if changed := files_changed_by_hand(folder):
+            files = ", ".join(map(str, changed))
+            console.warn(f"{files}: changed since the plan before, and replaced by what this one finds")
+        found = _found(search, n, budget, parallel)
+        try:
+            made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
+        except RecordingError:
+            for path, text in written_out(found, name, folder, spec, search.uncertainty):
+                console.console.print(f"# {path}\n{text}", soft_wrap=True, highlight=False, markup=False)
+            raise
+        paths = [folder / path.relative_to(staging) for path in made]
+    for number, planned in enumerate(found, 1):
+        if keep is not None:
+            kept = f"{name}_{number}"
+            store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
+                   proof=make_proof(planned, search.uncertainty))  # fmt: skip
+    return paths
+
+
+def _found(search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel | None) -> list[PlannedGrasp]:
+    """The grasps that the search finds, judged and printed; where Ctrl-C ends it, those that it had by then. Exits
+    where there are none."""
+    from allegro_twin.grasping.plan.validate import judge_planned
+    from allegro_twin.surfaces.cli import console
+
+    name = search.scenario.objects[0].name
+    found: list[PlannedGrasp] = []
+    try:
+        if parallel is None:
+            found = _search(search, n, budget)
+        else:
+            found = _search_parallel(search, n, budget, parallel)
+        if not search.interrupted:
+            judge_planned(found, search.spec, search.uncertainty, search.seed, search.folder)
+    except KeyboardInterrupt:
+        search.interrupted = True
+    if search.interrupted:
+        console.warn(interrupted_search(search, found, n))
+    if found:
+        console.console.print(console.plan_table(name, found, n))
+    elif search.interrupted:
+        raise typer.Exit(130)
+    console.console.print(
+        console.search_summary(search, 1 if parallel is None else parallel.seeds, found), soft_wrap=True
+    )
+    if not found:
+        why = search_failure(search) if search.ends else alternatives(search)
+        console.errors.print(f"no grasp holds {name}: {why}", soft_wrap=True, highlight=False)
+        raise typer.Exit(5)
+    return found
+
+
+def interrupted_search(search: GraspSearch, found: Sequence[PlannedGrasp], n: int) -> str:
+    """What an interrupted search has, in a sentence."""
+    if not found:
+        closed = f"after {search.closed} candidates " if search.closed else ""
+        return f"interrupted {closed}before a grasp had held the whole trial: nothing is written"
+    judged = sum(each.judged > 0 for each in found)
+    return f"interrupted: {len(found)} of {n} grasps had held the whole trial, {judged} of them judged on fresh draws"
+
+
+def search_failure(search: GraspSearch) -> str:
+    """Where the candidates of a search were lost, each of them once, and what to do about it."""
+    ends = search.ends
+    if pushed := ends["pushed out"]:
+        lost = [f"{pushed} were pushed out of the hand", *_amiss(ends)]
+        return f"{'; '.join(lost)}; the budget ended the search: give it more --time, or --candidates"
+    words = {
+        "empty": "while closing, for they touched nothing", "unbalanced": "while closing, by a grip that slides off",
+        "diverged": "to physics that diverged", "lift": "in the lift", "turn": "in the turn",
+    }  # fmt: skip
+    lost = [f"{ends[where]} {how}" for where, how in words.items() if ends[where]]
+    total, passed = sum(ends[where] for where in (*words, "passed")), ends["passed"]
+    said = f"of {total} candidates that physics closed, " + (f"{', '.join(lost)} were lost; " if lost else "")
+    said += f"{passed} {'was' if passed == 1 else 'were'} lifted and turned"
+    if passed:
+        whole = sum(ends[where] for where in ("whole trial", "elsewhere", "other type"))
+        others = [f"{ends['whole trial']} dropped it"] if ends["whole trial"] else []
+        others += _amiss(ends)
+        tried = f"squeezed in several ways each, {whole} ways came through draws to the whole trial"
+        said += f"; {tried}" + (f", where {', '.join(others)}" if whole else "")
+    return f"{said}; the budget ended the search: give it more --time, or --candidates"
+
+
+def _amiss(ends: Mapping[str, int]) -> list[str]:
+    words = {"elsewhere": "held it elsewhere than by --by", "other type": "held it as another type than --type"}
+    return [f"{ends[where]} {how}" for where, how in words.items() if ends.get(where)]
 
 
 def alternatives(search: GraspSearch) -> str:
@@ -220,33 +310,31 @@ def _search(search: GraspSearch, n: int, budget: SearchBudget) -> list[PlannedGr
         )
 
 
-def _search_parallel(
-    search: GraspSearch, n: int, budget: SearchBudget, seeds: int, engine: SweepEngine
-) -> list[PlannedGrasp]:
+def _search_parallel(search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel) -> list[PlannedGrasp]:
     """Search with several seeds, one on each processor."""
     from allegro_twin.grasping.plan.parallel import search_in_parallel
     from allegro_twin.surfaces.cli import console
 
+    seeds = parallel.seeds
     with console.progress() as bar:
         task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
         return search_in_parallel(
-            search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done)
+            search, n, budget, seeds, parallel.engine, lambda done, _total: bar.update(task, completed=done)
         )
 
 
 def new(
     thing: Thing,
     hand: Hand = options.HAND,
-    out: Annotated[Path, typer.Option(help="Folder to write into.", callback=options.folder)] = Path("mine"),
-    up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
-    scale: Annotated[
-        float,
+    out: Annotated[
+        Path,
         typer.Option(
-            help="Unit of a mesh file, m; default: as its size says.",
-            callback=options.positive,
-            rich_help_panel=options.MESH,
+            help="Folder to write into. Replaces an earlier draft for the object, edited or not.",
+            callback=options.folder,
         ),
-    ] = 1.0,
+    ] = Path("mine"),
+    up: Annotated[Literal["x", "y", "z"], typer.Option(help="The object's axis that points up.")] = "z",
+    scale: Scale = None,
     mass: Annotated[
         float | None,
         typer.Option(
@@ -284,14 +372,17 @@ def new(
 def scenario_of(
     thing: str,
     up: Literal["x", "y", "z"],
-    scale: float,
+    scale: float | None,
     mass: float | None,
     friction: float,
     *,
     hull: bool = False,
 ) -> Scenario:
-    """A scenario with the object on the table; the palm is a placeholder. Raises ConfigError."""
+    """A scenario with the object on the table; the palm is a placeholder. A mesh is named as files may be, after its
+    own. Raises ConfigError."""
     from allegro_twin.grasping.scenario import Scenario, parse_object
+    from allegro_twin.hands.library.entry_files import name_from
+    from allegro_twin.surfaces.cli import console
 
     if not friction <= 1.0:
         raise ConfigError(f"--friction is at most 1, not {friction}")
@@ -300,7 +391,10 @@ def scenario_of(
     if placed.file is not None:
         changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})
         changed |= {"collision": "hull"} if hull else {}
-    elif scale != 1.0 or mass is not None:
+        changed["name"] = name_from(placed.name, thing)
+        if changed["name"] != placed.name:
+            console.warn(f"{thing}: its grasps and files are named {changed['name']}")
+    elif scale is not None or mass is not None:
         raise ConfigError(f"--scale and --mass are for meshes; {thing} is of the catalogue")
     elif hull:
         raise ConfigError(f"--hull is for meshes; {thing} is of the catalogue")
@@ -309,6 +403,14 @@ def scenario_of(
     return Scenario.model_validate(
         {"objects": [placed.model_dump()], "friction": friction, "grasp": "planned", "wrist": anywhere}
     )
+
+
+def _add_pictures(paths: list[Path], scenario: Scenario, folder: Path, *, hull: bool) -> None:
+    """Pictures of the trials and of a mesh's repair, counted among the files of a plan."""
+    from allegro_twin.files.output_folder import add_to_run
+
+    thing = scenario.objects[0]
+    add_to_run(folder, [*show_repair(thing.file, thing.scale, folder, hull=hull), *_make_pictures(paths, folder)])
 
 
 def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:

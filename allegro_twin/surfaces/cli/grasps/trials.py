@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -101,7 +102,9 @@ def report_trials(
         console.warn(said)
     for column in ("object", "grasp", "hand"):
         groups = rates(rows, column)
-        if len(groups) < len(rows):
+        if column == "object" and (unlike := _unlike_objects(targets)):
+            console.warn(f"no rates by object: {unlike} differs in mass or size between scenarios; see the rows")
+        elif len(groups) < len(rows):
             said = "; ".join(f"{each.name} {each}" for each in groups)
             console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
     if out is not None:
@@ -158,16 +161,51 @@ def _table(rows: Sequence[dict[str, Any]], noise: SamplingSettings) -> Table:
     title = f"{held} of {len(rows)} held under {rows[0]['protocol']}{drawn}"
     table = Table(title=title, title_style="bold", **close)
     two = len({row["side"] for row in rows}) > 1
-    for name in ("object", "grasp", *(("hand",) if two else ()), "held", *(("in draws",) if noise.n else ())):
+    alike = _alike(rows)
+    for name in (
+        *(("scenario",) if alike else ()),
+        "object",
+        "grasp",
+        *(("hand",) if two else ()),
+        "held",
+        *(("in draws",) if noise.n else ()),
+    ):
         table.add_column(name, overflow="fold")
     for head in figures.values():
         table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
-        cells = [row["object"], row["grasp"], *([row["side"]] if two else []), *_held(row, drawn=noise.n > 0)]
+        cells = [
+            *([row["target"]] if alike else []),
+            row["object"],
+            row["grasp"],
+            *([row["side"]] if two else []),
+            *_held(row, drawn=noise.n > 0),
+        ]
         table.add_row(*cells, *(_number(row.get(name), head) for name, head in figures.items()))
-    failed = [f"{row['object']}, {row['grasp']}, {row['side']}: {row['reason']}" for row in rows if not row["held"]]
+    failed = [
+        f"{row['target'] + ': ' if alike else ''}{row['object']}, {row['grasp']}, {row['side']}: {row['reason']}"
+        for row in rows
+        if not row["held"]
+    ]
     table.caption, table.caption_justify = escape("\n".join(failed)), "left"
     return table
+
+
+def _alike(rows: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether rows of different scenarios have the same object, grasp and hand, so that these do not tell them
+    apart."""
+    return len({(row["object"], row["grasp"], row["side"]) for row in rows}) < len(rows)
+
+
+def _unlike_objects(targets: Sequence[EvaluationTarget]) -> str:
+    """The names, with commas, of objects that are not the same in all targets that have one so named."""
+    found: dict[str, set[str]] = {}
+    for target in targets:
+        thing = target.case.scenario.objects[0]
+        body = thing.model_dump(mode="json", exclude={"file", "at", "yaw", "up"})
+        file = None if thing.file is None else str((target.case.folder / thing.file).resolve())
+        found.setdefault(thing.name, set()).add(json.dumps([body, file]))
+    return ", ".join(name for name, bodies in found.items() if len(bodies) > 1)
 
 
 def _figures(row: dict[str, Any]) -> dict[str, str]:

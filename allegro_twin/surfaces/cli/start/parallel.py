@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from allegro_twin.errors import HandError
+from allegro_twin.errors import HandError, HandFault
 from allegro_twin.surfaces.cli.start.jobs import RunJob, outputs_in
 
 if TYPE_CHECKING:
@@ -66,14 +66,21 @@ def run_all(
 def run_one(
     job: RunJob, outputs: RunOutputs, begin: Begin, advance: Callable[[float], None], report: ReportLine
 ) -> RunResult:
-    """Do one run in this process. Raises HandError."""
+    """Do one run in this process. A fault of a simulated hand in a trial is a verdict: not held. Raises HandError."""
     from allegro_twin.app import assemble
-    from allegro_twin.app.session import perform
+    from allegro_twin.app.session import RunOutcome, perform
+    from allegro_twin.grasping.verdict import faulted
 
     rig = assemble(job.config)
     begin(rig.spec.side, rig.seconds)
     files = outputs.files if outputs.folder is None else outputs_in(outputs.folder, job, rig, outputs.files)
-    outcome = perform(rig, job.config, files, advance, report)
+    try:
+        outcome = perform(rig, job.config, files, advance, report)
+    except HandFault as error:
+        if rig.trial is None or job.config.backend.kind != "sim" or not error.history:
+            raise
+        why = str(error).removeprefix("stopped: ").removesuffix("; reset to go on")
+        outcome = RunOutcome(error.history[-1].state, faulted(f"guard: {why}"), ())
     return RunResult(rig.spec, outcome, "" if rig.trial is None else rig.trial.grasp.name)
 
 

@@ -192,7 +192,10 @@ def _print_verdicts(reports: dict[tuple[str, str], TrialReport], grasps: dict[st
 
     if len(reports) == 1:
         (((name, side), report),) = reports.items()
-        console.console.print(console.phases(f"{name}, {side} hand", report))
+        if report.phases:
+            console.console.print(console.phases(f"{name}, {side} hand", report))
+        else:  # A fault ended it before there was one.
+            console.console.print(f"{name}, {side} hand: not held: {report.reason}", soft_wrap=True, highlight=False)
     elif reports:
         from allegro_twin.sim.engine.backend import ENGINE
 
