@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.grasps.mesh import show_repair
 
@@ -324,7 +324,10 @@ def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:
         for path in paths:
             picture = path.with_suffix(".png")
             config = scenario_config(path)
-            for note in perform(assemble(config), config, Outputs(image=picture, optional=True)).notes:
+            outcome = perform(assemble(config), config, Outputs(image=picture, optional=True))
+            if outcome.unwritten:
+                raise RecordingError(outcome.unwritten)
+            for note in outcome.notes:
                 console.errors.print(f"[yellow]{path.stem}: {note}[/]")
             bar.advance(task)
             if picture.exists():
