@@ -100,11 +100,11 @@ def test_what_was_filmed_until_ctrl_c_or_a_fault_is_kept(end: BaseException, tmp
 
 def test_a_full_disk_does_not_stop_whoever_is_filmed_and_is_an_error_at_the_end(tmp_path: Path) -> None:
     noise, taken = np.random.default_rng(0), 0
-    with full_disk(20_000), pytest.raises(RecordingError, match="cannot write .*a.mp4: "):
-        with open_film(tmp_path / "a.mp4", 30) as add:
-            while taken < 120:
-                add(noise.integers(0, 255, (128, 128, 3), dtype=np.uint8))
-                taken += 1
+    refused, path = pytest.raises(RecordingError, match="cannot write .*a.mp4: "), tmp_path / "a.mp4"
+    with full_disk(20_000), refused, open_film(path) as add:
+        while taken < 120:
+            add(noise.integers(0, 255, (128, 128, 3), dtype=np.uint8))
+            taken += 1
     assert taken == 120
     assert list(tmp_path.iterdir()) == []
 
