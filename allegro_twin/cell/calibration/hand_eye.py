@@ -221,8 +221,7 @@ def _check_unit(moved: Sequence[Pose], seen: Sequence[Pose]) -> None:
             )
         if count / _ALIKE < abs(metres) < count * _ALIKE:
             raise ConfigError(
-                f"the pattern is {count:.0f} times as large as the pictures: its `square` is in {unit}; state it "
-                "in m"
+                f"the pattern is {count:.0f} times as large as the pictures: its `square` is in {unit}; state it in m"
             )
 
 
