@@ -14,6 +14,7 @@ from allegro_twin.surfaces.cli import options
 if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Cell
     from allegro_twin.cell.journal.observers import Observer, ObserverCamera, Observers
+    from allegro_twin.cell.perception.fits.model import Solid
     from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.run import LabReport, SampleStage
     from allegro_twin.cell.settings import LabSettings, TableObjectSettings
@@ -206,10 +207,7 @@ def outcome_lines(report: LabReport) -> list[str]:
     """What perception found, the results of the checks, and the verdict."""
     lines = []
     if report.solid is not None:
-        size = " x ".join(f"{1e3 * edge:.0f}" for edge in report.solid.size)
-        lines.append(
-            f"seen: a {report.solid.shape} of {size} mm, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}"
-        )
+        lines.append(f"seen: {solid_text(report.solid)}, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}")
     if report.checked is not None:
         check = report.checked
         lines.append(
@@ -224,6 +222,13 @@ def outcome_lines(report: LabReport) -> list[str]:
     lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
+
+
+def solid_text(solid: Solid) -> str:
+    """Shape and size of what perception found; of a sphere, whose edges differ by what is not known, one diameter."""
+    if solid.shape == "sphere":
+        return f"a sphere of {1e3 * sum(solid.size) / 3.0:.0f} mm"
+    return f"a {solid.shape} of {' x '.join(f'{1e3 * edge:.0f}' for edge in solid.size)} mm"
 
 
 def _there(held: bool | None) -> str:
