@@ -48,7 +48,7 @@ def _waiting(robot: ArmWithHand) -> Vector:
     position, before = robot.world.data.qpos, robot.world.data.qpos.copy()
     robot.arm_sim.lay()
     robot.hand_sim.lay()
-    found = position.copy()
+    found: Vector = position.copy()
     position[:] = before
     return found
 
