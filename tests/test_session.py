@@ -27,6 +27,7 @@ from allegro_twin.recording.reader import load
 from allegro_twin.types import Sample
 from allegro_twin.viewing import camera
 from allegro_twin.viewing.stills import picture_all
+from tests.full_disk import full_disk
 
 
 def config(**blocks: object) -> RunConfig:
@@ -277,3 +278,11 @@ print(sorted(seen[-1] - seen[0]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_recording_whose_end_the_disk_does_not_take_costs_no_outcome(tmp_path: Path) -> None:
+    performed(Outputs(record=tmp_path / "whole.arrow"), seconds=0.1)
+    with full_disk((tmp_path / "whole.arrow").stat().st_size - 200):
+        _, outcome, times = performed(Outputs(record=tmp_path / "cut.arrow"), seconds=0.1)
+    assert outcome.last.t == times[-1] == pytest.approx(0.1, abs=0.004)
+    assert outcome.unwritten.startswith(f"cannot go on recording to {tmp_path}/cut.arrow: ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import goal_of
 from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.spec.arm import ArmSpec
@@ -69,6 +69,8 @@ class RunOutcome:
     """The episode has lost its object, or a posture's fingertips were its goal and are not there at its end."""
     unconfirmed: str = ""
     """Why it is not sure that the hand was left limp; empty when it is."""
+    unwritten: str = ""
+    """Which file could not be completed when the run had ended, and why; empty when all are."""
 
 
 Advance = Callable[[float], None]
@@ -82,7 +84,8 @@ def perform(
 ) -> RunOutcome:
     """Run until the rig's time is over or its backend ends. The hand is limp afterwards, whatever happens.
 
-    Raises HandError; ConfigError for pictures that cannot be made, unless they are optional.
+    Raises HandError; ConfigError for pictures that cannot be made, unless they are optional; RecordingError for a file
+    that cannot be written while the hand moves.
     """
     if rig.trial is not None and rig.seconds is not None and rig.seconds < rig.trial.seconds - 1e-9:
         raise ConfigError(
@@ -92,32 +95,43 @@ def perform(
     notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
     if rig.trial is None and config.task.scenario is not None:
         notes.append("no verdict: only a simulation sees what becomes of the object")
-    with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
-        planner = _planner(rig, stack)
-        samples = to_the_end(run(rig.backend, rig.controller))
-        if planner is not None and planner.real_time and not rig.live and outputs.live is None:
-            samples = paced(samples)  # Plans are made in a time that passes.
-        samples = _until_over(samples, rig)
-        if rig.seconds is not None:
-            samples = until(rig.seconds, samples)
-        beside, viewers = _Beside(rig), list[Any]()
-        samples = beside.followed(samples)
-        samples = _kept(samples, rig, config, outputs, beside)
-        samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
-        samples, last = _photographed(samples, rig, outputs, notes, stack), None
-        for sample in samples:
-            last = sample.state
-            advance(last.t)
-        assert last is not None  # The loop yields at least the state after reset.
-        missed = _missed(rig, config, last, beside.motion)
-        rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
-        report = rig.trial.report() if rig.trial is not None else None
-        _concluded(viewers, report)
-        notes += rig.device.warnings()
-        notes += [] if planner is None else [planner.report(last.t)]
-        notes += _became_of(rig)
-    failed = rig.episode is not None and _failed(rig.episode)
-    return RunOutcome(last, report, tuple(notes), beside.motion, missed, failed, rig.device.unconfirmed)
+    outcome, beside, viewers, unwritten = None, _Beside(rig), list[Any](), ""
+    try:
+        with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
+            planner = _planner(rig, stack)
+            samples = to_the_end(run(rig.backend, rig.controller))
+            if planner is not None and planner.real_time and not rig.live and outputs.live is None:
+                samples = paced(samples)  # Plans are made in a time that passes.
+            samples = _until_over(samples, rig)
+            if rig.seconds is not None:
+                samples = until(rig.seconds, samples)
+            samples = beside.followed(samples)
+            samples = _kept(samples, rig, config, outputs, beside)
+            samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
+            samples, last = _photographed(samples, rig, outputs, notes, stack), None
+            try:
+                for sample in samples:
+                    last = sample.state
+                    advance(last.t)
+            except RecordingError as error:
+                if not beside.ended:
+                    raise
+                unwritten = str(error)
+            assert last is not None  # The loop yields at least the state after reset.
+            missed = _missed(rig, config, last, beside.motion)
+            rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
+            report = rig.trial.report() if rig.trial is not None else None
+            _concluded(viewers, report)
+            notes += rig.device.warnings()
+            notes += [] if planner is None else [planner.report(last.t)]
+            notes += _became_of(rig)
+            failed = rig.episode is not None and _failed(rig.episode)
+            outcome = RunOutcome(last, report, tuple(notes), beside.motion, missed, failed, unwritten=unwritten)
+    except RecordingError as error:
+        if outcome is None:
+            raise
+        outcome = replace(outcome, unwritten=unwritten or str(error))
+    return replace(outcome, unconfirmed=rig.device.unconfirmed)
 
 
 def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
@@ -161,6 +175,8 @@ class _Beside:
         self._rig, self._target = rig, np.empty(0)
         self.motion = 0.0
         """How long the controller's motion takes, s."""
+        self.ended = False
+        """Whether the hand has no further sample."""
 
     def followed(self, samples: Iterator[Sample]) -> Iterator[Sample]:
         """A stage that keeps up with the samples."""
@@ -176,6 +192,7 @@ class _Beside:
             if path is not None:
                 self._target = path(state.t - began).position
             yield sample
+        self.ended = True
 
     def __call__(self) -> dict[str, Array]:
         found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}

@@ -13,6 +13,7 @@ from allegro_twin.cell.arm.faults import DisturbedBackend
 from allegro_twin.cell.camera.camera import CellCamera
 from allegro_twin.cell.camera.self_filter import SelfFilter
 from allegro_twin.cell.camera.sources import open_camera
+from allegro_twin.cell.checks.scene_check import check_scene
 from allegro_twin.cell.motion.empty_grasp import PERIOD
 from allegro_twin.cell.perception.pipeline import PerceptionPipeline
 from allegro_twin.cell.settings import LabSettings, SecuritySettings, TableObjectSettings
@@ -88,6 +89,7 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), wanted
 
     security, posture = waiting_pose(made(None, ()), settings.security)
     robot = made(posture, things)
+    check_scene(robot, settings, things)
     motors = [robot.world.model.actuator(name).id for name in spec.joints]
     forces = robot.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)

@@ -10,7 +10,7 @@ from allegro_twin.cell.arm.contact_reflex import CollisionSettings
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.files.schema import Positive, Settings, Vector3
+from allegro_twin.files.schema import Positive, Seed, Settings, Vector3
 from allegro_twin.grasping.scenario import ScenarioObject, check_object_names
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.sim.model.arm_with_hand import CAMERA
@@ -235,7 +235,7 @@ class LabSettings(Settings):
     end."""
     follow: RemoteControlSettings = RemoteControlSettings()
     ros: RosNameSettings = RosNameSettings()
-    seed: int = 0
+    seed: Seed = 0
     """Of the camera's and the force sensor's noise."""
 
     @model_validator(mode="after")

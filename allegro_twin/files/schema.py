@@ -23,6 +23,8 @@ Where: TypeAlias = str | Callable[[tuple[int | str, ...]], str]
 PerJoint = float | list[float]
 """One value for all joints, or one for each."""
 Positive = Annotated[float, Field(gt=0)]
+Seed = Annotated[int, Field(ge=0)]
+"""Of random numbers; NumPy takes none below 0."""
 Vector3 = tuple[float, float, float]
 Probability = Annotated[float, Field(ge=0, le=1)]
 
@@ -54,13 +56,34 @@ _SHOWN = 5
 
 
 def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
-    details = _causes(error.errors(include_url=False))
+    details = _causes(_nearest_tuples(error.errors(include_url=False)))
     # A key that is wrong is often one that is missed elsewhere: the cause before its consequence.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     where = source if isinstance(source, str) else source(details[0]["loc"])
     text = "; ".join(_mistake(detail, model) for detail in details[:_SHOWN])
     more = len(details) - _SHOWN
     return f"{where}: {text}{f'; and {more} more' if more > 0 else ''}"
+
+
+def _nearest_tuples(details: list[Any]) -> list[Any]:
+    """Where a value may be a tuple of several lengths, pydantic has mistakes for each of them and names the type in
+    the place: only those of the length that fits, or else has the fewest, at the place without the type."""
+    counts: dict[tuple[Any, Any], tuple[int, int]] = {}
+    found = []
+    for detail in details:
+        place = detail["loc"]
+        at = next((k for k, part in enumerate(place) if str(part).startswith("tuple[")), None)
+        tag = None if at is None else (place[:at], place[at])
+        if tag is not None:
+            wrong_length, count = counts.get(tag, (0, 0))
+            counts[tag] = (wrong_length + (detail["type"] in ("missing", "too_long", "too_short")), count + 1)
+        found.append((tag, detail if at is None else detail | {"loc": place[:at] + place[at + 1 :]}))
+
+    def nearest(tag: tuple[Any, Any]) -> bool:
+        rivals = [each for each in counts if each[0] == tag[0]]
+        return tag == min(rivals, key=counts.__getitem__)
+
+    return [detail for tag, detail in found if tag is None or nearest(tag)]
 
 
 def _causes(details: list[Any]) -> list[Any]:

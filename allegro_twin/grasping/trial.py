@@ -28,6 +28,7 @@ from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.contact_surfaces import SURFACES, BodyPlaces, SurfaceForces, SurfaceProbe, box_edges
+from allegro_twin.sim.contact.initial_overlap import check_objects_apart
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model.appearance import scene_appearance
@@ -72,6 +73,8 @@ class Trial:
         self.reference: Moves = timeline.reference
         self.seconds = timeline.seconds
         model = (scenes or CompiledScenes(spec)).model(scene)
+        if draw is None and len(scene.things) > 1:
+            check_objects_apart(model, [each.thing.name for each in scene.things])
         if draw is not None:
             motors = [model.actuator(joint).id for joint in spec.joints]
             if "torque" in spec.commands:

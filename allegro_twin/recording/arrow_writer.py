@@ -55,7 +55,7 @@ class _File:
     """Bytes at given places of a file. Raises RecordingError when the file cannot be made."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path, self._error = path, ""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "wb", buffering=0)
@@ -74,7 +74,9 @@ class _File:
 
     def write(self, at: int, message: Any) -> int:
         """Write a message at a place, and cut the file after it. Returns the new end. What an earlier attempt left
-        there is gone."""
+        there is gone. After an error the file takes no more, and every further attempt raises the same one."""
+        if self._error:
+            raise RecordingError(self._error)
         rest = memoryview(message)
         end = at + len(rest)
         try:
@@ -97,9 +99,9 @@ class _File:
             self._file.close()
         except OSError:
             _log.debug("close failed after an error that was already reported")
-        return RecordingError(
-            f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable"
-        )
+        why = error.strerror or error
+        self._error = f"cannot go on recording to {self._path}: {why}; what was written is readable"
+        return RecordingError(self._error)
 
 
 class _Done(NamedTuple):

@@ -85,6 +85,8 @@ class Drive:
             if name not in _SINGLE
         }
         single = {name: _number(name, given.get(name, 0)) for name in _SINGLE}
+        if single["seed"] < 0 or single["seed"] % 1:
+            raise ConfigError(f".seed is {single['seed']:g}; a seed is a whole number from 0 on")
         return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -10,24 +11,32 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.types import Sample
 from allegro_twin.viewing.camera import Camera, Picture
 
 CONTAINERS = {".mp4": "mp4", ".mkv": "matroska", ".mov": "mov"}
 """Formats by the suffixes of their files."""
+_log = logging.getLogger(__name__)
 
 
 def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30) -> Iterator[Sample]:
-    """A stage that makes an H.264 film in real time of the hand's clock."""
+    """A stage that makes an H.264 film in real time of the hand's clock, as `open_film` does."""
     with open_film(path, fps) as add:
-        frames = 0
-        for sample in samples:
-            while frames <= sample.state.t * fps:
-                add(camera.take())
-                frames += 1
-            yield sample
+        yield from film_samples(samples, camera, add, fps)
+
+
+def film_samples(
+    samples: Iterable[Sample], camera: Camera, add: Callable[[Picture], None], fps: int = 30
+) -> Iterator[Sample]:
+    """A stage that adds pictures to a film that is open, so many a second of the hand's clock."""
+    frames = 0
+    for sample in samples:
+        while frames <= sample.state.t * fps:
+            add(camera.take())
+            frames += 1
+        yield sample
 
 
 def check_av() -> None:
@@ -45,29 +54,70 @@ def film(pictures: Iterable[Picture], path: Path, fps: int) -> None:
 
 
 @contextmanager
-def open_film(path: Path, fps: int) -> Iterator[Callable[[Picture], None]]:
-    """A film to which pictures of one size are added, so many a second; it is there when the block ends. Raises
-    ConfigError for a suffix that no film has, ImportError without PyAV."""
+def open_film(path: Path, fps: int = 30) -> Iterator[Callable[[Picture], None]]:
+    """A film to which pictures of one size are added, so many a second; it is there when the block ends, also by a
+    HandError or Ctrl-C: it is what was filmed until then. Raises ConfigError for a suffix that no film has, ImportError
+    without PyAV, and at the end of the block RecordingError when the disk is full; where the block ends by an error of
+    its own that is logged."""
     container = CONTAINERS.get(path.suffix)
     if container is None:
         raise ConfigError(f"{path}: a film ends in {' or '.join(CONTAINERS)}")
     import av
 
-    with atomic_file(path) as temporary, av.open(str(temporary), "w", format=container) as written:
-        stream: Any = None
+    ended: BaseException | None = None
+    try:
+        with atomic_file(path) as temporary, av.open(str(temporary), "w", format=container) as written:
+            made = _Film(written, fps)
+            try:
+                yield made.add
+            except (HandError, KeyboardInterrupt, GeneratorExit) as error:
+                if not made.begun:
+                    raise
+                ended = error
+            made.finish()
+    except RecordingError as error:
+        if ended is None:
+            raise
+        _log.warning("%s", error)
+    if ended is not None:
+        raise ended
 
-        def add(picture: Picture) -> None:
-            nonlocal stream
-            picture = _even(picture)
-            if stream is None:
-                stream = written.add_stream("libx264", rate=fps, options={"crf": "23"})
-                stream.height, stream.width = picture.shape[:2]
-                stream.pix_fmt = "yuv420p"
-            written.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
 
-        yield add
-        if stream is not None:
-            written.mux(stream.encode())
+class _Film:
+    """H.264 in a container of PyAV. An error of the disk waits for `finish`: whoever is filmed goes on."""
+
+    def __init__(self, written: Any, fps: int) -> None:
+        self._written, self._fps = written, fps
+        self._stream: Any = None
+        self._error: OSError | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a picture."""
+        return self._stream is not None
+
+    def add(self, picture: Picture) -> None:
+        """One more; all have the size of the first."""
+        if self._error is not None:
+            return
+        import av
+
+        picture = _even(picture)
+        if self._stream is None:
+            self._stream = self._written.add_stream("libx264", rate=self._fps, options={"crf": "23"})
+            self._stream.height, self._stream.width = picture.shape[:2]
+            self._stream.pix_fmt = "yuv420p"
+        try:
+            self._written.mux(self._stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        except OSError as error:
+            self._error = error
+
+    def finish(self) -> None:
+        """Write what the codec has still. Raises OSError, also that of a picture before."""
+        if self._error is not None:
+            raise self._error
+        if self._stream is not None:
+            self._written.mux(self._stream.encode())
 
 
 def _even(picture: Picture) -> Picture:

@@ -12,7 +12,7 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.types import Sample
 from allegro_twin.viewing import camera as cameras
 from allegro_twin.viewing.camera import Camera, Picture, Scene
-from allegro_twin.viewing.films import filmed
+from allegro_twin.viewing.films import film_samples, open_film
 from allegro_twin.viewing.views import AUTO
 
 _PANES = "panes"
@@ -90,8 +90,8 @@ def photographed(
     stack: ExitStack,
     objects: Sequence[str] = (),
 ) -> Iterator[Sample]:
-    """The stages that make a film and a strip, whose cameras the stack closes. In the view `auto` the strip's camera
-    turns to the grip on the objects. Raises as a camera does."""
+    """The stages that make a film and a strip; the stack closes the cameras and the film. In the view `auto` the
+    strip's camera turns to the grip on the objects. Raises as a camera does."""
 
     def eye() -> Camera:
         found = cameras.Camera(scene, width=size[0], height=size[1], view=view)
@@ -101,7 +101,7 @@ def photographed(
     if video is not None:
         import av  # noqa: F401  # Whoever has no films should hear so before the hand moves.
 
-        samples = filmed(samples, eye(), video)
+        samples = film_samples(samples, eye(), stack.enter_context(open_film(video)))
     return samples if image is None else pictured(samples, eye(), image, moments, objects if view == AUTO else ())
 
 

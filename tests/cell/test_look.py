@@ -56,7 +56,7 @@ def written(path: Path, frame: CameraFrame, *, cloud: bool = False) -> Path:
 
 
 def place(shown: str) -> list[float]:
-    found = re.search(r"seen: a sphere of .* mm at \((.*), (.*), (.*)\) m", shown)
+    found = re.search(r"seen: a sphere of 7[0-9] mm at \((.*), (.*), (.*)\) m", shown)
     assert found, shown
     return [float(value) for value in found.groups()]
 

@@ -239,3 +239,10 @@ def test_a_protocols_mass_is_refused_for_an_object_that_brings_its_own(tmp_path:
         "object thing: an MJCF brings its own mass, and the protocol asks for 0.1 kg: give the file that mass and take "
         "a protocol without `mass`"
     )
+
+
+def test_two_objects_that_stand_in_each_other_are_refused_by_name(tmp_path: Path) -> None:
+    both = GOOD.replace("[{name: rubiks_cube}]", "[{name: rubiks_cube}, {name: golf_ball, at: [0.01, 0.0]}]")
+    said = fails(tmp_path, both)
+    assert "objects rubiks_cube and golf_ball stand" in said
+    assert "mm in each other where the scene begins: move one of them by its `at`" in said

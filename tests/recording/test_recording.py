@@ -19,11 +19,14 @@ from hypothesis import strategies as st
 
 from allegro_twin.errors import RecordingError
 from allegro_twin.recording import recorder as recorder_module
-from allegro_twin.recording.reader import load
+from allegro_twin.recording.arrow_writer import SharedFile
+from allegro_twin.recording.journal import Journal
+from allegro_twin.recording.reader import load, load_cell
 from allegro_twin.recording.recorder import BATCH, Recorder
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, TorqueCommand
+from tests.full_disk import full_disk
 from tests.test_safety import state
 
 
@@ -219,6 +222,26 @@ except RecordingError as error:
     recording = load(path, partial=True)
     assert len(recording) >= 4 * BATCH
     np.testing.assert_array_equal(recording.columns["tick"], np.arange(len(recording)))
+
+
+def test_on_a_full_disk_the_other_tracks_of_a_file_end_with_the_same_error(tmp_path: Path, spec: HandSpec) -> None:
+    path = tmp_path / "full.arrow"
+    file = SharedFile(path, {})
+    arm, hand = Recorder(file.track("arm"), spec, 0.003), Recorder(file.track("hand"), spec, 0.003)
+    states = Journal(file.track("states"), {"t": "number"})
+    with full_disk(100_000):
+        states.add(t=0.0)
+        hand.add(sample(0))
+        with pytest.raises(RecordingError, match="cannot go on recording") as first:
+            for tick in range(10 * BATCH):
+                arm.add(sample(tick))
+        arm.close()
+        for each in (hand, states, file):
+            with pytest.raises(RecordingError) as then:
+                each.close()
+            assert str(then.value) == str(first.value)
+    (event,) = load_cell(path, partial=True).events("states")
+    assert event["t"] == 0.0
 
 
 def test_a_file_that_cannot_be_made_is_an_error_before_anything_moves(tmp_path: Path, spec: HandSpec) -> None:

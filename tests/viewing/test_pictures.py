@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.types import Sample
 from allegro_twin.viewing.camera import Camera, Picture
-from allegro_twin.viewing.films import CONTAINERS, film, filmed
+from allegro_twin.viewing.films import CONTAINERS, film, filmed, open_film
 from allegro_twin.viewing.stills import overview, pictured
 from tests.conftest import MakeSim
+from tests.full_disk import full_disk
 from tests.test_loop import samples_for
 
 SIZE = 48
@@ -76,6 +77,35 @@ def test_a_film_that_is_broken_off_is_not_there(tmp_path: Path) -> None:
 
     with pytest.raises(RuntimeError):
         consume(filmed(breaks(), cast(Camera, scene), tmp_path / "a.mp4"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def frames_in(path: Path) -> int:
+    with av.open(str(path)) as made:
+        return sum(1 for _ in made.decode(video=0))
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), HandFault("index: too fast")])
+def test_what_was_filmed_until_ctrl_c_or_a_fault_is_kept(end: BaseException, tmp_path: Path) -> None:
+    scene = fade(0.3)
+
+    def breaks() -> Iterator[Sample]:
+        yield from scene.samples()
+        raise end
+
+    with pytest.raises(type(end)):
+        consume(filmed(breaks(), cast(Camera, scene), tmp_path / "a.mp4"))
+    assert frames_in(tmp_path / "a.mp4") == 10
+
+
+def test_a_full_disk_does_not_stop_whoever_is_filmed_and_is_an_error_at_the_end(tmp_path: Path) -> None:
+    noise, taken = np.random.default_rng(0), 0
+    refused, path = pytest.raises(RecordingError, match="cannot write .*a.mp4: "), tmp_path / "a.mp4"
+    with full_disk(20_000), refused, open_film(path) as add:
+        while taken < 120:
+            add(noise.integers(0, 255, (128, 128, 3), dtype=np.uint8))
+            taken += 1
+    assert taken == 120
     assert list(tmp_path.iterdir()) == []
 
 

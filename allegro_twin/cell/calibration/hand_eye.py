@@ -11,14 +11,16 @@ what the arm's encoders say, its pose A in the base or A⁻¹. X and Z are what 
    pictures at once. How large the arm's errors are is taken from the pictures, too (restricted maximum likelihood).
    Without errors of the arm this is the least reprojection error; with them that would trust the arm too much.
 
-The stated error is a jackknife: the whole is solved again without each picture.
+The stated error is a jackknife: the whole is solved again without each picture. What is wrong with all pictures alike,
+a square or a focal length, would be taken for an error of the arm. So each of the two is tried as one more unknown:
+where the pictures are much likelier with it, it is told, and how far it moves the camera is in the stated error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +48,13 @@ _HALF = 0.6  # and without which the others agree so much better; a picture that
 _STEPS, _DONE = 30, 1e-10
 _EXACT = 1e-6  # Pixels. Corners are never taken for more exact than this.
 _BEHIND = 1e-3  # m. A corner that would be nearer, or behind the camera, is far off.
+_UNITS = {1e3: "mm", 1e2: "cm"}  # How many are a metre.
+_ALIKE = 1.2  # Factor within which poses are taken to be in such a unit.
+_TRIED = 2.0  # Standard deviations of a factor, of an arm to whose errors its own are counted: worth a try.
+_SIGNIFICANT = 5.0  # Standard deviations by the likelihood with and without the factor.
+_RIVAL = 10.0  # Of -2 log likelihood: a factor that is less worse than the best by it may be the one as well.
+_FACTOR_STEPS, _FACTOR_DONE, _FACTOR_MOST = 8, 1e-4, 2.0
+_SLOPE = 1e-4  # Of a factor, for a difference quotient.
 _ARM_POSITIONS = (0.0, *np.geomspace(1e-5, 1e-2, 7))  # m,
 _ARM_ROTATIONS = (0.0, *np.radians(np.geomspace(1e-3, 1.0, 7)))  # and rad: the errors of an arm that are tried.
 
@@ -62,6 +71,20 @@ class PatternView(NamedTuple):
     """Corners in the pattern's frame, (k, 3), m."""
     pixels: Array
     """Where they are in the picture, without distortion, (k, 2): column and row."""
+
+
+Stated: TypeAlias = Literal["square", "focal"]
+"""A length that is stated and not measured by the pictures: the edge of the squares, or the focal length."""
+
+
+class StatedLengthError(NamedTuple):
+    """A stated length that the pictures contradict."""
+
+    length: Stated
+    factor: float
+    """The pictures fit a length so many times the stated one."""
+    camera: Pose
+    """Where the camera is by that length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,16 +111,22 @@ class HandEyeCalibration:
     """Of the pictures against each other about the second of their axes, root mean square, rad."""
     views: tuple[tuple[str, float], ...]
     """Each picture, and its root mean square, pixels."""
+    contradicted: tuple[StatedLengthError, ...] = ()
+    """Stated lengths of which one is wrong, the likelier first; usually none."""
 
     @property
     def position_error(self) -> float:
         """The camera is nearer than this to where it is said to be, m, at 95 %."""
-        return _student(len(self.views) - 2) * self.position_deviation
+        moved = [float(np.linalg.norm(each.camera.position - self.camera.position)) for each in self.contradicted]
+        return float(np.hypot(_student(len(self.views) - 2) * self.position_deviation, max(moved, default=0.0)))
 
     @property
     def rotation_error(self) -> float:
         """Likewise its orientation, rad."""
-        return _student(len(self.views) - 2) * self.rotation_deviation
+        turned = [
+            float(np.linalg.norm(_vector(self.camera.rotation.T @ each.camera.rotation))) for each in self.contradicted
+        ]
+        return float(np.hypot(_student(len(self.views) - 2) * self.rotation_deviation, max(turned, default=0.0)))
 
 
 class _Problem(NamedTuple):
@@ -145,9 +174,14 @@ def calibrate_hand_eye(views: Sequence[PatternView], lens: Intrinsics, *, at_the
             f"{np.degrees(LEAST_TURN):g}°: take pictures that are tilted by some 30° about two axes"
         )
     seen = [_seen(view, lens) for view in views]
+    _check_unit(moved, [each.pose for each in seen])
     problem = _problem(moved, seen, views)
     start = _closed_form(moved, [each.pose for each in seen])
-    found, arm = _fitted(problem, start, at_the_wrist)
+    try:
+        fit = _fitted(problem, start, at_the_wrist)
+    except np.linalg.LinAlgError as error:
+        raise ConfigError(f"arm and pictures do not belong together: {_ASK}") from error
+    found, arm, _ = fit
     each = [_rms(_errors(view, lens, B, found)) for view, B in zip(views, moved, strict=True)]
     residual, parts, held_out, left = float(np.sqrt(np.mean(np.square(each)))), [], [], []
     for k in range(len(views)):
@@ -156,14 +190,45 @@ def calibrate_hand_eye(views: Sequence[PatternView], lens: Intrinsics, *, at_the
         parts.append(other[0])
         held_out.append(off.pop(k))
         left.append(float(np.sqrt(np.mean(np.square(off)))))
-    _check(views, residual, held_out, left)
+    wrong = _contradicted(views, lens, moved, seen, fit, at_the_wrist)
+    _check(views, residual, held_out, left, wrong)
     position, rotation = _jackknife(found[0], parts)
     named = tuple((view.name, error) for view, error in zip(views, each, strict=True))
     out = float(np.sqrt(np.mean(np.square(held_out))))
-    return HandEyeCalibration(*found, position, rotation, arm.position, arm.rotation, residual, out, turn, named)
+    return HandEyeCalibration(*found, position, rotation, arm.position, arm.rotation, residual, out, turn, named, wrong)
 
 
-def _check(views: Sequence[PatternView], residual: float, held_out: Sequence[float], left: Sequence[float]) -> None:
+_NAMES: dict[Stated, str] = {"square": "a square", "focal": "a focal length"}
+_ASK = (
+    "are the poses those of the flange in the base, in m and as w x y z, one for each picture; are the squares as "
+    "large as stated?"
+)
+
+
+def _check_unit(moved: Sequence[Pose], seen: Sequence[Pose]) -> None:
+    """Raise ConfigError for poses of an arm that are not in m, as the pattern is. By AX = XB with the unit as one more
+    unknown."""
+    arm, eye = _pairs(moved), _pairs(seen)
+    rotation = _turn_between(arm, eye)
+    table = np.concatenate([np.column_stack([a.rotation - np.eye(3), a.position]) for a in arm])
+    right = np.concatenate([rotation @ b.position for b in eye])
+    metres = float(np.linalg.lstsq(table, right, rcond=None)[0][3])
+    for count, unit in _UNITS.items():
+        if count / _ALIKE < 1.0 / max(abs(metres), 1e-9) < count * _ALIKE:
+            raise ConfigError(
+                f"the arm's positions are {count:.0f} times as far apart as the pictures: they are in "
+                f"{unit}; state them in m"
+            )
+        if count / _ALIKE < abs(metres) < count * _ALIKE:
+            raise ConfigError(
+                f"the pattern is {count:.0f} times as large as the pictures: its `square` is in {unit}; state it in m"
+            )
+
+
+def _check(
+    views: Sequence[PatternView], residual: float, held_out: Sequence[float], left: Sequence[float],
+    wrong: Sequence[StatedLengthError],
+) -> None:  # fmt: skip
     """Raise ConfigError where arm and pictures disagree: all of them, or one alone. `held_out`: of each picture by the
     others; `left`: of these others without it, pixels."""
     worst = int(np.argmax(held_out))
@@ -177,8 +242,8 @@ def _check(views: Sequence[PatternView], residual: float, held_out: Sequence[flo
         )
     if not residual < MOST:
         raise ConfigError(
-            f"arm and pictures disagree by {residual:.1f} pixels, more than {MOST:g}: are the poses those of the "
-            "flange in the base, in m and as w x y z, one for each picture; are the squares as large as stated?"
+            f"arm and pictures disagree by {residual:.1f} pixels, more than {MOST:g}: {_ASK}"
+            + "".join(f" They fit {_NAMES[each.length]} {each.factor:.3g} times the stated one." for each in wrong)
         )
 
 
@@ -196,13 +261,8 @@ def _second_turn(moved: Sequence[Pose]) -> float:
 
 def _closed_form(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose]:
     """X and Z by AX = XB, over all pairs: A = Bᵢ Bⱼ⁻¹ of the arm, B = Cᵢ Cⱼ⁻¹ of the pattern in the camera."""
-    pairs = [(i, j) for i in range(len(moved)) for j in range(i)]
-    arm = [compose(moved[i], _inverse(moved[j])) for i, j in pairs]
-    eye = [compose(seen[i], _inverse(seen[j])) for i, j in pairs]
-    a, b = (np.array([_vector(each.rotation) for each in poses]) for poses in (arm, eye))
-    # B Z = X C, so that A X = X B and log A = R log B: the rotation nearest to all.
-    u, _, vt = np.linalg.svd(a.T @ b)
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    arm, eye = _pairs(moved), _pairs(seen)
+    rotation = _turn_between(arm, eye)
     table = np.concatenate([each.rotation - np.eye(3) for each in arm])
     right = np.concatenate(
         [rotation @ e.position - m.position for e, m in zip(eye, arm, strict=True)]
@@ -212,6 +272,18 @@ def _closed_form(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pos
     u, _, vt = np.linalg.svd(np.sum([each.rotation for each in patterns], axis=0))
     mean = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return camera, Pose(np.mean([each.position for each in patterns], axis=0), mean)
+
+
+def _pairs(poses: Sequence[Pose]) -> list[Pose]:
+    """Each pose after the inverse of each before it."""
+    return [compose(poses[i], _inverse(poses[j])) for i in range(len(poses)) for j in range(i)]
+
+
+def _turn_between(arm: Sequence[Pose], eye: Sequence[Pose]) -> Array:
+    """Rotation of X. B Z = X C, so that A X = X B and log A = R log B: the rotation nearest to all."""
+    a, b = (np.array([_vector(each.rotation) for each in poses]) for poses in (arm, eye))
+    u, _, vt = np.linalg.svd(a.T @ b)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 class _Seen(NamedTuple):
@@ -250,9 +322,17 @@ def _flattened(points: Array, lens: Intrinsics) -> Array:
     return flat
 
 
+def _freedom(views: Sequence[PatternView]) -> int:
+    return sum(2 * len(view.points) for view in views) - 6 * len(views)
+
+
+def _variance(seen: Sequence[_Seen], views: Sequence[PatternView]) -> float:
+    """Of a corner along each axis, pixels², by each picture alone."""
+    return max(sum(each.squares for each in seen) / _freedom(views), _EXACT**2)
+
+
 def _problem(moved: Sequence[Pose], seen: Sequence[_Seen], views: Sequence[PatternView]) -> _Problem:
-    free = sum(2 * len(view.points) for view in views) - 6 * len(views)
-    variance = max(sum(each.squares for each in seen) / free, _EXACT**2)
+    variance = _variance(seen, views)
     return _Problem(
         np.array([each.rotation for each in moved]), np.array([each.position for each in moved]),
         np.array([each.pose.rotation for each in seen]), np.array([each.pose.position for each in seen]),
@@ -260,8 +340,16 @@ def _problem(moved: Sequence[Pose], seen: Sequence[_Seen], views: Sequence[Patte
     )  # fmt: skip
 
 
-def _fitted(problem: _Problem, start: tuple[Pose, Pose], at_the_wrist: bool) -> tuple[tuple[Pose, Pose], _ArmError]:
+class _Fit(NamedTuple):
     """X and Z, with the errors of the arm that are likeliest."""
+
+    found: tuple[Pose, Pose]
+    arm: _ArmError
+    cost: float
+    """-2 log of the restricted likelihood of the poses C."""
+
+
+def _fitted(problem: _Problem, start: tuple[Pose, Pose], at_the_wrist: bool) -> _Fit:
     best, found, arm = np.inf, start, _ArmError(0.0, 0.0)
     for position in _ARM_POSITIONS:
         for rotation in _ARM_ROTATIONS:
@@ -269,7 +357,113 @@ def _fitted(problem: _Problem, start: tuple[Pose, Pose], at_the_wrist: bool) -> 
             solved, cost = _solved(problem, found if np.isfinite(best) else start, tried, at_the_wrist)
             if cost < best:
                 best, found, arm = cost, solved, tried
-    return found, arm
+    return _Fit(found, arm, best)
+
+
+def _contradicted(
+    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], seen: Sequence[_Seen], fit: _Fit,
+    at_the_wrist: bool,
+) -> tuple[StatedLengthError, ...]:  # fmt: skip
+    """The stated lengths with which, set free, the pictures are much likelier, the likeliest first."""
+    stated = fit.cost + _freedom(views) * float(np.log(_variance(seen, views)))
+    found: list[tuple[float, StatedLengthError]] = []
+    lengths: tuple[Stated, ...] = ("square", "focal")
+    for length in lengths:
+        try:
+            cost, error = _freed(views, lens, moved, length, fit, stated, at_the_wrist)
+        except np.linalg.LinAlgError:
+            continue  # Nothing fits, with whatever factor.
+        if cost < stated - _SIGNIFICANT**2:
+            found.append((cost, error))
+    found.sort(key=lambda each: each[0])
+    return tuple(each for cost, each in found if cost < found[0][0] + _RIVAL)
+
+
+def _freed(
+    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], length: Stated, fit: _Fit, stated: float,
+    at_the_wrist: bool,
+) -> tuple[float, StatedLengthError]:  # fmt: skip
+    """A stated length as one more unknown, and -2 log likelihood then; `stated`: without it."""
+    factor, cost = 1.0, stated
+    for _ in range(_FACTOR_STEPS):
+        step, deviation = _factor_step(views, lens, moved, length, factor, fit, at_the_wrist)
+        if abs(step) < _FACTOR_DONE or (factor == 1.0 and abs(step) < _TRIED * deviation):
+            break
+        factor *= float(np.exp(step))
+        if not 1.0 / _FACTOR_MOST < factor < _FACTOR_MOST:
+            return stated, StatedLengthError(length, 1.0, fit.found[0])
+        scaled, through = _scaled(views, lens, length, factor)
+        seen = [_seen(view, through) for view in scaled]
+        fit = _fitted(_problem(moved, seen, scaled), _closed_form(moved, [each.pose for each in seen]), at_the_wrist)
+        cost = fit.cost + _freedom(views) * float(np.log(_variance(seen, scaled)))
+    return cost, StatedLengthError(length, factor, fit.found[0])
+
+
+def _factor_step(
+    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], length: Stated, factor: float, fit: _Fit,
+    at_the_wrist: bool,
+) -> tuple[float, float]:  # fmt: skip
+    """By how much the logarithm of a factor on a stated length is to change, by one Gauss-Newton step of X, Z and it,
+    and the standard deviation of that."""
+    one, other = (
+        [_seen(view, through) for view in scaled]
+        for scaled, through in (_scaled(views, lens, length, factor * more) for more in (1.0, 1.0 + _SLOPE))
+    )
+    slope = (
+        np.array(
+            [
+                np.concatenate(
+                    [
+                        a.pose.rotation.T @ (b.pose.position - a.pose.position),
+                        _vector(a.pose.rotation.T @ b.pose.rotation),
+                    ]
+                )
+                for a, b in zip(one, other, strict=True)
+            ]
+        )
+        / _SLOPE
+    )
+    root, moves, error = _linearised(_problem(moved, one, views), *fit.found, fit.arm, at_the_wrist)
+    table = (root @ np.concatenate([moves, slope[:, :, None]], axis=2)).reshape(-1, 13)
+    inverse = np.linalg.inv(table.T @ table)
+    step = -inverse @ table.T @ np.einsum("nij,nj->ni", root, error).ravel()
+    return float(step[-1]), float(np.sqrt(inverse[-1, -1]))
+
+
+def _scaled(
+    views: Sequence[PatternView], lens: Intrinsics, length: Stated, factor: float
+) -> tuple[list[PatternView], Intrinsics]:
+    """The views and the lens, with a stated length times a factor."""
+    if length == "focal":
+        return list(views), lens._replace(fx=factor * lens.fx, fy=factor * lens.fy)
+    larger = [
+        view._replace(points=factor * view.points, pattern=Pose(factor * view.pattern.position, view.pattern.rotation))
+        for view in views
+    ]
+    return larger, lens
+
+
+def _linearised(
+    problem: _Problem, camera: Pose, pattern: Pose, arm: _ArmError, at_the_wrist: bool
+) -> tuple[Array, Array, Array]:
+    """How far the poses C are off T = X⁻¹ B Z, (n, 6), in the axes of the pattern, after its derivative by motions of X
+    and Z in their own axes, (n, 6, 12), and the root of the inverse covariance, (n, 6, 6)."""
+    on_position = problem.rotation @ pattern.position + problem.position
+    rotation = camera.rotation.T @ problem.rotation @ pattern.rotation
+    position = (on_position - camera.position) @ camera.rotation
+    back = np.swapaxes(rotation, 1, 2)
+    shift = np.einsum("nij,nj->ni", back, problem.seen_position - position)
+    error = np.concatenate([shift, _vectors(back @ problem.seen_rotation)], axis=1)
+    # In the flange's frame the pattern is at B Z or Z: an error of the arm, as the pattern is moved by it.
+    if at_the_wrist:
+        lever = _adjoint(problem.rotation @ pattern.rotation, on_position)
+    else:
+        lever = np.broadcast_to(_adjoint(pattern.rotation[None], pattern.position[None]), problem.covariance.shape)
+    spread = np.repeat([arm.position**2, arm.rotation**2], 3)
+    covariance = problem.covariance + (lever * spread) @ np.swapaxes(lever, 1, 2)
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    moves = np.concatenate([_adjoint(rotation, position), np.broadcast_to(-np.eye(6), lever.shape)], axis=2)
+    return root, moves, error
 
 
 def _solved(
@@ -278,22 +472,7 @@ def _solved(
     """X and Z by Gauss-Newton for given errors of the arm, and -2 log of the restricted likelihood."""
     camera, pattern = start
     for _ in range(_STEPS):
-        # T = X⁻¹ B Z, and by what C is off it, in the axes of the pattern.
-        on_position = problem.rotation @ pattern.position + problem.position
-        rotation = camera.rotation.T @ problem.rotation @ pattern.rotation
-        position = (on_position - camera.position) @ camera.rotation
-        back = np.swapaxes(rotation, 1, 2)
-        shift = np.einsum("nij,nj->ni", back, problem.seen_position - position)
-        error = np.concatenate([shift, _vectors(back @ problem.seen_rotation)], axis=1)
-        # In the flange's frame the pattern is at B Z or Z: an error of the arm, as the pattern is moved by it.
-        if at_the_wrist:
-            lever = _adjoint(problem.rotation @ pattern.rotation, on_position)
-        else:
-            lever = np.broadcast_to(_adjoint(pattern.rotation[None], pattern.position[None]), problem.covariance.shape)
-        spread = np.repeat([arm.position**2, arm.rotation**2], 3)
-        covariance = problem.covariance + (lever * spread) @ np.swapaxes(lever, 1, 2)
-        root = np.linalg.inv(np.linalg.cholesky(covariance))
-        moves = np.concatenate([_adjoint(rotation, position), np.broadcast_to(-np.eye(6), lever.shape)], axis=2)
+        root, moves, error = _linearised(problem, camera, pattern, arm, at_the_wrist)
         table, right = (root @ moves).reshape(-1, 12), np.einsum("nij,nj->ni", root, error).ravel()
         normal = table.T @ table
         step = np.asarray(np.linalg.solve(normal, -table.T @ right), np.float64)

@@ -115,6 +115,8 @@ class FolderCalibration(NamedTuple):
     """The depth camera, in the same frame."""
     unseen: tuple[str, ...]
     """Pictures that do not show enough of the pattern."""
+    warning: str = ""
+    """Which number of calibration.yaml the pictures contradict, and what they fit; empty: none."""
 
 
 def calibrate_folder(folder: Path, *, at_the_wrist: bool) -> FolderCalibration:
@@ -127,7 +129,21 @@ def calibrate_folder(folder: Path, *, at_the_wrist: bool) -> FolderCalibration:
         at_the_wrist=at_the_wrist,
     )  # fmt: skip
     beside = settings.depth_camera
-    return FolderCalibration(found, found.camera if beside is None else compose(found.camera, beside.pose), unseen)
+    camera = found.camera if beside is None else compose(found.camera, beside.pose)
+    return FolderCalibration(found, camera, unseen, _contradiction(found, settings))
+
+
+def _contradiction(found: HandEyeCalibration, settings: CalibrationFolder) -> str:
+    """One line, or none."""
+    told, square, lens = [], 1e3 * settings.pattern.square, settings.intrinsics
+    for length, factor, _ in found.contradicted:
+        if length == "square":
+            told.append(f"squares of {factor * square:.1f} mm, and `square` says {square:g}")
+        else:
+            told.append(f"a focal length of {factor * lens.fx:.1f} pixels, and `fx` says {lens.fx:g}")
+    if not told:
+        return ""
+    return f"{FILE}: the pictures fit {', or '.join(told)}: measure it; the error below has what it moves the camera by"
 
 
 def calibrate_pictures(

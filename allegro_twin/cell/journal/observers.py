@@ -19,12 +19,12 @@ from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.run import SampleStage
 from allegro_twin.cell.states import MachineState
 from allegro_twin.control.trajectory import Path
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.kinematics.pose import Pose, compose
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
 from allegro_twin.viewing.camera import Camera
-from allegro_twin.viewing.films import check_av, open_film
+from allegro_twin.viewing.films import check_av, film_samples, open_film
 from allegro_twin.viewing.stills import save_png
 from allegro_twin.viewing.views import View
 
@@ -80,36 +80,31 @@ class StatePictures:
 
 @contextmanager
 def film_stage(cell: Cell, path: pathlib.Path, stage: SampleStage) -> Iterator[SampleStage]:
-    """A stage of the hand that also makes a film of the cell, which is there when the block ends. Raises ConfigError
-    where nothing can be rendered, or without PyAV."""
+    """A stage of the hand that also makes a film of the cell, as `viewing.films.open_film` does. Raises ConfigError
+    where nothing can be rendered, or without PyAV, and RecordingError at the end of the block."""
     check_av()
     camera = Camera(cell.robot.hand_sim, width=_SIZE[0], height=_SIZE[1], view=_VIEW)
     with closing(camera), open_film(path, _FPS) as add:
-
-        def filmed(samples: Iterable[Sample]) -> Iterator[Sample]:
-            frames = 0
-            for sample in stage(samples):
-                while frames <= sample.state.t * _FPS:
-                    add(camera.take())
-                    frames += 1
-                yield sample
-
-        yield filmed
+        yield lambda samples: film_samples(stage(samples), camera, add, _FPS)
 
 
 class Observer(Protocol):
     """Somebody who looks on."""
 
     def on_event(self, event: SessionEvent) -> None:
-        """In the loop: as little as possible. Raises HandError, which ends the run."""
+        """In the loop: as little as possible. Raises HandError, which ends the run, but for RecordingError: the run
+        goes on without this observer."""
         ...
 
 
 class Observers:
     """What `perform` is to call so that all of them see it. `lens`: takes their pictures; None: there are none."""
 
+    unwritten: RecordingError | None = None
+    """Why an observer cannot go on writing: a disk that is full stops no arm. To be raised when the run has ended."""
+
     def __init__(self, cell: Cell, each: Sequence[Observer], lens: ObserverCamera | None = None) -> None:
-        self._cell, self._each, self._lens = cell, each, lens
+        self._cell, self._each, self._lens = cell, list(each), lens
         self._beside_hand = hand_extras(cell)
         self._work: CellActions | None = None
         self._guide: ArmGuide | None = None
@@ -158,8 +153,12 @@ class Observers:
             yield sample
 
     def _tell(self, event: SessionEvent) -> None:
-        for each in self._each:
-            each.on_event(event)
+        for each in tuple(self._each):
+            try:
+                each.on_event(event)
+            except RecordingError as error:
+                self._each.remove(each)
+                self.unwritten = self.unwritten or error
 
 
 def arm_extras(cell: Cell, target: Pose, sample: Sample) -> dict[str, Array]:

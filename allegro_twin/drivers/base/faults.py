@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import Probability, Settings
+from allegro_twin.files.schema import Probability, Seed, Settings
 
 
 class FaultEvent(Settings):
@@ -48,7 +48,7 @@ class LineNoise(Settings):
     """Per byte."""
     garble: Probability = 0.0
     """Per byte."""
-    seed: int = 0
+    seed: Seed = 0
 
 
 class NoisyLine:

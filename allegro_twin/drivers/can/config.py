@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from allegro_twin.drivers.base.faults import FaultEvent
-from allegro_twin.files.schema import Positive, Probability, Settings, Vector3
+from allegro_twin.files.schema import Positive, Probability, Seed, Settings, Vector3
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings
@@ -42,7 +42,7 @@ class FaultSettings(Settings):
     reorder: Probability = 0.0
     failures: Annotated[float, Field(ge=0)] = 0.0
     """Things that go wrong with the hand itself, a minute."""
-    seed: int = 0
+    seed: Seed = 0
     script: tuple[BusFaultEvent, ...] = ()
 
 

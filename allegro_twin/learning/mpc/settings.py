@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.files.schema import Positive, Settings, load_settings
+from allegro_twin.files.schema import Positive, Seed, Settings, load_settings
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Part = Annotated[float, Field(ge=0, le=1)]
@@ -91,7 +91,7 @@ class MpcSettings(Settings):
     much as 1, and is not for tasks with a script; 0: the physics of the episode."""
     coarse: bool = False
     """Whether the planner's contacts are `coarse` (docs/reference/environments.md), whatever those of the episode."""
-    seed: int = 0
+    seed: Seed = 0
 
 
 class PoseCamera(Settings):
@@ -107,7 +107,7 @@ class PoseCamera(Settings):
     """Standard deviation about each axis, rad."""
     window: Positive = 0.06
     """Over which the object's velocity is a straight line through its poses, s."""
-    seed: int = 0
+    seed: Seed = 0
 
 
 def planner_settings(task: str) -> MpcSettings:

@@ -136,6 +136,11 @@ def add_object(
     layout. Those that the thing does not have are points in its middle, which nothing reaches.
     """
     thing = placement.thing
+    if any(find(thing.name) is not None for find in (spec.body, spec.joint, spec.geom, spec.mesh)):
+        raise ConfigError(
+            f"object {thing.name}: another part of the scene has this name, of the hand, of the arm or of what stands "
+            "there; give the object another one"
+        )
     if thing.shape == "mjcf":
         _attach(spec, placement)
         return

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -134,6 +134,15 @@ def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
             else:
                 console.warn(said)
         raise
+
+
+def end_unwritten(message: str, code: int = 0) -> NoReturn:
+    """End a command that has printed its result, and of whose files one could not be written. `code`: what the result
+    alone ends with; where that is 0, raises RecordingError."""
+    if code == 0:
+        raise RecordingError(message)
+    console.warn(message)
+    raise typer.Exit(code)
 
 
 def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | None]:

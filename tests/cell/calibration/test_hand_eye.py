@@ -119,3 +119,50 @@ def test_an_arm_that_stands_still_turns_by_nothing() -> None:
     views = [view._replace(arm=UNIT) for view in pattern_views(1)]
     with pytest.raises(ConfigError, match=r"turn by 0\.0°"):
         calibrate_hand_eye(views, LENS, at_the_wrist=True)
+
+
+def larger(views: list[PatternView], square: float = 1.0, arm: float = 1.0) -> list[PatternView]:
+    """With squares stated so many times as large, and positions of the arm."""
+    return [
+        view._replace(
+            points=square * view.points, pattern=Pose(square * view.pattern.position, view.pattern.rotation),
+            arm=Pose(arm * view.arm.position, view.arm.rotation),
+        )
+        for view in views
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scale", "said"), [
+    ({"arm": 1e3}, "the arm's positions are 1000 times as far apart as the pictures: they are in mm; state them in m"),
+    ({"square": 1e3}, "the pattern is 1000 times as large as the pictures: its `square` is in mm; state it in m"),
+])  # fmt: skip
+@pytest.mark.parametrize("wrist", [True, False])
+def test_poses_or_squares_in_millimetres_are_refused_in_a_sentence(
+    wrist: bool, scale: dict[str, float], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        calibrate_hand_eye(larger(pattern_views(1, 8, wrist=wrist), **scale), LENS, at_the_wrist=wrist)
+
+
+@pytest.mark.parametrize("wrist", [True, False])
+def test_squares_of_another_size_are_told_and_are_in_the_stated_error(wrist: bool) -> None:
+    found = calibrate_hand_eye(larger(pattern_views(1, 8, wrist=wrist), square=32 / 35), LENS, at_the_wrist=wrist)
+    (wrong,) = found.contradicted
+    assert wrong.length == "square"
+    assert wrong.factor == pytest.approx(35 / 32, rel=2e-3)
+    assert 0.02 < errors(found)[0] < 1.1 * found.position_error < 0.06
+    assert np.linalg.norm(wrong.camera.position - CAMERA.position) < 1e-3
+
+
+def test_another_focal_length_is_told_and_is_in_the_stated_error() -> None:
+    lens = LENS._replace(fx=1.02 * LENS.fx, fy=1.02 * LENS.fy)
+    found = calibrate_hand_eye(pattern_views(1, 8), lens, at_the_wrist=True)
+    (wrong,) = found.contradicted
+    assert wrong.length == "focal"
+    assert wrong.factor == pytest.approx(1 / 1.02, rel=2e-3)
+    assert 0.005 < errors(found)[0] < 1.1 * found.position_error < 0.015
+
+
+@pytest.mark.parametrize("arm", [(0.0, 0.0), (1e-3, 3e-3)])
+def test_nothing_is_told_of_a_right_board_whatever_the_arm(arm: tuple[float, float]) -> None:
+    assert calibrate_hand_eye(pattern_views(1, arm=arm), LENS, at_the_wrist=True).contradicted == ()

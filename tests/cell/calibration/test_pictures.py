@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -184,3 +185,13 @@ def test_the_simulated_arm_drives_to_every_posture_and_finds_its_camera(config: 
         assert mount.body == ("fer_flange" if cell.at_the_wrist else None)
     finally:
         cell.close()
+
+
+@pytest.mark.slow
+def test_a_folder_whose_square_is_wrong_says_which_squares_the_pictures_fit(
+    wrist: tuple[Path, Pose], tmp_path: Path
+) -> None:
+    smaller = {"kind": "charuco", "columns": 7, "rows": 5, "square": 0.032, "marker": 0.0237}
+    done = calibrate_folder(changed(wrist[0], tmp_path, pattern=smaller), at_the_wrist=True)
+    assert re.search(r"the pictures fit squares of (34\.9|35\.[01]) mm, and `square` says 32: measure it", done.warning)
+    assert np.linalg.norm(done.camera.position - wrist[1].position) < 1.1 * done.found.position_error

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args
 
@@ -10,11 +12,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell import run
+from allegro_twin.cell.journal import observers
+from allegro_twin.cell.journal.observers import Observers
 from allegro_twin.cell.run import LabReport
 from allegro_twin.cell.states import CellOutcome, OutcomeKind
-from allegro_twin.errors import HandFault, LinkError
+from allegro_twin.errors import HandFault, LinkError, RecordingError
 from allegro_twin.files.assets import data_root
 from allegro_twin.surfaces.cli.cell import lab
+from tests.full_disk import full_disk
 from tests.sim.dirty_meshes import cracker, obj
 from tests.surfaces.cli.conftest import Run
 
@@ -48,6 +53,46 @@ def test_only_what_is_held_or_cleared_ends_with_0(
     ended, out, error = command(*CONFIG)
     assert ended == code
     assert str(end).split(":")[0] in out + error or isinstance(end, KeyboardInterrupt)
+
+
+@pytest.mark.parametrize(("end", "code"), [
+    (CellOutcome("held"), 2), (CellOutcome("missed", "", "it is not there"), 5), (CellOutcome("fault", "dropped"), 4),
+])  # fmt: skip
+def test_a_film_that_the_disk_does_not_take_costs_no_verdict(
+    end: CellOutcome, code: int, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def full(cell: Any, path: Path, stage: Any) -> Iterator[Any]:
+        yield stage
+        raise RecordingError(f"cannot write {path}: no space")
+
+    ends(monkeypatch, end)
+    monkeypatch.setattr(observers, "film_stage", full)
+    ended, out, error = command(*CONFIG, "--film", "a.mp4")
+    assert (ended, error.count("\n")) == (code, 1)
+    assert out.splitlines()[-1].startswith(str(end))
+    assert error.endswith("cannot write a.mp4: no space\n")
+
+
+def test_a_recording_that_the_disk_does_not_take_stops_no_arm_and_costs_no_verdict(
+    command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    heard: list[int] = []
+
+    def perform(cell: Any, on_prepare: Any, **stages: Any) -> LabReport:
+        looking: Observers = on_prepare.__self__
+        for count in range(500):
+            looking.on_refusal(0.003 * count, "out of reach")
+            heard.append(count)
+        return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
+
+    monkeypatch.setattr(run, "perform", perform)
+    with full_disk(120_000):
+        ended, out, error = command(*CONFIG, "--out", tmp_path / "run")
+    assert (ended, error.count("\n"), len(heard)) == (2, 1, 500)
+    assert "held\n" in out
+    assert "cannot go on recording to" in error
+    assert f"what was written until then is in {tmp_path}/run/unfinished" in error
 
 
 def test_what_the_option_names_is_what_the_cell_is_asked_for(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:

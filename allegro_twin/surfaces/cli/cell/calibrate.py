@@ -73,6 +73,7 @@ def _from_folder(pictures: Path, settings: LabSettings) -> tuple[CameraMount, Ha
     done = calibrate_folder(pictures, at_the_wrist=settings.at_the_wrist)
     for name in done.unseen:
         warn(f"{pictures / name}: shows too little of the pattern; left out")
+    warn(done.warning)
     _print_error(done.found)
     flange = load_arm_spec(settings.arm.model).flange if settings.at_the_wrist else None
     return camera_mount(done.camera, flange, Pose(np.array(BASE), np.eye(3))), done.found

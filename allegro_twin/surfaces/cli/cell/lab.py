@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.surfaces.cli import options
 
 if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Cell
     from allegro_twin.cell.journal.observers import Observer, ObserverCamera, Observers
+    from allegro_twin.cell.perception.fits.model import Solid
     from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.run import LabReport, SampleStage
     from allegro_twin.cell.settings import LabSettings, TableObjectSettings
@@ -68,7 +69,7 @@ def lab(
 ) -> None:
     """Pick an object with arm, hand and camera in simulation."""
     from allegro_twin.cell.assembly import make_cell
-    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.journal.observers import Observers, film_stage
     from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.cell.settings import LabSettings, TraySettings
     from allegro_twin.files.assets import find_file
@@ -93,22 +94,34 @@ def lab(
             f"{'--follow' if follow else '--panel'} somebody leads it: leave out one of them"
         )
     cell = make_cell(settings, wanted=None if thing is None else settings.objects[0].name)
-    with ExitStack() as stack:
-        folder = None if out is None else stack.enter_context(options.run_folder(out))
-        stack.callback(cell.close)
-        observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
-        if view or web:
-            observers.append(_viewer(cell, stack, web=web))
-        remote = RemoteControl(cell) if follow or panel else None
-        if ros:
-            observers.append(_open_bridge(cell, remote, namespace, stack))
-        if remote is not None:
-            _follow(remote, (observers, lens), port if panel else 0, stack)
-            return
-        live = view or web or ros or settings.camera.source.kind == "realsense"
-        report = _performed(cell, Observers(cell, observers, lens), live=live, film=film)
+    report, unwritten = None, ""
+    try:
+        with ExitStack() as stack:
+            folder = None if out is None else stack.enter_context(options.run_folder(out))
+            stack.callback(cell.close)
+            observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+            if view or web:
+                observers.append(_viewer(cell, stack, web=web))
+            remote = RemoteControl(cell) if follow or panel else None
+            if ros:
+                observers.append(_open_bridge(cell, remote, namespace, stack))
+            if remote is not None:
+                _follow(remote, (observers, lens), port if panel else 0, stack)
+                return
+            live = view or web or ros or settings.camera.source.kind == "realsense"
+            looking = Observers(cell, observers, lens)
+            shown = looking.hand if film is None else stack.enter_context(film_stage(cell, film, looking.hand))
+            report = _performed(cell, looking, shown, live=live)
+            if looking.unwritten is not None:
+                raise looking.unwritten
+    except RecordingError as error:
+        if report is None:
+            raise
+        unwritten = str(error)
     for line in outcome_lines(report):
         console.print(line, highlight=False, soft_wrap=True)
+    if unwritten:
+        options.end_unwritten(unwritten, _CODES[report.end.word])
     if out is not None:
         console.print(f"In {out}/: pictures, and all of it in lab.arrow", soft_wrap=True)
     elif not (view or web or ros):
@@ -175,9 +188,8 @@ def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
     return viewer
 
 
-def _performed(cell: Cell, observers: Observers, *, live: bool, film: Path | None) -> LabReport:
-    """Run the state machine. `live`: not faster than real time; `film`: where a film of it goes."""
-    from allegro_twin.cell.journal.observers import film_stage
+def _performed(cell: Cell, observers: Observers, hand: SampleStage, *, live: bool) -> LabReport:
+    """Run the state machine. `hand`: the stage of the hand; `live`: not faster than real time."""
     from allegro_twin.cell.run import perform
     from allegro_twin.loop import paced
     from allegro_twin.surfaces.cli.console import console
@@ -190,18 +202,14 @@ def _performed(cell: Cell, observers: Observers, *, live: bool, film: Path | Non
         observers.on_state(now)
 
     arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
-    with nullcontext(observers.hand) if film is None else film_stage(cell, film, observers.hand) as hand:
-        return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare)
+    return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare)
 
 
 def outcome_lines(report: LabReport) -> list[str]:
     """What perception found, the results of the checks, and the verdict."""
     lines = []
     if report.solid is not None:
-        size = " x ".join(f"{1e3 * edge:.0f}" for edge in report.solid.size)
-        lines.append(
-            f"seen: a {report.solid.shape} of {size} mm, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}"
-        )
+        lines.append(f"seen: {solid_text(report.solid)}, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}")
     if report.checked is not None:
         check = report.checked
         lines.append(
@@ -216,6 +224,13 @@ def outcome_lines(report: LabReport) -> list[str]:
     lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
+
+
+def solid_text(solid: Solid) -> str:
+    """Shape and size of what perception found; of a sphere, whose edges differ by what is not known, one diameter."""
+    if solid.shape == "sphere":
+        return f"a sphere of {1e3 * sum(solid.size) / 3.0:.0f} mm"
+    return f"a {solid.shape} of {' x '.join(f'{1e3 * edge:.0f}' for edge in solid.size)} mm"
 
 
 def _there(held: bool | None) -> str:
@@ -261,10 +276,11 @@ def _follow(
         console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
     else:
         console.print("Ctrl-C ends it")
-    try:
-        run_remote_control(remote, Observers(remote.cell, [*observers, _PrintRefusals()], lens))
-    except KeyboardInterrupt:
-        return
+    hearing = Observers(remote.cell, [*observers, _PrintRefusals()], lens)
+    with suppress(KeyboardInterrupt):
+        run_remote_control(remote, hearing)
+    if hearing.unwritten is not None:
+        raise hearing.unwritten
 
 
 class _PrintRefusals:

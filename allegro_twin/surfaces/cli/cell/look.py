@@ -102,10 +102,10 @@ def _frame_line(frame: CameraFrame) -> str:
 
 
 def _lines(seen: Detection, others: int) -> list[str]:
-    solid = seen.solid
-    size = " x ".join(f"{1e3 * edge:.0f}" for edge in solid.size)
-    x, y, z = solid.position
-    return [f"seen: a {solid.shape} of {size} mm at ({x:.3f}, {y:.3f}, {z:.3f}) m", f"other objects: {others}"]
+    from allegro_twin.surfaces.cli.cell.lab import solid_text
+
+    x, y, z = seen.solid.position
+    return [f"seen: {solid_text(seen.solid)} at ({x:.3f}, {y:.3f}, {z:.3f}) m", f"other objects: {others}"]
 
 
 def _write(

@@ -426,7 +426,10 @@ def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:
         for path in paths:
             picture = path.with_suffix(".png")
             config = scenario_config(path)
-            for note in perform(assemble(config), config, Outputs(image=picture, optional=True)).notes:
+            outcome = perform(assemble(config), config, Outputs(image=picture, optional=True))
+            if outcome.unwritten:
+                raise RecordingError(outcome.unwritten)
+            for note in outcome.notes:
                 console.errors.print(f"[yellow]{path.stem}: {note}[/]")
             bar.advance(task)
             if picture.exists():

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from allegro_twin.errors import ConfigError, HandError, HandFault, unknown
+from allegro_twin.errors import ConfigError, HandError, HandFault, RecordingError, unknown
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.surfaces.cli import console
@@ -308,8 +308,10 @@ def _write_recording(target: EvaluationTarget, row: Mapping[str, Any], path: Pat
         {"hand": hand.model_dump(), "backend": {"kind": "sim"}, "controller": following(hand)}
     )
     try:
-        perform(staged(target, row), config, Outputs(rrd=path))
+        outcome = perform(staged(target, row), config, Outputs(rrd=path))
     except HandFault as error:
         console.errors.print(f"[yellow]{target.name}: no recording: {error}[/]")
         return False
+    if outcome.unwritten:
+        raise RecordingError(outcome.unwritten)
     return True

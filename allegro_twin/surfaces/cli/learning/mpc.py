@@ -27,7 +27,7 @@ def mpc(
     Interrupted, it prints the episodes that have ended, and a film ends there."""
     from contextlib import ExitStack
 
-    from allegro_twin.errors import ConfigError
+    from allegro_twin.errors import ConfigError, RecordingError
     from allegro_twin.files.schema import load_settings, parse_settings
     from allegro_twin.learning.mpc.episodes import MpcEpisode, run_episodes
     from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
@@ -52,22 +52,29 @@ def mpc(
     fps = round(1.0 / (environment.period * environment.decimation))
     found: list[MpcEpisode] = []
     interrupted: KeyboardInterrupt | None = None
-    with ExitStack() as stack:
-        bar = stack.enter_context(console.progress()) if console.console.is_terminal else None
-        line = None if bar is None else bar.add_task("decisions", total=None)
+    unwritten = ""
+    try:
+        with ExitStack() as stack:
+            bar = stack.enter_context(console.progress()) if console.console.is_terminal else None
+            line = None if bar is None else bar.add_task("decisions", total=None)
 
-        def advance(done: int, of: int) -> None:
-            if bar is not None and line is not None:
-                bar.update(line, completed=done, total=of)
+            def advance(done: int, of: int) -> None:
+                if bar is not None and line is not None:
+                    bar.update(line, completed=done, total=of)
 
-        shown = None if film is None else stack.enter_context(open_film(film, fps))
-        try:
-            run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
-                         advance=advance, ended=found.append)  # fmt: skip
-        except KeyboardInterrupt as stopped:
-            interrupted = stopped  # The film is complete, and what has ended is told.
+            shown = None if film is None else stack.enter_context(open_film(film, fps))
+            try:
+                run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
+                             advance=advance, ended=found.append)  # fmt: skip
+            except KeyboardInterrupt as stopped:
+                interrupted = stopped  # The film is complete, and what has ended is told.
+    except RecordingError as error:
+        unwritten = str(error)
     if found:
         console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
     if interrupted is not None:
+        console.warn(unwritten)
         console.errors.print(f"interrupted: {len(found)} of {episodes} episodes have ended", soft_wrap=True)
         raise interrupted
+    if unwritten:
+        options.end_unwritten(unwritten)

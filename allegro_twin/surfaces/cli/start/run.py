@@ -160,7 +160,7 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
     reports: dict[tuple[str, str], TrialReport] = {}
     grasps: dict[str, str] = {}
     printed: set[str] = set()
-    done = True
+    done, unwritten = True, ""
 
     def report(line: str) -> None:
         console.errors.print(line, soft_wrap=True)
@@ -171,6 +171,7 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
                 if note not in printed:
                     console.errors.print(f"[yellow]{job.name} {ran.spec.side}: {escape(note)}[/]")
                 printed.add(note)
+            unwritten = unwritten or ran.outcome.unwritten
             if ran.outcome.unconfirmed:
                 raise LinkError(ran.outcome.unconfirmed)
             if ran.outcome.report is None:
@@ -183,7 +184,10 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
             else:
                 reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
     _print_verdicts(reports, grasps)
-    return reports, done and all(report.held for report in reports.values())
+    done = done and all(report.held for report in reports.values())
+    if unwritten:
+        options.end_unwritten(unwritten, 0 if done else 5)
+    return reports, done
 
 
 def _print_verdicts(reports: dict[tuple[str, str], TrialReport], grasps: dict[str, str]) -> None:

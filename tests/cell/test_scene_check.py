@@ -1,0 +1,54 @@
+"""A cell that cannot be as its config says is refused in a line when it is made, before anything moves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from allegro_twin.cell.settings import LabSettings
+from allegro_twin.errors import ConfigError
+from tests.cell.test_run import SETTINGS, cell_of
+
+APPLE = {"name": "apple", "at": [0.0, 0.03]}
+CAMERA = SETTINGS.model_dump()["camera"]
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"objects": [APPLE, {"name": "orange", "at": [0.01, 0.03]}]},
+     "objects apple and orange stand 6. mm in each other where the scene begins: move one of them by its `at`"),
+    ({"objects": [APPLE | {"at": [0.6, 0.0]}]},
+     r"apple at \(0.60, 0.00\) stands beside the table, which reaches from \(-0.45, -0.45\) to \(0.45, 0.45\)"),
+    ({"objects": [APPLE | {"at": [0.0, 0.0, -0.1]}]},
+     r"apple at \(0.00, 0.00, -0.10\) is below the table, whose top is at 0 m: leave out the third number"),
+    ({"objects": [APPLE | {"at": [0.0, 0.0, 0.02]}]}, "apple stands 1[67] mm deep in the table where the cell begins"),
+    ({"objects": [APPLE, {"name": "lemon", "at": [-0.32, 0.32]}], "tray": {}},
+     "lemon stands .* mm deep in the tray where the cell begins: move it by its `at`"),
+    ({"tray": {"at": [0.0, 0.2]}},
+     r"tray.at \(0.00, 0.20\): the tray .* stands in perception's `workspace`, .* where it would hide objects"),
+    ({"security": {"position": [-0.1, 0.0, 0.01], "facing": [0.0, 0.0, -1.0], "fingers": [1.0, 0.0, 0.0]}},
+     r"security.position \(-0.10, 0.00, 0.01\): \S+ would wait \d+ mm deep in the table; take a place with more room"),
+    ({"camera": CAMERA | {"mount": {"position": [0.36, 0.0, -0.46], "towards": [0.0, 0.0, 0.05]}}},
+     r"camera.mount.position \(0.36, 0.00, -0.46\): the camera is below the table, whose top is at 0 m: raise it"),
+    ({"objects": [APPLE | {"name": "world", "shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}]},
+     "object world: another part of the scene has this name"),
+    ({"objects": [APPLE | {"name": "fer_link3", "shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}]},
+     "object fer_link3: another part of the scene has this name"),
+    ({"objects": [APPLE | {"name": "table", "shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}]},
+     "object table: another part of the scene has this name"),
+])  # fmt: skip
+def test_a_cell_that_cannot_stand_so_is_refused_when_it_is_made(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said) as refused:
+        cell_of(**changes)
+    assert "\n" not in str(refused.value)
+
+
+def test_objects_that_touch_each_other_are_no_overlap() -> None:
+    box = {"shape": "box", "size": [0.06, 0.05, 0.05], "mass": 0.1}
+    cell_of(objects=[box | {"name": "one", "at": [0.0, 0.0]}, box | {"name": "two", "at": [0.06, 0.0]},
+                     box | {"name": "top", "at": [0.0, 0.0, 0.0751]}]).close()  # fmt: skip
+
+
+def test_a_seed_below_zero_is_refused_by_its_name() -> None:
+    with pytest.raises(ValueError, match="seed"):
+        LabSettings.model_validate(SETTINGS.model_dump() | {"seed": -1})
