@@ -37,12 +37,13 @@ from allegro_twin.cell.motion.empty_grasp import (
 )
 from allegro_twin.cell.motion.finger_paths import OPENING
 from allegro_twin.cell.motion.other_objects import on_tray, points_in_tray
+from allegro_twin.cell.perception.cloud import finite
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
-from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
+from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, refusal_outcome
 from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.planning.release import ReleasePath, release_path
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate
@@ -460,7 +461,7 @@ class CellActions:
         self.on_detection(frame, seen)
         seen = self._steady(seen, frame.time)
         if isinstance(seen, PerceptionRefusal):
-            self._refused = CellOutcome("refused", seen.reason, seen.sentence)
+            self._refused = refusal_outcome(seen)
             return
         self._take(self._selector.first([seen], frame, alone))
 
@@ -477,7 +478,9 @@ class CellActions:
         tray = self.cell.settings.tray
         if tray is None:
             return cloud
-        there = on_tray(frame.pose.world(cloud.astype(np.float64)), tray)
+        known, there = finite(cloud), np.zeros(cloud.shape[:2], np.bool_)
+        world = frame.pose.world(cloud[known].astype(np.float64))
+        there[known] = on_tray(world, world[:, 2], tray, self.cell.settings.perception.object.gap)
         return np.where(there[..., None], np.float32(np.nan), cloud)
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:

@@ -15,6 +15,7 @@ from allegro_twin.cell.motion.other_objects import (
     stray_objects,
 )
 from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.perception.segmentation import TablePlane
 from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
@@ -64,7 +65,9 @@ def test_what_stands_outside_the_region_is_found_and_neither_arm_nor_tray_is() -
         cell.arm.reset(), cell.hand.reset()
         frame = cell.camera.capture(cell.robot.world.data)
         alone = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
-        strays = stray_objects(frame, alone, cell.settings.perception, TRAY)
+        table = cell.pipeline.find_table(alone, frame.pose.position, frame.pose.rotation)
+        assert isinstance(table, TablePlane)
+        strays = stray_objects(frame, alone, cell.settings.perception, TRAY, table)
         assert len(strays) == len(places)
         for stray, place in zip(strays, places, strict=True):
             assert np.hypot(*(stray[:2] - place)) < 0.04  # Its far side is not seen.
