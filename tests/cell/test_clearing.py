@@ -246,6 +246,17 @@ def test_an_empty_table_on_which_things_were_seen_says_so_and_what_stands_outsid
     assert not selector.doubt
 
 
+def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
+    full = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    selector, (frame, alone, seen) = ObjectSelector(full), looked(full)
+    selector.first(seen, frame, alone)
+    selector.fell_into_tray()
+    empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [2.0, 2.0]}])
+    frame, alone, seen = looked(empty)
+    selector.first(seen, frame, alone)
+    assert not selector.doubt
+
+
 def looked(cell: Cell) -> tuple[CameraFrame, Cloud, list[Detection | PerceptionRefusal]]:
     """A picture, the same without arm and hand, and what is seen in it."""
     cell.arm.reset(), cell.hand.reset()

@@ -31,6 +31,8 @@ _OVERHANG = 0.2
 """m: so far what is in the tray may reach over its walls."""
 _DEEP = 0.12
 """m."""
+_GROWN, _NEW = 0.015, 100
+"""m, and points of a whole picture: what is higher by so much, at so many, is new in a tray."""
 _ALMOST_ALL = 0.995
 """Of the points of a tray: the rest are strays."""
 _FEW = 12
@@ -107,6 +109,19 @@ def points_in_tray(points: Array, tray: TraySettings) -> Array:
     """Of points, (..., 3), world, m, those of a tray and of what is in it, (k, 3)."""
     inside = (np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0).all(axis=-1)
     return np.asarray(points[inside & (points[..., 2] < _TOP)])
+
+
+def tray_filled(before: Array, after: Array, gap: float) -> bool:
+    """Whether something lies in a tray that was not there before. Points of it in two pictures, (k, 3), m; `gap`: what
+    is nearer than this is the same place seen from above, m."""
+    if not len(before) or not len(after):
+        return False
+    corner = np.minimum(before.min(axis=0), after.min(axis=0))[:2]
+    old, new = (np.floor((points[:, :2] - corner) / gap).astype(int) + 1 for points in (before, after))
+    height = np.zeros(np.maximum(old.max(axis=0), new.max(axis=0)) + 2)
+    for x, y in ((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+        np.maximum.at(height, (old[:, 0] + x, old[:, 1] + y), before[:, 2])
+    return int((after[:, 2] > height[new[:, 0], new[:, 1]] + _GROWN).sum()) >= _NEW
 
 
 def height_around(points: Array, at: Array, radius: float) -> float:
