@@ -17,6 +17,7 @@ from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.ground_truth import ObjectPlaces, object_places
 from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
+from allegro_twin.cell.perception.cloud import Mask
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
@@ -266,7 +267,7 @@ def looked(cell: Cell) -> tuple[CameraFrame, Cloud, list[Detection | PerceptionR
     return frame, alone, cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
 
 
-def mask(points: Array) -> Array:
+def mask(points: Array) -> Mask:
     return on_tray(points, points[:, 2], TRAY, 0.008)
 
 
