@@ -144,7 +144,8 @@ def tried(settings: LabSettings, number: int, kind: str | None, objects: Sequenc
         cell.close()
     return {
         "number": number, "kind": kind, "objects": len(objects),
-        "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted), "grasp": report.grasp,
+        "end": str(report.end), "believed": str(report.believed or report.end),
+        "sentence": report.end.sentence, "truly": bool(report.is_lifted), "grasp": report.grasp,
         "released": report.released, "in_tray": len(report.in_tray), "off_table": low, "tries": report.tries,
         "cpu": time.process_time() - began, "t": report.events[-1][0],
     }  # fmt: skip
@@ -154,6 +155,7 @@ def table(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
     """What came of it."""
     cpu = f"CPU time of a run: median {np.median([row['cpu'] for row in rows]):.0f} s"
     if not kinds:
+        believed = sum(row["believed"] == "cleared" != row["end"] for row in rows)
         total, inside = sum(row["objects"] for row in rows), sum(row["in_tray"] for row in rows)
         whole = sum(row["in_tray"] == row["objects"] for row in rows)
         ends = Counter(row["end"] for row in rows).most_common()
@@ -161,7 +163,7 @@ def table(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
             f"{inside} of {total} objects ({inside / total:.0%}) in the tray, {whole} of {len(rows)} tables whole; "
             f"said {sum(row['released'] for row in rows)}; "
             f"off the table {sum(len(row['off_table']) for row in rows)}",
-            "ends: " + ", ".join(f"{end} {count}" for end, count in ends),
+            "ends: " + ", ".join(f"{end} {count}" for end, count in ends) + f"; falsely taken for cleared: {believed}",
             cpu,
         ]  # fmt: skip
     lines = ["| kind | truly held | said held | what else |", "|---|---|---|---|"]

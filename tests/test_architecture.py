@@ -84,7 +84,7 @@ HOMES = {
 FLOORS: dict[str, list[str | set[str]]] = {
     "cell": [
         "perception", "arm", "camera", "settings", "states", "motion", "checks", "assembly", "planning", "actions",
-        "run", "journal", "remote", "calibration", "pick",
+        "ground_truth", "run", "journal", "remote", "calibration", "pick",
     ],
     "drivers": ["base", "polled", "can", "dynamixel", "qb", "schunk", "realsense", "franka"],
     "drivers/can": ["codec", "config", "link", "driver", "virtual", "tools", "opening"],

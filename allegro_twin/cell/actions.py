@@ -36,13 +36,14 @@ from allegro_twin.cell.motion.empty_grasp import (
     touching_joints,
 )
 from allegro_twin.cell.motion.finger_paths import OPENING
-from allegro_twin.cell.motion.other_objects import on_tray, points_in_tray
+from allegro_twin.cell.motion.other_objects import on_tray, points_in_tray, tray_filled
+from allegro_twin.cell.perception.cloud import finite
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.steady import TargetTrack, check_steadiness, track_target
 from allegro_twin.cell.perception.target import grasp_target
-from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
+from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, refusal_outcome
 from allegro_twin.cell.planning.reachability import far_path
 from allegro_twin.cell.planning.release import ReleasePath, release_path
 from allegro_twin.cell.planning.stored_grasps import GraspCandidate
@@ -85,6 +86,7 @@ class CellActions:
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
         self._in_tray = np.zeros((0, 3))  # Points of what is in the tray, and of itself, world, m.
+        self._lost = False  # Over the tray, since the last look.
         self._down = self.guide.target.pose  # The flange where something is to be let go, base's frame.
         self._above: Pose | None = None  # The palm above where something is to be let go, and
         self._over: Pose | None = None  # where something has been.
@@ -248,6 +250,7 @@ class CellActions:
             case "ToReleasePose":
                 there = state.t >= self._there and (self._arrived(state, _LOOSE) or self._rests_on_something(state))
                 lost = there and not self._between(state)
+                self._lost = self._lost or lost
                 return Observation(state.t, done=there and not lost, held=False if lost else None)
             case "OpeningHand":
                 return Observation(state.t, done=state.t >= self._there)
@@ -445,7 +448,13 @@ class CellActions:
         )
         cloud = self._without_tray(alone if cell.settings.at_the_wrist else frame.cloud, frame)
         if cell.settings.tray is not None:
-            self._in_tray = points_in_tray(frame.pose.world(alone.astype(np.float64)), cell.settings.tray)
+            before, self._in_tray = (
+                self._in_tray,
+                points_in_tray(frame.pose.world(alone.astype(np.float64)), cell.settings.tray),
+            )
+            if self._lost and tray_filled(before, self._in_tray, cell.settings.perception.object.gap):
+                self._selector.fell_into_tray()
+            self._lost = False
             every = cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
             chosen = self._selector.first(every, frame, alone)
             self._take(chosen)
@@ -460,7 +469,7 @@ class CellActions:
         self.on_detection(frame, seen)
         seen = self._steady(seen, frame.time)
         if isinstance(seen, PerceptionRefusal):
-            self._refused = CellOutcome("refused", seen.reason, seen.sentence)
+            self._refused = refusal_outcome(seen)
             return
         self._take(self._selector.first([seen], frame, alone))
 
@@ -477,7 +486,9 @@ class CellActions:
         tray = self.cell.settings.tray
         if tray is None:
             return cloud
-        there = on_tray(frame.pose.world(cloud.astype(np.float64)), tray)
+        known, there = finite(cloud), np.zeros(cloud.shape[:2], np.bool_)
+        world = frame.pose.world(cloud[known].astype(np.float64))
+        there[known] = on_tray(world, world[:, 2], tray, self.cell.settings.perception.object.gap)
         return np.where(there[..., None], np.float32(np.nan), cloud)
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:

@@ -15,9 +15,9 @@ from allegro_twin.cell.arm.impedance import Stiffness, stuck
 from allegro_twin.cell.arm.target import Smoothing
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.checks.grasp_check import GraspCheck
+from allegro_twin.cell.ground_truth import ObjectPlaces, object_places
 from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
-from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.planning.release import check_tray
 from allegro_twin.cell.settings import LabSettings
@@ -60,7 +60,8 @@ class LabReport:
     error: float
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float
-    """How much higher the thing is than it was, m. Only a simulation knows."""
+    """How much higher the thing is than it was when the hand went for it, m; 0 where it never did. Only a simulation
+    knows."""
     thing: str = ""
     """Its name: of those in the scene the one that is nearest to what was seen last. Only a simulation knows."""
     moved: tuple[tuple[str, float], ...] = ()
@@ -69,6 +70,12 @@ class LabReport:
     """Objects that were put into the tray, as the run itself counts them."""
     in_tray: tuple[str, ...] = ()
     """Those that are in it. Only a simulation knows."""
+    on_table: tuple[str, ...] = ()
+    """With a tray: those that are anywhere else above the table. Only a simulation knows."""
+    off_table: tuple[str, ...] = ()
+    """With a tray: those that have fallen off the table. Only a simulation knows."""
+    believed: CellOutcome | None = None
+    """How the cell itself takes it to have ended, where a simulation knows better, as `end` says."""
 
     @property
     def is_lifted(self) -> bool:
@@ -187,13 +194,13 @@ class _Story:
         self._cell, self._work = cell, work
         self._events: list[tuple[float, StateName]] = []
         self._first: dict[str, Array] = {}
-        self._at: dict[str, Array] = {}
+        self._taken: dict[str, Array] = {}
 
     def enter(self, now: MachineState, on_state: Callable[[MachineState], None]) -> None:
         if not self._first:
-            self._first = self._at = self._places()
+            self._first = self._places()
         if now.state == "ToTargetPose":
-            self._at = self._places()
+            self._taken = self._places()
         self._events.append((now.since, now.state))
         on_state(now)
 
@@ -202,19 +209,21 @@ class _Story:
         work, first, last = self._work, self._first, self._places()
         error, chosen = float("nan"), self._cell.settings.objects[0].name
         if work.solid is not None:
-            off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in self._at.items()}
+            off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in (self._taken or first).items()}
             chosen = min(off, key=off.__getitem__)
             error = off[chosen]
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
-        tray = self._cell.settings.tray
-        inside = () if tray is None else tuple(name for name, at in last.items() if on_tray(at, tray))
-        risen = {name: float((last[name] - first[name])[2]) for name in last}
+        places = object_places(self._cell)
+        risen = {name: float((last[name] - at)[2]) for name, at in self._taken.items()}
         end = other_than_wanted(now.end, chosen, risen, self._cell)
+        end = other_than_cleared(end, places, self._cell)
+        if self._cell.settings.tray is None:
+            places = ObjectPlaces()
         return LabReport(
-            end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen[chosen], chosen, moved,
-            now.released, inside,
+            end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen.get(chosen, 0.0), chosen,
+            moved, now.released, places.in_tray, places.on_table, places.off_table, None if end is now.end else now.end,
         )  # fmt: skip
 
     def _places(self) -> dict[str, Array]:
@@ -227,11 +236,32 @@ def other_than_wanted(end: CellOutcome, thing: str, risen: Mapping[str, float], 
     thing is higher than it was, m, as a simulation knows it: of a real camera's pictures nobody does."""
     wanted, settings = cell.wanted, cell.settings
     known = settings.camera.source.kind == "simulated" and settings.tray is None
-    if end.word != "held" or wanted is None or thing == wanted.name or risen[wanted.name] > _LIFTED or not known:
+    if (
+        end.word != "held"
+        or wanted is None
+        or thing == wanted.name
+        or risen.get(wanted.name, 0.0) > _LIFTED
+        or not known
+    ):
         return end
     said = f"held {thing}, not {wanted.name}: of what was seen it was most like it, or had most points in the picture"
     way = f"move {thing} away, or {wanted.name} to where the camera sees it alone and whole"
     return CellOutcome("missed", "another object", f"{said}; {way}")
+
+
+def other_than_cleared(end: CellOutcome, places: ObjectPlaces, cell: Cell) -> CellOutcome:
+    """The end, which is a miss where the cell takes the table for cleared and not all is in the tray. `places`: as a
+    simulation knows them: of a real camera's pictures nobody does."""
+    left = (*places.on_table, *places.off_table)
+    if end.word != "cleared" or not left or cell.settings.camera.source.kind != "simulated":
+        return end
+    where = [f"{', '.join(names)} {said}" for names, said in (
+        (places.on_table, "still on the table, which the camera does not see"),
+        (places.off_table, "neither in the tray nor on the table"),
+    ) if names]  # fmt: skip
+    return CellOutcome(
+        "missed", "left", f"{end.sentence}, so the cell takes it for cleared; in truth {'; '.join(where)}"
+    )
 
 
 def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:

@@ -223,8 +223,8 @@ class LabSettings(Settings):
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
     """Of every contact."""
     security: SecuritySettings = SecuritySettings()
-    lift: Positive = 0.15
-    """m."""
+    lift: Annotated[float, Field(ge=0.08)] = 0.15
+    """m; what is 5 cm higher is lifted, and 3 cm are left for what sags and shifts in the hand."""
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()
     validation: GraspCheckSettings = GraspCheckSettings()

@@ -5,7 +5,8 @@ report has four of them; looking, the last stretch and the check stand in states
 An arm that stopped by itself is led away from what it met, Retreat, and then all begins anew, or ends.
 
 Where a table is to be cleared, what is held goes on to ToReleasePose → OpeningHand and the next look; what was missed
-as often as the rules say is left for later, until a look finds nothing, or only what was left. What there is no way to
+as often as the rules say is left for later, until a look finds nothing, or only what was left. The table is cleared
+where the last look finds nothing at all, and as many objects were put away as were seen. What there is no way to
 the tray for, or of what nobody can say whether it is in the hand, is put back where it stood, PutBack, and so is, on
 every table, what was missed while something is felt to hang on the hand. Then all begins anew. While something is
 carried the hand does not open elsewhere: what goes wrong there begins anew with ToReleasePose or PutBack, or ends with
@@ -111,7 +112,7 @@ class StateRules:
         object that may be on the table or be left for later, and the check after the end."""
         last = () if self.objects else ("ToReleasePose",)
         each = sum(most + _LATE for name, most in self.timeouts.items() if name not in last)
-        objects = max(self.objects * (self.objects + 1) // 2, 1)
+        objects = max(self.objects * (self.objects + 1) // 2 + 1, 1)  # And the look after the last.
         return objects * (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
 
 
@@ -144,6 +145,8 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
     late = seen.t - now.since >= rules.timeouts[now.state] - 1e-9
     match now.state:
         case "Look":
+            if seen.done and rules.objects and now.released >= rules.objects:
+                return _over(now, seen.t, _cleared(now, _full(rules), seen.doubt))
             if seen.done:
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
@@ -172,9 +175,6 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
         case "OpeningHand" if seen.done and now.put_back is not None:
             return _again(replace(now, carries=False, put_back=None), seen.t, rules, now.put_back)
         case "OpeningHand" if seen.done:
-            if now.released + 1 == rules.objects:
-                end = CellOutcome("cleared", "", f"{rules.objects} objects were put away, as many as may be")
-                return _over(replace(now, released=rules.objects), seen.t, end)
             return MachineState("ToSecurityPose", seen.t, released=now.released + 1)
     if seen.done:
         return replace(now, state=_NEXT[now.state], since=seen.t)
@@ -222,13 +222,20 @@ def _later(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
 
 def _cleared(now: MachineState, refused: CellOutcome, doubt: str) -> CellOutcome:
     """What it comes to when a look finds nothing more to take. `doubt`: of what is no longer there."""
-    if refused.word == "fault" or (not now.released and not now.left):
+    if refused.word == "fault" or not (now.released or now.left or doubt):
         return refused
-    count = "; ".join(filter(None, (f"{now.released} object{'' if now.released == 1 else 's'} put away", doubt)))
-    if refused.reason == "no_object" and not now.left:
+    count = f"{now.released} object{'' if now.released == 1 else 's'} put away"
+    empty = refused.reason == "no_object"
+    why = [*dict.fromkeys(each.sentence for each in now.left), *(() if empty else (refused.sentence,)), doubt]
+    if not any(why):
         return CellOutcome("cleared", "", count)
-    why = dict.fromkeys(each.sentence for each in (*now.left, refused))
-    return CellOutcome("missed", "left", f"{count}; left: {'; '.join(why)}")
+    return CellOutcome("missed", "left", f"{count}; left: {'; '.join(dict.fromkeys(filter(None, why)))}")
+
+
+def _full(rules: StateRules) -> CellOutcome:
+    """Why what the last look found is not taken."""
+    said = f"more stands on the table, and {rules.objects} objects are as many as may be put away: set `tray.objects`"
+    return CellOutcome("refused", "full", said)
 
 
 def _over(now: MachineState, t: float, end: CellOutcome) -> MachineState:

@@ -45,6 +45,19 @@ def test_an_object_that_is_where_the_palm_took_it_is_seen_in_the_hand() -> None:
         assert (sight.held, sight.there, sight.gone, sight.left) == (True, True, True, "")
 
 
+@pytest.mark.parametrize(("by", "held"), [(0.08, True), (0.0, False)])
+def test_a_tall_side_that_covers_itself_after_a_short_lift_is_not_taken_for_one_that_was_not_lifted(
+    by: float, held: bool
+) -> None:
+    box = put("cracker_box", "z", 0.0)
+    seen = look(picture(box))
+    assert isinstance(seen, Detection)
+    x, y, z = box.position
+    frame = picture(replace(box, position=(x, y, z + by)))
+    palm = Pose(np.array([0.0, 0.0, 0.28]), np.eye(3))
+    assert check_camera(frame, frame.cloud, seen, NONE, (GRASPED, palm), 0.08, SEEN_BY).held is held
+
+
 def test_an_object_that_stands_where_it_stood_was_not_lifted() -> None:
     sight = after(raised(0.0))
     assert sight.held is False

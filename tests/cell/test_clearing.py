@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -13,20 +14,24 @@ from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.ground_truth import ObjectPlaces, object_places
 from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
+from allegro_twin.cell.perception.cloud import Mask
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
-from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, shows_at_fingers
+from allegro_twin.cell.perception.touching import make_compound
+from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, _least_count, shows_at_fingers
 from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
 from allegro_twin.cell.planning.release import _PLACES, ReleasePath, _emptiest_first, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import stored_grasps, table_object
-from allegro_twin.cell.run import perform
+from allegro_twin.cell.run import other_than_cleared, perform
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.cell.states import CellOutcome, MachineState
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.types import Array
 from tests.cell.test_run import SETTINGS, cell_of
 
 TRAY = TraySettings()
@@ -236,8 +241,19 @@ def test_an_empty_table_on_which_things_were_seen_says_so_and_what_stands_outsid
     frame, alone, seen = looked(empty)
     found = selector.first(seen, frame, alone)
     assert isinstance(found, CellOutcome)
-    assert (found.reason, selector.doubt) == ("outside", "1 were seen: see what has become of 1")
+    assert (found.reason, selector.doubt) == ("outside", "1 object was seen: see what has become of 1")
     selector.put_away()
+    selector.first(seen, frame, alone)
+    assert not selector.doubt
+
+
+def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
+    full = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    selector, (frame, alone, seen) = ObjectSelector(full), looked(full)
+    selector.first(seen, frame, alone)
+    selector.fell_into_tray()
+    empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [2.0, 2.0]}])
+    frame, alone, seen = looked(empty)
     selector.first(seen, frame, alone)
     assert not selector.doubt
 
@@ -251,10 +267,114 @@ def looked(cell: Cell) -> tuple[CameraFrame, Cloud, list[Detection | PerceptionR
     return frame, alone, cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
 
 
+def mask(points: Array) -> Mask:
+    return on_tray(points, points[:, 2], TRAY, 0.008)
+
+
 def test_what_is_in_the_tray_is_not_on_the_table() -> None:
     x, y = TRAY.at
     points = np.array([[x, y, 0.03], [x + TRAY.size[0] / 2.0, y, 0.02], [0.0, 0.0, 0.02]])
-    assert on_tray(points, TRAY).tolist() == [True, True, False]
+    assert mask(points).tolist() == [True, True, False]
+
+
+def bar(first: float, last: float, low: float) -> Array:
+    """Points of a bar along x, from and to so far beyond the tray's edge, and from a height on, m."""
+    edge = TRAY.at[0] + TRAY.size[0] / 2.0
+    across, up = np.meshgrid(np.arange(edge + first, edge + last, 0.004), np.arange(low, 0.1, 0.004))
+    return np.stack([across.ravel(), np.full(across.size, TRAY.at[1]), up.ravel()], axis=1)
+
+
+def test_what_reaches_from_the_tray_over_its_wall_is_in_it_and_what_stands_beside_it_is_not() -> None:
+    assert mask(bar(-0.1, 0.07, 0.06)).all()
+    assert not mask(bar(0.012, 0.04, 0.0)).any()
+    assert not mask(bar(0.3, 0.34, 0.06)).any()
+    both = mask(np.concatenate([bar(-0.1, 0.0, 0.06), bar(0.014, 0.04, 0.0)]))
+    low = np.concatenate([bar(-0.1, 0.0, 0.06), bar(0.014, 0.04, 0.0)])[:, 2] < 0.04
+    assert not both[low].any()  # Behind what is in the tray it still shows by its foot.
+
+
+def test_what_stands_right_beside_the_tray_is_seen_and_named() -> None:
+    at = [TRAY.at[0] + TRAY.size[0] / 2.0 + 0.016, 0.3]
+    stick = {"name": "stick", "shape": "cylinder", "size": [0.026, 0.1], "mass": 0.05, "at": at}
+    cell = cell_of(tray=TRAY.model_dump(), objects=[stick])
+    frame, alone, seen = looked(cell)
+    found = ObjectSelector(cell).first(seen, frame, alone)
+    assert isinstance(found, CellOutcome)
+    assert found.reason != "no_object"
+    assert "(-0.17" in found.sentence
+
+
+def test_an_empty_table_with_a_tray_shows_nothing_whatever_the_cameras_noise() -> None:
+    for seed in range(3):
+        cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [2.0, 2.0]}], seed=seed)
+        frame, alone, seen = looked(cell)
+        found = ObjectSelector(cell).first(seen, frame, alone)
+        assert isinstance(found, CellOutcome)
+        assert found.reason == "no_object", found.sentence
+
+
+def test_a_thing_that_is_too_small_to_be_known_is_named_beside_one_that_is_known() -> None:
+    cube = {"name": "cube", "shape": "box", "size": [0.02] * 3, "mass": 0.02, "at": [-0.1, -0.1]}
+    cell = cell_of(tray=TRAY.model_dump(), objects=[cube])
+    frame, alone, seen = looked(cell)
+    selector = ObjectSelector(cell)
+    selector._most = 1  # It was larger in an earlier picture.
+    found = selector.first(seen, frame, alone)
+    assert isinstance(found, CellOutcome)
+    assert (found.reason, selector.doubt) == ("small", "")
+
+
+def test_the_parts_of_what_may_be_one_body_count_once() -> None:
+    part = looked(cell_of(objects=[{"name": "apple", "at": [0.0, 0.03]}]))[2]
+    assert isinstance(part[0], Detection)
+    whole = replace(part[0], solid=make_compound([part[0].solid, replace(BALL, position=BALL.position + 0.05)]))
+    parts = [replace(part[0], instead=(whole,)), replace(part[0], instead=(whole,))]
+    nothing = PerceptionRefusal("no_object", "nothing stands on the table")
+    small, large = PerceptionRefusal("small", "something"), PerceptionRefusal("unclear", "the thing")
+    assert _least_count(parts) == 1
+    assert _least_count([*parts, part[0], large, small]) == 3
+    assert _least_count([nothing]) == 0
+
+
+def test_in_truth_an_object_is_in_the_tray_when_the_tray_carries_it_and_its_middle_is_inside_the_walls() -> None:
+    brick: dict[str, object] = {"shape": "box", "size": [0.06, 0.06, 0.04], "mass": 0.1}
+    x, y = TRAY.at
+    edge, low = x + TRAY.size[0] / 2.0, 0.0259
+    places = {"below": (x, y, low), "above": (x, y, low + 0.0399), "beside": (edge + 0.0299, y, 0.0199),
+              "on_the_wall": (edge + 0.02, y + 0.09, 0.0599), "in_the_air": (x, y - 0.07, 0.2),
+              "off": (0.6, 0.0, 0.0)}  # fmt: skip
+    bar = {"name": "leaning", "shape": "box", "size": [0.3, 0.02, 0.02], "mass": 0.1, "at": [0.1, 0.0]}
+    things = [{**brick, "name": name, "at": list(at)} for name, at in places.items()]
+    cell = cell_of(tray=TRAY.model_dump(), objects=[*things, bar])
+    model, data = cell.robot.world.model, cell.robot.world.data
+    lean = np.radians(18.0)  # Its foot is on the table, its middle over the tray.
+    foot = 0.15 * np.sin(lean) + 0.01 * np.cos(lean) - 1e-4
+    data.joint("leaning").qpos[:] = [edge - 0.02, y - 0.09, foot, np.cos(lean / 2.0), 0.0, np.sin(lean / 2.0), 0.0]
+    mujoco.mj_forward(model, data)
+    assert object_places(cell) == (("below", "above"), ("beside", "on_the_wall", "in_the_air", "leaning"), ("off",))
+
+
+@pytest.mark.slow
+def test_what_the_camera_does_not_see_is_known_to_a_simulation_and_the_table_is_not_cleared() -> None:
+    things = [{"name": "apple", "at": [0.0, 0.03]}, {"name": "golf_ball", "at": [0.35, 0.0]}]
+    report = perform(cell_of(tray=TRAY.model_dump(), objects=things))
+    assert (str(report.end), str(report.believed)) == ("missed: left", "cleared")
+    assert (report.in_tray, report.on_table, report.off_table) == (("apple",), ("golf_ball",), ())
+    assert "in truth golf_ball still on the table" in report.end.sentence
+
+
+def test_a_table_that_a_simulation_knows_is_not_cleared_is_missed_with_what_the_cell_believes_and_what_is_true() -> (
+    None
+):
+    cell = cell_of(tray=TRAY.model_dump())
+    end = CellOutcome("cleared", "", "2 objects put away")
+    found = other_than_cleared(end, ObjectPlaces(("apple",), ("ball",), ("tall",)), cell)
+    assert str(found) == "missed: left"
+    assert found.sentence.startswith("2 objects put away, so the cell takes it for cleared; in truth ball still on the")
+    assert "tall neither in the tray nor on the table" in found.sentence
+    assert other_than_cleared(end, ObjectPlaces(("apple",)), cell) is end
+    fault = CellOutcome("fault", "camera", "no picture")
+    assert other_than_cleared(fault, ObjectPlaces((), ("ball",)), cell) is fault
 
 
 @pytest.mark.slow

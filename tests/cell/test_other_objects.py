@@ -13,8 +13,10 @@ from allegro_twin.cell.motion.other_objects import (
     other_objects,
     points_in_tray,
     stray_objects,
+    tray_filled,
 )
 from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.perception.segmentation import TablePlane
 from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
@@ -64,7 +66,9 @@ def test_what_stands_outside_the_region_is_found_and_neither_arm_nor_tray_is() -
         cell.arm.reset(), cell.hand.reset()
         frame = cell.camera.capture(cell.robot.world.data)
         alone = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
-        strays = stray_objects(frame, alone, cell.settings.perception, TRAY)
+        table = cell.pipeline.find_table(alone, frame.pose.position, frame.pose.rotation)
+        assert isinstance(table, TablePlane)
+        strays = stray_objects(frame, alone, cell.settings.perception, TRAY, table)
         assert len(strays) == len(places)
         for stray, place in zip(strays, places, strict=True):
             assert np.hypot(*(stray[:2] - place)) < 0.04  # Its far side is not seen.
@@ -120,3 +124,20 @@ def test_nothing_is_said_to_be_held_that_is_not_and_no_other_object_is_swept_awa
     report = perform(cell)
     assert report.is_lifted or report.end.word != "held"
     assert report.moved == ()
+
+
+def test_a_tray_is_fuller_by_what_fell_into_it_and_not_by_the_cameras_scatter() -> None:
+    draws = np.random.default_rng(1)
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(0.0, 0.26, 0.003), np.arange(0.0, 0.26, 0.003)))
+    wall = (np.minimum(x, y) < 0.006) | (np.maximum(x, y) > 0.252)
+    empty = np.stack([x, y, np.where(wall, 0.04, 0.006)], axis=1)
+
+    def picture(points: Array) -> Array:
+        return np.asarray(points + draws.normal(0.0, 0.002, points.shape))
+
+    full = empty.copy()
+    full[np.hypot(x - 0.1, y - 0.1) < 0.02, 2] = 0.045
+    assert tray_filled(picture(empty), picture(full), 0.008)
+    assert not tray_filled(picture(empty), picture(empty), 0.008)
+    assert not tray_filled(picture(full), picture(full), 0.008)
+    assert not tray_filled(empty[:0], full, 0.008)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
@@ -159,3 +160,25 @@ def away(cell: Cell, now: MachineState, when: str, name: str = "apple") -> None:
     """Somebody takes the thing off the table when a state begins."""
     if now.state == when:
         cell.robot.world.data.joint(name).qpos[:3] = [2.0, 2.0, 1.0]
+
+
+def test_a_lift_that_the_checks_cannot_see_is_refused_with_the_least_one() -> None:
+    with pytest.raises(ValidationError, match=r"lift\n.*greater than or equal to 0.08"):
+        cell_of(lift=0.02)
+
+
+@pytest.mark.slow
+def test_an_object_is_lifted_from_where_it_stood_when_the_hand_went_for_it() -> None:
+    report = perform(cell_of(objects=[{"name": "apple", "at": [0.0, 0.03, 0.2]}]))  # It falls onto the table first.
+    assert (str(report.end), report.is_lifted) == ("held", True)
+    assert report.lifted == pytest.approx(SETTINGS.lift, abs=0.02)
+
+
+def test_a_table_that_is_not_at_the_cells_height_is_a_fault_before_the_arm_goes_anywhere() -> None:
+    cell = cell_of()
+    model = cell.robot.world.model
+    model.geom_pos[model.geom("table").id][2] += 0.03
+    report = perform(cell)
+    assert str(report.end) == "fault: table"
+    assert "the table stands 30 mm higher than the cell's" in report.end.sentence
+    assert "ToTargetPose" not in states(report)

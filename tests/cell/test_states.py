@@ -192,11 +192,24 @@ def test_of_what_nobody_knows_whether_it_is_held_is_put_back_and_left_and_a_sing
     assert next_state(MachineState("Validate", 0.0), power, CLEARING).end == power.fault
 
 
-def test_a_cleared_table_on_which_more_was_seen_than_was_put_away_is_told_with_it() -> None:
+@pytest.mark.parametrize(("released", "count"), [(2, "2 objects"), (0, "0 objects")])
+def test_a_table_on_which_more_was_seen_than_was_put_away_is_not_cleared(released: int, count: str) -> None:
     nothing = CellOutcome("refused", "no_object", "nothing stands on the table")
-    seen = Observation(1.0, refused=nothing, doubt="3 were seen: see what has become of 1")
-    end = next_state(MachineState("Look", 0.0, released=2), seen, CLEARING).end
-    assert end == CellOutcome("cleared", "", "2 objects put away; 3 were seen: see what has become of 1")
+    seen = Observation(1.0, refused=nothing, doubt="3 objects were seen: see what has become of 1")
+    end = next_state(MachineState("Look", 0.0, released=released), seen, CLEARING).end
+    said = f"{count} put away; left: 3 objects were seen: see what has become of 1"
+    assert end == CellOutcome("missed", "left", said)
+
+
+def test_what_is_seen_and_too_small_to_be_known_is_left_and_named() -> None:
+    small = CellOutcome("refused", "small", "something at (0.100, 0.100, 0.010) is too small to be known from there")
+    end = next_state(MachineState("Look", 0.0, released=2), Observation(1.0, refused=small), CLEARING).end
+    assert end == CellOutcome("missed", "left", f"2 objects put away; left: {small.sentence}")
+
+
+def test_a_table_that_is_not_where_the_cell_has_it_is_a_fault_whatever_was_put_away() -> None:
+    table = CellOutcome("fault", "table", "the table stands 30 mm higher than the cell's")
+    assert next_state(MachineState("Look", 0.0, released=2), Observation(1.0, refused=table), CLEARING).end == table
 
 
 def test_what_was_missed_as_often_as_may_be_is_left_for_later_and_looked_for_again_once_something_is_put_away() -> None:
@@ -227,9 +240,20 @@ def test_a_camera_that_is_out_is_a_fault_whatever_was_put_away() -> None:
     assert str(next_state(MachineState("Look", 0.0, released=2), Observation(1.0), CLEARING).end) == "fault: camera"
 
 
-def test_clearing_ends_after_as_many_objects_as_may_be_whether_held_or_missed() -> None:
+def test_after_as_many_objects_as_may_be_a_last_look_says_whether_the_table_is_cleared() -> None:
     last = MachineState("OpeningHand", 0.0, released=2)
-    end = next_state(last, Observation(1.0, done=True), CLEARING)
-    assert (str(end.end), end.released) == ("cleared", 3)
+    back = next_state(last, Observation(1.0, done=True), CLEARING)
+    assert back == MachineState("ToSecurityPose", 1.0, released=3)
+    look = replace(back, state="Look")
+    nothing = CellOutcome("refused", "no_object", "nothing stands on the table")
+    assert str(next_state(look, Observation(2.0, refused=nothing), CLEARING).end) == "cleared"
+    end = next_state(look, Observation(1.5, done=True), CLEARING).end
+    assert str(end) == "missed: left"
+    assert end is not None
+    assert "3 objects put away; left: more stands on the table" in end.sentence
+    assert "`tray.objects`" in end.sentence
+
+
+def test_clearing_ends_after_as_many_misses_as_objects_may_be() -> None:
     left = (CellOutcome("missed", "", "it slipped"),) * 2
     assert str(next_state(MachineState("Validate", 0.0, 2, left=left), MISSED, CLEARING).end) == "missed"

@@ -69,17 +69,18 @@ def check_camera(
     `cloud` is that of `frame` without arm and hand. `before` is what was found before the grasp, `others` are points of
     other objects then, (k, 3), world, m. `moved`: the palm at the grasp and now. `lift`: by how much, m.
     """
+    grasped, now = moved
+    turn = now.rotation @ grasped.rotation.T
+    carried = (before.points - grasped.position) @ turn.T + now.position
     height = before.table.height(before.points)
-    stood = before.points[height > min(_CLEAR, 0.5 * float(height.max()))]
+    under = max(float(before.table.height(carried).min()), _LOW * lift)  # A tall side covers itself above this.
+    stood = before.points[(height > min(_CLEAR, 0.5 * float(height.max()))) & (height < under)]
     same, far, _ = _depths(frame, cloud, stood, _SAME)
     seen = same + far
     left = ""
     if seen >= _FEW and same > _PART * seen:
         left = f"the camera sees it where it stood, at {position_text(before.solid.position)}"
     left = left or _on_table(frame, cloud, before, others, lift, settings)
-    grasped, now = moved
-    turn = now.rotation @ grasped.rotation.T
-    carried = (before.points - grasped.position) @ turn.T + now.position
     near, beyond, _ = _depths(frame, cloud, carried, _NEAR)
     return CameraCheck(near >= _FEW and near > beyond, seen >= _FEW and far > (1.0 - _PART) * seen, left)
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 Reason = Literal[
-    "stale", "empty", "no_plane", "no_object", "cut_off", "unclear", "outside", "in_table", "jump", "unsteady"
+    "stale", "empty", "no_plane", "table", "no_object", "small", "cut_off", "unclear", "outside", "in_table", "jump",
+    "unsteady"
 ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from allegro_twin.cell.perception.clusters import image_functions
 from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid, sample_points
 from allegro_twin.cell.perception.fits.solids import fit_solids
-from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, find_objects
+from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, find_objects, find_table
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.touching import (
     Separated,
@@ -69,6 +69,11 @@ class PerceptionPipeline:
         draws = np.random.default_rng(self._seed)
         cluster = find_objects(OrganizedCloud(cloud, position, rotation, robot), self.settings, draws)[0]
         return self._explained(cluster, draws)[0]
+
+    def find_table(self, cloud: Points, position: Vector, rotation: Array) -> TablePlane | PerceptionRefusal:
+        """The table's top, in the world, or why it cannot be known. Arguments as of `detect`."""
+        draws = np.random.default_rng(self._seed)
+        return find_table(OrganizedCloud(cloud, position, rotation), self.settings, draws)
 
     def detect_all(
         self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None

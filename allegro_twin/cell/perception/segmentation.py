@@ -87,6 +87,8 @@ _MOST = 1800
 """Points of a thing, about: a large thing is thinned to it."""
 _TOP = 0.9
 """What is higher than this part of a thing is its top."""
+SPECK = 4
+"""Thinned points that touch; fewer are taken for the camera's scatter."""
 _SIDES = ("left", "upper", "right", "lower")
 
 
@@ -121,6 +123,14 @@ class Cluster:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Gathered:
+    """What stands on the table: what has points enough, most first, and why the rest cannot be known."""
+
+    large: list[_Found]
+    small: list[PerceptionRefusal]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Found:
     """The points above the table, thinned."""
 
@@ -151,12 +161,9 @@ def find_objects(
     if len(inside) < _ENOUGH:
         return [_empty(flat, len(inside), settings)]
     world, depths = world[inside], flat[inside, 2]
-    table = settings.table
-    plane = find_plane(world[::_SHARE], np.array([0.0, 0.0, 1.0]), draws, near=table.near, tilt=table.tilt)
-    if plane is None or plane.part < table.part:
-        part = 0.0 if plane is None else plane.part
-        said = f"no table: the largest level plane has {part:.0%} of {len(world)} points, and {table.part:.0%} make one"
-        return [PerceptionRefusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")]
+    plane = _table(world, settings, draws)
+    if isinstance(plane, PerceptionRefusal):
+        return [plane]
     axes = plane.axes(view.rotation[:, 2])
     above = plane.height(world) > np.maximum(
         settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2
@@ -166,7 +173,49 @@ def find_objects(
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
     if isinstance(found, PerceptionRefusal):
         return [found]
-    return [_cut_off(one, thin.shape, settings) or _closely(view, one, plane, axes, settings) for one in found]
+    clear = [_cut_off(one, thin.shape, settings) or _closely(view, one, plane, axes, settings) for one in found.large]
+    return [*clear, *found.small]
+
+
+def find_table(
+    view: OrganizedCloud, settings: PerceptionSettings, draws: np.random.Generator
+) -> TablePlane | PerceptionRefusal:
+    """The table's top, in the world, or why it cannot be known."""
+    flat = view.cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
+    world = view.world(flat)
+    world = world[pass_through(world, *_bounds(settings))]
+    return _empty(flat, len(world), settings) if len(world) < _ENOUGH else _table(world, settings, draws)
+
+
+def _table(world: Points, settings: PerceptionSettings, draws: np.random.Generator) -> TablePlane | PerceptionRefusal:
+    table = settings.table
+    plane = find_plane(world[::_SHARE], np.array([0.0, 0.0, 1.0]), draws, near=table.near, tilt=table.tilt)
+    if plane is None or plane.part < table.part:
+        part = 0.0 if plane is None else plane.part
+        said = f"no table: the largest level plane has {part:.0%} of {len(world)} points, and {table.part:.0%} make one"
+        return PerceptionRefusal("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
+    return _table_off(plane, settings) or plane
+
+
+def _table_off(plane: TablePlane, settings: PerceptionSettings) -> PerceptionRefusal | None:
+    """Whether a table stands where the cell has it, z = 0, all over the workspace."""
+    most, space = settings.table.off, settings.workspace
+    if most is None:
+        return None
+    corners = np.array([(x, y) for x in (space.lower[0], space.upper[0]) for y in (space.lower[1], space.upper[1])])
+    heights = (plane.offset - corners @ plane.normal[:2]) / plane.normal[2]
+    worst = int(np.argmax(np.abs(heights)))
+    height = float(heights[worst])
+    if abs(height) <= most:
+        return None
+    x, y = corners[worst]
+    said = (
+        f"the table stands {abs(height) * 1e3:.0f} mm {'higher' if height > 0.0 else 'lower'} than the cell's, z = 0, "
+        f"at ({x:.3f}, {y:.3f}), and {most * 1e3:g} mm are allowed (`perception.table.off`)"
+    )
+    return PerceptionRefusal(
+        "table", f"{said}; put it level with the arm's base, or calibrate the camera's pose and lens"
+    )
 
 
 def _bounds(settings: PerceptionSettings) -> tuple[Array, Array]:
@@ -192,18 +241,27 @@ def _cell(view: OrganizedCloud, depths: Points, plane: TablePlane, settings: Per
 
 def _gathered(
     pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
-) -> list[_Found] | PerceptionRefusal:
+) -> _Gathered | PerceptionRefusal:
     nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
     if len(points) == 0:
         return PerceptionRefusal("no_object", f"{nothing}; put a thing into the region")
     places = points @ axes[:2].T.astype(points.dtype)
     grid, sizes = find_clusters(places, cell)
     order = np.argsort(-sizes, kind="stable")
+    seen = int(np.count_nonzero(sizes >= SPECK))
+    if not seen:
+        return PerceptionRefusal("no_object", f"{nothing}; put a thing into the region")
     enough = int(np.count_nonzero(sizes >= settings.object.least))
-    if not enough:
-        return PerceptionRefusal("no_object", f"{nothing}: {sizes.max()} points at most; put a thing into the region")
     labels = grid.of(places)
-    return [_Found(pixels, points, grid, int(label), labels == label, enough - 1) for label in order[:enough] + 1]
+    large = [_Found(pixels, points, grid, int(label), labels == label, enough - 1) for label in order[:enough] + 1]
+    small = [_too_small(points[labels == label], settings) for label in order[enough:seen] + 1]
+    return _Gathered(large, small)
+
+
+def _too_small(points: Points, settings: PerceptionSettings) -> PerceptionRefusal:
+    said = f"something at {position_text(points.mean(axis=0))} is too small to be known from there"
+    fix = "move the camera nearer, or lower `perception.object.least`"
+    return PerceptionRefusal("small", f"{said}: {len(points)} points, and {settings.object.least} are needed; {fix}")
 
 
 def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> PerceptionRefusal | None:

@@ -35,6 +35,9 @@ class TableSettings(Settings):
     """It leans less than this, rad."""
     part: Part = 0.2
     """Of the points in the region, at least so many are on it."""
+    off: Positive | None = 0.005
+    """In the workspace it may be so much higher or lower than the world's z = 0, m: arm and hand keep so far from it.
+    None: wherever it is."""
 
 
 class DetectionSettings(Settings):

@@ -67,6 +67,7 @@ class ObjectSelector:
         self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.
         self.released = 0
         """Objects that were put away."""
+        self._fell = 0  # Objects that got into the tray by themselves.
         self._most = 0  # Things that were on the table and in the tray at a time.
         self.doubt = ""
         """What has become of things that were seen and are neither put away nor on the table; empty where all are."""
@@ -77,6 +78,10 @@ class ObjectSelector:
         self._left.clear()
         if self._adapter is not None:
             self._adapter.forget_failures()
+
+    def fell_into_tray(self) -> None:
+        """One slipped out of the hand, and the tray is seen to be fuller."""
+        self._fell += 1
 
     def missed(self, card: StoredGrasp, solid: Solid, *, leave: bool) -> None:
         """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
@@ -90,12 +95,12 @@ class ObjectSelector:
         """Of all that was seen in a picture the first that can be taken, with room to all others or, where nothing can,
         with less; else why nothing can. `alone`: its cloud without arm and hand."""
         readings, refused = self._readings(seen), dict[int, CellOutcome]()
-        on_table = sum(isinstance(each, Detection) or each.reason != "no_object" for each in seen)
-        self._most = max(self._most, self.released + on_table)
+        on_table = _least_count(seen)
+        self._most = max(self._most, self.released + self._fell + on_table)
         for clear in (CLEAR, _TIGHT):
             for number, each in enumerate(readings):
                 if isinstance(each, PerceptionRefusal):
-                    refused[number] = CellOutcome("refused", each.reason, each.sentence)
+                    refused[number] = refusal_outcome(each)
                     continue
                 solid = each.thing.solid
                 if any(_is_there(solid, left) for left in self._left):
@@ -109,10 +114,14 @@ class ObjectSelector:
                     refused[number] = chosen
             if len(readings) == 1:
                 break
-        gone = self._most - self.released
-        self.doubt = f"{self._most} were seen: see what has become of {gone}" if not on_table and gone > 0 else ""
+        gone = self._most - self.released - self._fell
+        nothing = all(isinstance(each, PerceptionRefusal) and each.reason == "no_object" for each in seen)
+        said = f"{self._most} object{'s were' if self._most > 1 else ' was'} seen: see what has become of {gone}"
+        self.doubt = said if nothing and gone > 0 else ""
         strays = self._strays(frame, alone)
-        causes = [*(refused.values() if on_table or not strays else ()), *strays]
+        causes: list[CellOutcome] = [*(refused.values() if on_table or not strays else ()), *strays]
+        if len(causes) == 1:
+            return causes[0]
         reasons = {each.reason for each in causes}
         said = "; ".join(dict.fromkeys(each.sentence for each in causes))
         return CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
@@ -166,12 +175,31 @@ class ObjectSelector:
         return lambda plan: reaches_tray(tray, plan.way.palm, solid, plan.there[1], cell)
 
     def _strays(self, frame: CameraFrame, alone: Cloud) -> list[CellOutcome]:
-        settings = self._cell.settings
-        if settings.tray is None:
+        cell, tray = self._cell, self._cell.settings.tray
+        table = cell.pipeline.find_table(alone, frame.pose.position, frame.pose.rotation)
+        if tray is None or isinstance(table, PerceptionRefusal):  # Why there is no table is said already.
             return []
         said = "something at {} stands outside perception's `region`; put it nearer to the middle"
-        places = stray_objects(frame, alone, settings.perception, settings.tray)
+        places = stray_objects(frame, alone, cell.settings.perception, tray, table)
         return [CellOutcome("refused", "outside", said.format(position_text(place))) for place in places]
+
+
+def refusal_outcome(refused: PerceptionRefusal) -> CellOutcome:
+    """How a run ends by a refusal of perception: a table that is not where the cell has it is a fault of the cell."""
+    return CellOutcome("fault" if refused.reason == "table" else "refused", refused.reason, refused.sentence)
+
+
+def _least_count(seen: Sequence[Detection | PerceptionRefusal]) -> int:
+    """So many things are on the table at least: the parts of what may be one body are one, and what is too small to be
+    known may be a part of something."""
+    bodies = set[int]()
+    for each in seen:
+        if isinstance(each, Detection):
+            whole = next((other for other in each.instead if other.solid.parts), each)
+            bodies.add(id(whole))
+        elif each.reason not in ("no_object", "small"):
+            bodies.add(id(each))
+    return len(bodies)
 
 
 def _is_there(one: Solid, left: Solid) -> bool:

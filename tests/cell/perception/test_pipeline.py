@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -19,7 +20,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings, parse_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
 from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from benchmarks.perception import apart
 
@@ -157,6 +158,38 @@ def test_an_empty_table_and_an_empty_cloud_say_so() -> None:
     assert "put a thing into the region" in said(look(picture()), "no_object")
     nothing = np.full((480, 640, 3), np.nan, np.float32)
     assert "0 of " in said(PerceptionPipeline(SETTINGS).detect(nothing, np.zeros(3), np.eye(3)), "empty")
+
+
+def test_what_is_seen_by_too_few_points_is_named_with_its_place_and_is_not_nothing() -> None:
+    cube = place_standing(GraspObject("cube", "box", (0.016, 0.016, 0.016), 0.01), "z", 0.0, 0.1, 0.1)
+    frame = picture(put("mug", x=0.0, y=-0.05), cube)
+    found = PerceptionPipeline(SETTINGS).detect_all(frame.cloud, frame.pose.position, frame.pose.rotation)
+    assert [isinstance(each, Detection) for each in found] == [True, False]
+    sentence = said(found[1], "small")
+    assert re.match(r"something at \((0.09|0.10)\d, (0.09|0.10)\d, 0.01\d\) is too small", sentence), sentence
+    assert "`perception.object.least`" in sentence
+    assert said(look(picture(cube)), "small")
+
+
+@pytest.mark.parametrize(("by", "what"), [(0.03, "30 mm higher"), (-0.04, "40 mm lower"), (0.004, "")])
+def test_a_table_that_is_not_at_the_cells_height_is_refused_with_the_difference(by: float, what: str) -> None:
+    frame = picture(put("mug"))
+    eye = frame.pose.position + np.array([0.0, 0.0, by])
+    seen = PerceptionPipeline(SETTINGS).detect(frame.cloud, eye, frame.pose.rotation)
+    if not what:
+        assert isinstance(seen, Detection)
+        return
+    assert f"the table stands {what} than the cell's, z = 0" in said(seen, "table")
+    anywhere = SETTINGS.model_copy(update={"table": SETTINGS.table.model_copy(update={"off": None})})
+    free = PerceptionPipeline(anywhere).detect(frame.cloud, eye, frame.pose.rotation)
+    assert isinstance(free, Detection) or free.reason == "outside"
+
+
+def test_a_camera_that_is_turned_from_where_the_cell_has_it_shows_in_the_tables_height() -> None:
+    frame, turn = picture(put("mug")), np.radians(3.0)
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(turn), -np.sin(turn)], [0.0, np.sin(turn), np.cos(turn)]])
+    seen = PerceptionPipeline(SETTINGS).detect(frame.cloud, frame.pose.position, tilt @ frame.pose.rotation)
+    assert re.search(r"stands 1\d mm (higher|lower)", said(seen, "table"))
 
 
 def test_the_larger_one_of_two_things_that_touch_is_found() -> None:

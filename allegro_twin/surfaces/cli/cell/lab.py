@@ -218,8 +218,9 @@ def outcome_lines(report: LabReport) -> list[str]:
             f"{_there(check.by_camera)}; in truth {report.thing} was lifted by {1e3 * report.lifted:.0f} mm"
         )
     if report.released or report.in_tray:
-        inside = ", ".join(report.in_tray) or "none"
-        lines.append(f"{report.released} put into the tray; in truth these are in it: {inside}")
+        places = {"in it": report.in_tray, "on the table": report.on_table, "off the table": report.off_table}
+        said = "; ".join(f"{where}: {', '.join(names)}" for where, names in places.items() if names)
+        lines.append(f"{report.released} put into the tray; in truth {said or 'none is in it'}")
         return [*lines, f"{report.end}; {report.end.sentence}"]
     lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
