@@ -11,6 +11,7 @@ import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -257,7 +258,7 @@ def test_what_ended_a_session_is_raised_and_a_disk_that_failed_after_it_is_its_n
     with pytest.raises(LinkTimeout, match="no report from the hand") as caught:
         list(recorder_module.record(hand_that_falls_silent(), Full(), spec, 0.003))
     assert message_of(caught.value) == "no report from the hand; cannot go on recording: no space left"
-    samples = recorder_module.record(iter([sample(0), sample(1)]), Full(), spec, 0.003)
+    samples: Any = recorder_module.record(iter([sample(0), sample(1)]), Full(), spec, 0.003)
     next(samples)
     with pytest.raises(RecordingError, match="no space left"):  # Nothing was wrong before.
         samples.close()

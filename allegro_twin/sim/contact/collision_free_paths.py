@@ -23,7 +23,7 @@ _LEAST = 0.15  # s. A short leg in less than that would ask for more than the mo
 _CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
 _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far from what has stopped it.
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
-_NEARLY = 0.002  # m. Of what stops a joint, where encoders and model are that far from the real fingertips.
+NEARLY = 0.002  # m. Of what stops a joint, where encoders and model are that far from the real fingertips.
 _PUSH, _NEARER = 0.01, 1e-5  # rad that a joint is tried further on; m by which it then comes nearer, at least.
 
 
@@ -67,10 +67,10 @@ class CollisionFreePaths:
         if (met := crossing_pairs(apart, 0.0)).any():
             raise SelfCollision(f"{what}: {self._nearest(apart, met)} meet on the straight line there; go round")
 
-    def touching(self, posture: Vector) -> list[tuple[str, str]]:
+    def touching(self, posture: Vector, within: float = _TOUCHING) -> list[tuple[str, str]]:
         """Which parts of the hand touch each other in a posture, (n,), rad, or are as near as a press leaves them."""
         apart = self._apart(posture[None])[0]
-        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
+        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < within]
 
     def in_the_way(self, posture: Vector, towards: Vector) -> dict[int, str]:
         """What stops joints that are to go on in a direction, both (n,), rad: by joint, which part of the hand
@@ -79,7 +79,7 @@ class CollisionFreePaths:
         apart, *tried = self._apart(np.vstack([posture, posture + _PUSH * np.diag(turns)]))
         found = {}
         for finger, joint in [(each.name, joint) for each in spec.fingers for joint in each.joints]:
-            pressed = (apart < _NEARLY) & (tried[joint] < apart - _NEARER)
+            pressed = (apart < NEARLY) & (tried[joint] < apart - _NEARER)
             if turns[joint] and pressed.any():
                 one, other = self._clearance.pairs[int(np.argmin(np.where(pressed, apart, np.inf)))]
                 blocking = other if one == finger else one

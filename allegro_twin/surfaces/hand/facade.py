@@ -23,6 +23,7 @@ from allegro_twin.errors import HandError, LinkError, MotionStalled, closing_not
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_posture, load_trajectory
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.collision_free_paths import NEARLY
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.cartesian import straight_line_motion
@@ -207,7 +208,8 @@ class Hand:
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: that a
         finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. Returns what the
-        hand feels at its end, or, without waiting, now. Raises as `move_to`, but what stops it once it closes."""
+        hand feels at its end, or, without waiting, now; with a width also whether nothing as wide is there. Raises as
+        `move_to`, but what stops it once it closes."""
         mover, stored = self._mover, chosen(name, object_width, self._mover.model, self.spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
@@ -215,9 +217,9 @@ class Hand:
         if wait:
             self.wait()
         now = self.state
-        return grasp_outcome(
-            stored, now, mover.model, self.spec, mover.model.gravity_torque(now.position, self.gravity)
-        )
+        weight = mover.model.gravity_torque(now.position, self.gravity)
+        met = mover.ways.touching(now.position, NEARLY)
+        return grasp_outcome(stored, now, mover.model, self.spec, weight, object_width is not None, met)
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled
