@@ -15,7 +15,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import goal_of
 from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.errors import ConfigError, RecordingError, closing_noted
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.spec.arm import ArmSpec
@@ -227,7 +227,7 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
         )
     from allegro_twin.drivers.can.tools.log import WireLog
 
-    with closing(WireLog(path, Path(config.backend.channel).name)) as log:
+    with closing_noted(WireLog(path, Path(config.backend.channel).name)) as log:
         rig.device.listen(log)
         yield
 

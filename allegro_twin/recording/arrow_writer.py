@@ -11,6 +11,7 @@ import json
 import logging
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -94,6 +95,13 @@ class _File:
         except OSError as error:
             raise self._failed(error) from error
 
+    def discard(self) -> None:
+        """Close the file, of which nothing was written, and remove it. Idempotent."""
+        if not self._file.closed:
+            with suppress(OSError):  # An empty file is no harm.
+                self._path.unlink()
+        self.close()
+
     def _failed(self, error: OSError) -> RecordingError:
         try:
             self._file.close()
@@ -114,7 +122,7 @@ class _Done(NamedTuple):
 
 
 class FileSink:
-    """A file with one stream. Raises RecordingError when it cannot be made."""
+    """A file with one stream, which is gone where nothing was put. Raises RecordingError when it cannot be made."""
 
     def __init__(self, path: Path) -> None:
         self._file, self._done = _File(path), _Done(0, {"": 0})
@@ -124,7 +132,10 @@ class FileSink:
             self._done = _Done(self._file.write(self._done.size, message), {"": number})
 
     def close(self) -> None:
-        self._file.close()
+        if self._done.size:
+            self._file.close()
+        else:
+            self._file.discard()
 
 
 class SharedFile:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from allegro_twin.errors import RecordingError
+from allegro_twin.errors import RecordingError, closing_noted
 from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, FileSink, Sink, arrow_column
 from allegro_twin.recording.spec_json import spec_to_json
 from allegro_twin.spec import HandSpec
@@ -160,10 +159,7 @@ def record(
 ) -> Iterator[Sample]:
     """Write every sample before it is passed on (a stage)."""
     recorder = Recorder(place, spec, period, meta)
-    try:
-        with closing(recorder):
-            for sample in samples:
-                recorder.add(sample, extras() if extras is not None else None)
-                yield sample
-    finally:
-        recorder.close()  # A signal may have interrupted the first call.
+    with closing_noted(recorder), closing_noted(recorder):  # A signal may interrupt the first call.
+        for sample in samples:
+            recorder.add(sample, extras() if extras is not None else None)
+            yield sample

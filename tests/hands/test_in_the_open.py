@@ -10,9 +10,9 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entry_files import read_shipped_entry, shipped_entries
 from allegro_twin.hands.library.library import load_grasp
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.sim.contact.interlock import Interlock
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
 
 GRASPS = sorted((read_shipped_entry(name).entry.hand, name) for name in shipped_entries("grasp"))
 MENDED = ("leap_pudding_box", "leap_tuna_fish_can", "model_o_apple", "model_o_tomato_soup_can")

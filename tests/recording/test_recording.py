@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.errors import RecordingError
+from allegro_twin.errors import LinkTimeout, RecordingError, message_of
 from allegro_twin.recording import recorder as recorder_module
 from allegro_twin.recording.arrow_writer import SharedFile
 from allegro_twin.recording.journal import Journal
@@ -208,7 +210,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 from pathlib import Path
 from tests.recording.test_recording import record
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.errors import RecordingError
+from allegro_twin.errors import LinkTimeout, RecordingError, message_of
 try:
     record(Path({str(path)!r}), load_spec(), 10_000)
 except RecordingError as error:
@@ -248,6 +250,41 @@ def test_a_file_that_cannot_be_made_is_an_error_before_anything_moves(tmp_path: 
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot record to"):
         Recorder(tmp_path / "file" / "r.arrow", spec, 0.003)
+
+
+def test_a_session_that_recorded_nothing_leaves_no_file(tmp_path: Path, spec: HandSpec) -> None:
+    path = tmp_path / "nothing.arrow"
+    recorder = Recorder(path, spec, 0.003)
+    assert path.exists()  # Nobody else may take it.
+    recorder.close()
+    assert not path.exists()
+    path.write_text("somebody else's")
+    recorder.close()
+    assert path.exists()
+
+
+def test_what_ended_a_session_is_raised_and_a_disk_that_failed_after_it_is_its_note(spec: HandSpec) -> None:
+    def hand_that_falls_silent() -> Iterator[Sample]:
+        yield sample(0)
+        raise LinkTimeout("no report from the hand")
+
+    class Full:
+        """A disk with room for the head of a recording."""
+
+        def put(self, number: int, message: object) -> None:
+            if number > 1:
+                raise RecordingError("cannot go on recording: no space left")
+
+        def close(self) -> None:
+            pass
+
+    with pytest.raises(LinkTimeout, match="no report from the hand") as caught:
+        list(recorder_module.record(hand_that_falls_silent(), Full(), spec, 0.003))
+    assert message_of(caught.value) == "no report from the hand; cannot go on recording: no space left"
+    samples: Any = recorder_module.record(iter([sample(0), sample(1)]), Full(), spec, 0.003)
+    next(samples)
+    with pytest.raises(RecordingError, match="no space left"):  # Nothing was wrong before.
+        samples.close()
 
 
 @pytest.mark.slow

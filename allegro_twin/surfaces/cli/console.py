@@ -177,8 +177,7 @@ def grasp_forces(grasped: GraspOutcome) -> Table:
         table.add_column(name, justify=justify)  # type: ignore[arg-type]  # Rich narrows it to a literal.
     for finger, force in grasped.force.items():
         table.add_row(finger, f"{force:.1f}")
-    width = "" if math.isnan(grasped.width) else f", pads {grasped.width * 1000:.0f} mm apart"
-    table.caption = f"in the way of: {', '.join(grasped.touching) or 'nothing'}{width}"
+    table.caption = grasped.describe()
     return table
 
 

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import typer
 
-from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled
+from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled, message_of
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 """The parser's usage error. Not every version of typer has a public name for it."""
@@ -27,7 +27,7 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
     try:
         sys.exit(app(list(arguments), prog_name=program, standalone_mode=False) or 0)
     except HandError as error:
-        sys.stderr.write(f"{program}: {error}\n")
+        sys.stderr.write(f"{program}: {message_of(error)}\n")
         sys.exit(exit_code(error))
     except ImportError as error:
         if error.path is None:

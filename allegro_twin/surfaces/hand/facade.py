@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pathlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from functools import cached_property
+from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
@@ -18,10 +19,11 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
-from allegro_twin.errors import LinkError, MotionStalled
+from allegro_twin.errors import HandError, LinkError, MotionStalled, closing_noted
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_posture, load_trajectory
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.collision_free_paths import NEARLY
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.cartesian import straight_line_motion
@@ -49,7 +51,7 @@ class Hand:
         self, rig: Rig, gains: Gains, *, background: bool = False, first: FirstController | None = None
     ) -> None:
         """`first`: what drives it from the first period on, in place of nothing."""
-        self._rig, self._bounds = rig, JointBounds(rig.spec)
+        self._rig, self._bounds, self._closing = rig, JointBounds(rig.spec), ExitStack()
         self._mover = MotionControl(rig, gains, background=background or rig.live, first=first)
         self.direct = LiveControl(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
@@ -64,17 +66,22 @@ class Hand:
         return cls(rig, load_gains(name, rig.spec), background=background)
 
     def __enter__(self) -> Self:
+        self._closing.enter_context(closing_noted(self))
         return self
 
-    def __exit__(self, *raised: object) -> None:
-        self.close()
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._closing.__exit__(kind, error, trace)
 
     def close(self) -> None:
-        """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it."""
+        """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it: what
+        ended the session, if anything did, which says that too."""
         self._mover.driver.close()
         self._rig.backend.close()
         if unconfirmed := self._rig.device.unconfirmed:
-            raise LinkError(unconfirmed)
+            ended = self._mover.driver.error
+            raise ended if isinstance(ended, HandError) and unconfirmed in str(ended) else LinkError(unconfirmed)
 
     @property
     def spec(self) -> HandSpec:
@@ -201,7 +208,8 @@ class Hand:
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: that a
         finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. Returns what the
-        hand feels at its end, or, without waiting, now. Raises as `move_to`, but what stops it once it closes."""
+        hand feels at its end, or, without waiting, now; with a width also whether nothing as wide is there. Raises as
+        `move_to`, but what stops it once it closes."""
         mover, stored = self._mover, chosen(name, object_width, self._mover.model, self.spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
@@ -209,9 +217,9 @@ class Hand:
         if wait:
             self.wait()
         now = self.state
-        return grasp_outcome(
-            stored, now, mover.model, self.spec, mover.model.gravity_torque(now.position, self.gravity)
-        )
+        weight = mover.model.gravity_torque(now.position, self.gravity)
+        met = mover.ways.touching(now.position, NEARLY)
+        return grasp_outcome(stored, now, mover.model, self.spec, weight, object_width is not None, met)
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled

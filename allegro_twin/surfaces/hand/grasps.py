@@ -22,6 +22,7 @@ from allegro_twin.types import HandState, Vector
 
 SQUEEZE = 0.5  # s.
 _TIP_RADIUS = 0.012  # m. The fingertip's sphere, models/allegro.yaml.
+_TELLS = 0.004  # m. Encoders and pads that give do not tell narrower objects from none.
 _TOUCH = 0.05  # rad short of where the fingers were sent: something is in the way.
 
 
@@ -36,6 +37,19 @@ class GraspOutcome:
     """What each of their tips presses with, estimated from the joint torques, N."""
     width: float
     """Between the thumb's pad and the other touching pads, m; NaN unless the thumb and another touch."""
+    met: tuple[str, ...] = ()
+    """Fingers that touch each other where they are, by the model of the hand."""
+    empty: bool = False
+    """Whether nothing as wide as the object was said to be is there: no finger was stopped, or the pads are not half
+    as far from each other. False where no width was said."""
+
+    def describe(self) -> str:
+        """One sentence, without the forces."""
+        width = "" if np.isnan(self.width) else f", pads {self.width * 1000:.0f} mm apart"
+        text = f"in the way of: {', '.join(self.touching) or 'nothing'}{width}"
+        if self.met:
+            text += f"; {', '.join(self.met[:-1])} and {self.met[-1]} touch each other"
+        return text + ("; nothing as wide as the object is there" if self.empty else "")
 
 
 def chosen(name: str, width: float | None, model: HandKinematics, spec: HandSpec) -> Grasp:
@@ -110,9 +124,11 @@ def aperture(model: HandKinematics, position: Vector, spec: HandSpec, fingers: t
 
 
 def grasp_outcome(
-    grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector
-) -> GraspOutcome:
-    """What is known at the end of a grasp. `weight`: torques that carry the hand itself, (n,), N·m."""
+    grasp: Grasp, state: HandState, model: HandKinematics, spec: HandSpec, weight: Vector,
+    sized: bool = False, met: Sequence[tuple[str, str]] = (),
+) -> GraspOutcome:  # fmt: skip
+    """What is known at the end of a grasp. `weight`: torques that carry the hand itself, (n,), N·m; `sized`: whether a
+    width was said, to which it closes; `met`: parts of the hand that touch each other."""
     short = np.abs(grasp.squeeze - state.position)
     touching = tuple(f.name for f in spec.fingers if short[list(f.joints)].max() > _TOUCH)
     _, jacobians = model.fingertip_jacobians(state.position, [f.name for f in spec.fingers])
@@ -123,6 +139,12 @@ def grasp_outcome(
             solved: Any = np.linalg.lstsq(jacobian[:, mine].T, (state.torque - weight)[mine], rcond=None)
             force[finger.name] = float(np.linalg.norm(solved[0]))
     thumb = spec.fingers[-1].name
-    both = thumb in touching and len(touching) > 1
-    width = aperture(model, state.position, spec, touching) if both else float("nan")
-    return GraspOutcome(grasp.name, touching, force, width)
+    opposed = tuple(name for name in touching if name != thumb)
+    between = aperture(model, state.position, spec, opposed) if opposed else np.nan
+    width = between if thumb in touching else float("nan")
+    told = aperture(model, grasp.close, spec, opposed)  # Between the same pads, on the object.
+    empty = sized and (not touching or bool(between < told - max(_TELLS, told / 2.0)))
+    fingers = [finger.name for finger in spec.fingers]
+    pairs = [pair for pair in met if pair[0] != pair[1] and set(pair) <= set(fingers)]  # Not with the palm.
+    together = tuple(name for name in fingers if any(name in pair for pair in pairs))
+    return GraspOutcome(grasp.name, touching, force, width, together, empty)

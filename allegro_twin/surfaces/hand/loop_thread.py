@@ -36,6 +36,11 @@ class LoopThread:
             self._check()
             return self._latest
 
+    @property
+    def error(self) -> BaseException | None:
+        """What ended the loop, if anything did."""
+        return self._error
+
     def wait(self, condition: Condition) -> Sample:
         """Let time pass until a sample fulfils the condition. Raises what ended the loop."""
         if self._thread is None:

@@ -32,8 +32,8 @@ from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknow
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import STANDARD_GRAVITY
 from allegro_twin.loop import paced, run
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector, frozen
 

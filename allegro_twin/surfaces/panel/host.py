@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Protocol, TypeAlias
 
-from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.errors import ConfigError, HandError, closing_noted
 from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.page_process import PageProcess, PageServer
 from allegro_twin.surfaces.panel.stream import (
@@ -63,13 +63,11 @@ class Host:
         """Serve until it is interrupted; `tell` gets the page's address. Raises HandError when the session cannot be
         opened at all, or the page cannot be shown."""
         sys.setswitchinterval(_SWITCH)
-        try:
+        with closing_noted(self):
             self.begin()
             tell(self._page.address())
             while True:
                 self.turn()
-        finally:
-            self.close()
 
     def serve_beside(self) -> str:
         """Serve in a thread, until `close`; the page's address. Raises as `serve` does."""

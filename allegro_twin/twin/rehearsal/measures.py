@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.app.session import REACHED
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.rehearsal.protocol import AVERAGED
 from allegro_twin.types import Array, Vector
@@ -102,15 +103,28 @@ def spent_joints(found: Following) -> dict[str, float]:
 
 
 def far_joints(error: Vector, found: Following) -> str:
-    """Joints that are further than REACHED from where they were to be, furthest first, and which of them have a motor
-    that gave all it has; empty for none."""
+    """Joints that are further than REACHED from where they were to be, furthest first, with what stops each: another
+    part of the hand that is in its finger's way, or a motor that gave all it has; empty for none."""
     spec, late = found.spec, found.t > found.t[-1] - AVERAGED
+    far = [joint for joint in np.argsort(-np.abs(error)).tolist() if not abs(error[joint]) <= REACHED]
+    if not far:
+        return ""
     spent = (np.abs(found.torque[late]) >= SPENT * spec.actuation.torque_limit).all(axis=0)
+    towards = np.zeros(spec.n_joints)
+    towards[far] = -np.nan_to_num(error[far])
+    stops = CollisionFreePaths(spec).in_the_way(found.known[late].mean(axis=0), towards)
+    # The other joints of a finger that is stopped lean on what stops it.
+    stopped: dict[int | None, str] = {_finger(spec, joint): why for joint, why in stops.items()}
+    why = {joint: stopped.get(_finger(spec, joint), "its motor gives all it has") for joint in far if spent[joint]}
+    why |= stops
     return ", ".join(
-        f"{spec.joint_labels[joint]} {error[joint]:+.2f}" + (" (its motor gives all it has)" if spent[joint] else "")
-        for joint in np.argsort(-np.abs(error))
-        if not abs(error[joint]) <= REACHED
+        f"{spec.joint_labels[joint]} {error[joint]:+.2f}" + (f" ({why[joint]})" if joint in why else "")
+        for joint in far
     )
+
+
+def _finger(spec: HandSpec, joint: int) -> int | None:
+    return next((number for number, finger in enumerate(spec.fingers) if joint in finger.joints), None)
 
 
 def _measured(found: Following) -> Any:

@@ -40,6 +40,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.joint_ends import JointEnds, find_joint_ends
 from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
 from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
+from allegro_twin.twin.rehearsal.approach import approach_from
 from allegro_twin.twin.rehearsal.measures import Following
 from allegro_twin.twin.rehearsal.protocol import REST, rehearsal_trajectory
 from allegro_twin.types import Sample, TorqueCommand, Vector
@@ -243,9 +244,13 @@ def _follow(
             controller, seconds = replace(controller, reference=moves(rig.spec)), None
         state = rig.backend.reset()
         pose.check(state.gravity)
+        assert isinstance(controller.reference, Moves)
+        first, *others = controller.reference.waypoints
+        state, legs = approach_from(rig, state, first, twin.shift, str(task.get("posture", "the first posture")))
+        controller = replace(controller, reference=Moves([*legs, *others]))
         path: Any = controller.reference.begin(state.position)
         began, rows = state.t, list[tuple[Any, ...]]()
-        end = began + (path.seconds if seconds is None else seconds) + rest
+        end = began + max(path.seconds, seconds or 0.0) + rest
         driven: Controller[Any] = controller
         for sample in _kept(config, file)(until(end, resume(rig.backend, driven, state)), rig):
             state, true = sample.state, hand.true_position()
@@ -258,7 +263,7 @@ def _follow(
         raise LinkError(rig.device.unconfirmed)
     t, target, rate, position, truth, torque = zip(*rows, strict=True)
     known = None if truth[0] is None else np.array(truth)
-    begins = np.array(path.times) + began
+    begins = np.array([0.0, *path.times[len(legs) :]]) + began  # One approach, in however many legs.
     return Following(
         rig.spec, np.array(t), np.array(target), np.array(rate), np.array(position), known, begins, np.array(torque)
     )

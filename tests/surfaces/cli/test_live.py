@@ -33,6 +33,13 @@ def test_a_posture_and_a_grasp_show_their_outcome(command: Run) -> None:
     assert "what the joints felt" in " ".join(shown.split())
 
 
+def test_a_grasp_of_an_object_that_is_not_there_is_exit_code_5(command: Run) -> None:
+    code, shown, _ = command("grasp", "grasp_3", "--width", "0.05")
+    assert code == 5
+    assert " ".join(shown.split()).endswith("touch each other; nothing as wide as the object is there")
+    assert command("grasp", "grasp_3")[0] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

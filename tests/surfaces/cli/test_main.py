@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import can_config
 from tests.surfaces.cli.conftest import Run
 
 SUITE = Path(__file__).resolve().parents[3]
@@ -105,6 +107,18 @@ def test_a_fault_is_exit_code_4(tmp_path: Path, command: Run) -> None:
     assert "over its limit of 0.50 rad/s; reset to go on" in errors
     assert errors.count("\n") == 1
     assert command("export", tmp_path / "fault.arrow", tmp_path / "fault.csv")[0] == 0
+
+
+def test_a_grasp_on_a_hand_that_loses_its_power_says_first_that_nothing_comes_from_it(
+    tmp_path: Path, command: Run
+) -> None:
+    config = tmp_path / "power.yaml"
+    cut = {"script": [{"at": 0.3, "what": "power_cut"}]}
+    config.write_text(can_config("v4", timeout=0.1, faults=cut).model_dump_json(exclude_unset=True))
+    code, _, errors = command("grasp", "grasp_3", "--config", config)
+    assert code == 3
+    line = next(line for line in errors.splitlines() if line.startswith("allegro-twin: "))
+    assert re.match("allegro-twin: no report from the hand for 0.1 s .*; the hand has not confirmed that it is", line)
 
 
 def test_a_period_that_does_not_fit_is_refused(tmp_path: Path, command: Run) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
+from allegro_twin.errors import ConfigError, EndOfRecording, HandFault, LinkTimeout, message_of
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp, load_posture, load_trajectory
@@ -265,6 +265,29 @@ def test_every_way_out_leaves_the_hand_limp() -> None:
     with pytest.raises(HandFault, match="the hand is closed"):
         _ = opened.state
     opened.close()
+
+
+@pytest.mark.parametrize("background", [False, True])
+def test_a_hand_that_loses_its_power_ends_the_program_with_that_and_then_with_what_it_did_not_confirm(
+    background: bool,
+) -> None:
+    lost = r"no report from the hand for 0\.1 s .* is it powered and plugged in\?; the hand has not confirmed that"
+    faults = {"script": [{"at": 0.3, "what": "power_cut"}]}
+    wired = can_config("v4", timeout=0.1, faults=faults)
+    with pytest.raises(LinkTimeout, match=lost), Hand.open(wired, background=background) as hand:
+        hand.move_to("home")
+    with pytest.raises(LinkTimeout, match=lost), Hand.open(wired, background=background) as hand:  # noqa: SIM117
+        with pytest.raises(LinkTimeout, match=lost):  # Told to a program that goes on, and again when it ends.
+            hand.wait(3.0)
+    with pytest.raises(ZeroDivisionError) as caught, Hand.open(wired, background=background) as hand:
+        with pytest.raises(LinkTimeout):
+            hand.wait(3.0)
+        raise ZeroDivisionError("of the program")
+    assert re.match(f"of the program; {lost}", message_of(caught.value))
+    with pytest.raises(LinkTimeout, match=lost), Hand.open(wired, background=background) as hand:
+        with pytest.raises(LinkTimeout):
+            hand.wait(3.0)
+        raise KeyboardInterrupt  # Who stops a program knows that; that the hand may not be limp he does not.
 
 
 def test_in_the_background_time_passes_on_its_own_and_stop_stays_there() -> None:

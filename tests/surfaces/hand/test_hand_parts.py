@@ -16,12 +16,13 @@ from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
-from allegro_twin.surfaces.hand.grasps import aperture, grasp_outcome
+from allegro_twin.surfaces.hand.grasps import GraspOutcome, aperture, for_width, grasp_outcome
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
 from allegro_twin.surfaces.hand.motion import Goal, MotionMonitor
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
@@ -144,6 +145,30 @@ def test_what_a_finger_presses_is_what_its_torques_do_beyond_its_own_weight(spec
     assert seen.width == aperture(model, position, spec, ("index", "thumb"))
     free = grasp_outcome(grasp, _pressing(grasp.squeeze, weight), model, spec, weight)
     assert (free.touching, free.force, np.isnan(free.width)) == ((), {}, True)
+
+
+def test_a_grasp_that_is_told_a_width_says_whether_anything_as_wide_is_there(spec: HandSpec) -> None:
+    model = hand_kinematics(spec)
+    grasp, rest = for_width(load_grasp("grasp_3", spec), 0.05, model, spec), np.zeros(16)
+
+    def outcome(position: Vector, sized: bool = True) -> GraspOutcome:
+        met = CollisionFreePaths(spec).touching(position, 0.002)
+        return grasp_outcome(grasp, _pressing(position, rest), model, spec, rest, sized, met)
+
+    held = outcome(grasp.close)  # Stopped where an object of 50 mm would stop it.
+    assert (held.empty, held.met) == (False, ())
+    assert outcome(grasp.close + 0.4 * (grasp.squeeze - grasp.close)).empty is False  # A smaller one.
+    through = outcome(grasp.squeeze)
+    assert through.touching == ()
+    assert through.empty
+    assert not outcome(grasp.squeeze, sized=False).empty  # Nobody said that anything were there.
+    assert through.describe().endswith("nothing as wide as the object is there")
+    pinch = load_grasp("pinch_index", spec)
+    ok = load_posture("ok", spec)
+    met = CollisionFreePaths(spec).touching(ok, 0.002)
+    found = grasp_outcome(pinch, _pressing(ok, rest), model, spec, rest, True, met)
+    assert found.met == ("index", "thumb")
+    assert "index and thumb touch each other" in found.describe()
 
 
 def _pressing(position: Vector, torque: Vector) -> HandState:

@@ -13,10 +13,11 @@ from allegro_twin.control.trajectory import Waypoint
 from allegro_twin.errors import MotionStalled, SelfCollision
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import grasp_names, load_posture, posture_names
+from allegro_twin.sim.contact import collision_free_paths
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.cli.start.keys import play, press
-from allegro_twin.surfaces.hand import Hand, collision_free_paths
-from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
+from allegro_twin.surfaces.hand import Hand
 from allegro_twin.types import Sample, TorqueCommand, Vector
 from tests.conftest import can_config
 from tests.patience import wait_for

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import av
 import mujoco
@@ -11,14 +14,24 @@ import pytest
 import yaml
 
 from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, WrongPose
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.recording.reader import load
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.spec import Side
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.twin.identify.motions.excitation import find_pose
-from allegro_twin.twin.rehearsal import RehearsedHand, RehearsedTwin, hold_posture, rehearsal_trajectory, steady_error
+from allegro_twin.twin.rehearsal import (
+    RehearsedHand,
+    RehearsedTwin,
+    approach,
+    hold_posture,
+    rehearsal_trajectory,
+    steady_error,
+)
 from allegro_twin.twin.rehearsal.measures import (
     Following,
     closing_time,
@@ -29,7 +42,7 @@ from allegro_twin.twin.rehearsal.measures import (
     tracking_lag,
 )
 from allegro_twin.twin.rehearsal.sessions import close_in_air, follow_trajectory, lead_to_ends
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Command, HandState, TorqueCommand, frozen
 
 SPEC = load_spec()
 NOBODY = RehearsedTwin("nominal", "", np.zeros(16))
@@ -163,15 +176,87 @@ def test_of_joints_that_did_not_arrive_it_is_said_whose_motor_gave_all_it_has_to
     assert far_joints(error, found) == ", ".join(f"{SPEC.joint_labels[k]} {off}{why}" for k, off, why in told)
 
 
+@pytest.mark.parametrize("which", ["right", "left"])
+def test_a_joint_that_another_finger_stops_is_not_said_to_lack_torque(which: Side) -> None:
+    """The index finger bent into the thumb: what a straight line from `ok` to `fist` ends in."""
+    spec = load_spec(side=which)
+    ok, fist = (load_posture(name, spec) for name in ("ok", "fist"))
+    at, found = fist.copy(), following()._replace(spec=spec)
+    at[:4], at[12:] = ok[:4], ok[12:]
+    rows = np.repeat(at[None], len(found.t), axis=0)
+    found = found._replace(position=rows, torque=np.repeat(-spec.actuation.torque_limit[None], len(found.t), axis=0))
+    said = far_joints(at - fist, found).split(", ")
+    name = spec.joint_labels[2]
+    (blocked,) = [one for one in said if one.startswith(name)]
+    assert blocked == f"{name} {at[2] - fist[2]:+.2f} (thumb is in the way of index)"
+    assert f"{spec.joint_labels[0]} {at[0] - fist[0]:+.2f} (thumb is in the way of index)" in said
+    away = far_joints(fist - at, found)  # It is to go the other way, and no finger stops it there.
+    assert f"{name} {fist[2] - at[2]:+.2f} (" in away
+
+
+def state_at(tick: int, position: Array) -> HandState:
+    rest = frozen(np.zeros(16))
+    return HandState(0.003 * tick, tick, frozen(position), rest, rest, rest, frozen([0.0, 0.0, -9.81]))
+
+
+def test_a_hand_in_real_time_stays_limp_while_its_approach_is_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    written, enough, planned = list[Command](), threading.Event(), list[Array]()
+
+    class Live:
+        def write(self, command: Command) -> None:
+            written.append(command)
+
+        def read(self) -> HandState:
+            if len(written) >= 5:
+                enough.set()
+            sagged = np.full(16, 0.1 if len(written) > 3 else 0.0)
+            return state_at(len(written), sagged)
+
+    def plan(spec: HandSpec, position: Array, wish: Waypoint, shift: Array, what: str) -> list[Waypoint]:
+        planned.append(position)
+        assert enough.wait(30.0)
+        return [wish]
+
+    monkeypatch.setattr(approach, "plan_approach", plan)
+    rig: Any = SimpleNamespace(live=True, spec=SPEC, backend=Live())
+    state, legs = approach.approach_from(rig, state_at(0, np.zeros(16)), Waypoint(np.ones(16)), np.zeros(16), "fist")
+    assert len(legs) == 1
+    assert len(written) >= 5
+    assert all(isinstance(each, TorqueCommand) and not each.torque.any() for each in written)
+    assert state.t > 0.0
+    np.testing.assert_array_equal(planned, [np.zeros(16), np.full(16, 0.1)])  # It had moved on meanwhile.
+
+
+def test_the_way_to_a_posture_stays_clear_with_the_errors_of_a_hand_that_follows() -> None:
+    """From wherever the posture before has left the fingers; 30 ms late, 20 mrad beside, its encoders 20 mrad off."""
+    shift, clear = np.full(16, 0.02), CollisionFreePaths(SPEC)
+    for begin, end in (("ok", "fist"), ("fist", "point"), ("fist", "ok")):
+        start, goal = (load_posture(name, SPEC) for name in (begin, end))
+        legs = approach.plan_approach(SPEC, start - shift, Waypoint(goal - shift), shift, end)
+        assert len(legs) > 1
+        path = Moves(legs).begin(start - shift)
+        out, near = path.times[1], path.times[-2]  # Before and after these, parts that touch may separate and meet.
+        late = np.array([path(t - 0.03).position for t in np.arange(out, near, 0.01)])
+        beside = np.random.default_rng(0).uniform(-0.02, 0.02, late.shape)
+        assert not any(clear.touching(row + shift) for row in late + beside), (begin, end)
+
+
+def test_a_hand_that_lies_in_ok_reaches_the_fist() -> None:
+    found = hold_posture(RehearsedHand(hidden(start="ok")), "palm-up", NOBODY, "fist", "pid")
+    assert far_joints(steady_error(found, found.position), found) == ""
+    assert len(found.begins) == 2  # One approach, in however many legs.
+
+
 def test_only_a_hand_on_a_bus_is_rehearsed() -> None:
     with pytest.raises(ConfigError, match="this is a sim hand: try conf/can_virtual.yaml"):
         RehearsedHand(load_config("sim_right"))
 
 
-def hidden(**more: object) -> RunConfig:
+def hidden(start: str | None = None, **more: object) -> RunConfig:
     """A virtual hand whose encoders are 20 mrad off and whose motors are weaker than its host believes."""
     truth = {"wire": {"torque_constant": 0.9}, "drive": {"encoder_offset": [0.02] * 16}}
-    return load_config("can_virtual").changed(backend={"scene": {"kind": "sim", "truth": truth}, **more})
+    scene = {"kind": "sim", "truth": truth} | ({} if start is None else {"start": start})
+    return load_config("can_virtual").changed(backend={"scene": scene, **more})
 
 
 @pytest.mark.slow

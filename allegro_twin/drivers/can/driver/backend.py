@@ -18,7 +18,7 @@ from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.listener import Listener
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
-from allegro_twin.drivers.can.driver.startup import begin
+from allegro_twin.drivers.can.driver.startup import TRIES, begin, set_up
 from allegro_twin.drivers.can.driver.watch import Watch
 from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
@@ -117,7 +117,7 @@ class CanBackend:
             self._fault = None
             self._poll()  # A hand that is still hot says so before anything moves.
             self._polled = 1
-            caught_up = self._wait(max(self._settings.timeout, FIRST))
+            caught_up = self._first()
             if self._settings.imu_period and self._settings.gravity is None:
                 caught_up = self._level()
         except HandError as error:
@@ -155,6 +155,8 @@ class CanBackend:
                 self._poll()
             self._polled += 1
             caught_up = self._wait(self._settings.timeout)
+            if self._listener.motors is False:
+                self._wake()
         except HandError as error:
             raise self._stopped(error) from error.__cause__
         return self._listener.state(self._torque, caught_up=caught_up)
@@ -174,7 +176,7 @@ class CanBackend:
         """Forget the last session."""
         self._listener = Listener(self._codec, self._settings)
         self._torque = frozen(np.zeros(self._spec.n_actuators))
-        self._refused = self._polled = 0
+        self._refused = self._polled = self._woken = 0
         self._served = False
         self.unconfirmed = ""
         self._errors_before = self._port.link.error_frames if self._port is not None else 0
@@ -220,6 +222,35 @@ class CanBackend:
                     left = deadline - link.now()
             elif not link.pump(0.0):
                 raise listener.timeout(timeout, link.name)
+
+    def _first(self) -> bool:
+        """Wait for the first whole hand; where no report comes, the hand is set up again, for a frame of that may be
+        lost. Whether nothing is left to read."""
+        patience, port = max(self._settings.timeout, FIRST), self._port
+        assert port is not None
+        for tries_left in reversed(range(TRIES)):
+            try:
+                caught_up = self._wait(patience)
+            except LinkTimeout:
+                if self._listener.reports or not tries_left:
+                    raise
+                for stamped in set_up(port, self._codec, self._settings):
+                    self._listener.hear(*stamped)
+                self._poll()
+            else:
+                break
+        if self._listener.motors is False:
+            self._wake()
+        return caught_up
+
+    def _wake(self) -> None:
+        """Switch the motors on once more: the hand says that they have not been, so that frame was lost."""
+        self._woken += 1
+        if self._woken == TRIES:
+            raise HandFault(f"the hand was told {TRIES} times to switch its motors on, and does not; reset to go on")
+        assert self._port is not None
+        self._port.send([self._codec.encode(m.ServoOn())])
+        self._listener.motors = None  # Until the next question: who switches them on may take its time.
 
     def _level(self) -> bool:
         """Wait until the IMU has told where down is."""

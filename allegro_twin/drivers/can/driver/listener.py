@@ -27,6 +27,8 @@ class Listener(Interpreter):
         super().__init__(codec, settings)
         self.serving = False
         """Whether the motors ought to be on."""
+        self.motors: bool | None = None
+        """Whether they are, by the hand's last word on it."""
 
     def _take(self, message: Message, frame: Frame) -> None:
         super()._take(message, frame)
@@ -41,6 +43,12 @@ class Listener(Interpreter):
             return LinkTimeout(
                 f"no whole state for {seconds:g} s on {link}, though {self.reports - self._before} reports came: they "
                 "are lost or out of order; check cable, termination and `allegro-twin check`"
+            )
+        if not self.reports and self.motors is not None:
+            return LinkTimeout(
+                f"no report from the hand for {seconds:g} s on {link}, though it answers there that its motors are "
+                f"{'on' if self.motors else 'off'}: it was told to report every {1e3 * self._period:g} ms, and does "
+                "not; check `version`, cable and termination"
             )
         others = reporting(self.others)
         version = self._codec.version
@@ -67,8 +75,10 @@ class Listener(Interpreter):
                 raise HandFault(f"the hand says {bit.name}: {why}, then reset")
         if bits & StatusBits.THROTTLED:
             self.health.note("throttled", "the hand says that a hot joint gets less torque")
-        if self.serving and not bits & StatusBits.SERVO_ON:
+        motors = bool(bits & StatusBits.SERVO_ON)
+        if self.serving and self.motors and not motors:
             raise HandFault("the hand switched its motors off; reset to go on")
+        self.motors = motors
 
 
 def _complaint(error: m.MotorError) -> str:

@@ -43,6 +43,12 @@ def begin(
     if settings.identify and codec.identifies:
         identify(port, codec, spec, settings.timeout)
     serving()
+    return set_up(port, codec, settings)
+
+
+def set_up(port: BusPort, codec: Codec, settings: CanHostSettings) -> list[Stamped]:
+    """Tell the hand to report, and to switch its motors on at zero torque; any of these frames may be lost. Returns the
+    frames that came meanwhile. Raises LinkError."""
     words = codec.opening(settings.period, settings.imu_period, settings.temperature_period)
     return _say(port, [*map(codec.encode, words), *codec.torques.zero.frames, codec.encode(m.ServoOn())])
 

@@ -21,7 +21,7 @@ from allegro_twin.drivers.can.driver.interpreter import OTHERS
 from allegro_twin.drivers.can.driver.listener import Listener
 from allegro_twin.drivers.can.driver.lost_frames import Whole
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
-from allegro_twin.drivers.can.driver.startup import ask, begin, identify
+from allegro_twin.drivers.can.driver.startup import TRIES, ask, begin, identify, set_up
 from allegro_twin.drivers.can.link.load import share
 from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.drivers.can.tools import findings
@@ -122,9 +122,14 @@ class Checkup:
         port, settings = self._port, replace(self._settings, identify=False)
         for stamped in begin(port, self._codec, settings, self._spec, self._shutdown.frames):
             self._hear(stamped.frame, stamped.t)
-        deadline = port.link.now() + FIRST
-        while not all(self._heard()) and port.link.now() < deadline:
-            self._next(deadline)
+        for tries_left in reversed(range(TRIES)):
+            deadline = port.link.now() + FIRST
+            while not all(self._heard()) and port.link.now() < deadline:
+                self._next(deadline)
+            if any(self._heard()) or not tries_left:
+                break
+            for stamped in set_up(port, self._codec, settings):  # A frame of it may have been lost.
+                self._hear(stamped.frame, stamped.t)
         return findings.fingers(self._heard(), reporting(self._listener.others))
 
     def _watch(self) -> Finding:

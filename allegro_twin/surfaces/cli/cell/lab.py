@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.errors import ConfigError, RecordingError, closing_noted
 from allegro_twin.surfaces.cli import options
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def _observers(
         stack.callback(lens.close)
     if out is not None:
         recorded, kept = SessionRecorder(cell, out / RECORDING), StatePictures(cell, out)
-        stack.callback(recorded.close)
+        stack.enter_context(closing_noted(recorded))
         stack.callback(kept.close)
         found += [recorded, kept]
     return found, lens

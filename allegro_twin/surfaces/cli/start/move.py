@@ -47,7 +47,9 @@ def grasp(
     width: Annotated[float | None, typer.Option(help="Width of the object, m.")] = None,
     force: Annotated[float | None, typer.Option(help="Force on the thumb, N; for an envelop grasp a factor.")] = None,
 ) -> None:
-    """Close a grasp and print the forces of the fingers."""
+    """Close a grasp and print the forces of the fingers.
+
+    The exit code is 5 if nothing as wide as --width is there."""
     from allegro_twin.app.config import load_config
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
@@ -56,6 +58,8 @@ def grasp(
     with Hand.open(on_hand(load_config(config), other)) as hand:
         grasped = hand.grasp(name, object_width=width, force=force)
         console.console.print(console.grasp_forces(grasped))
+    if grasped.empty:
+        raise typer.Exit(5)
 
 
 def teach(

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.drivers.can.codec.frames import Frame, single
+from allegro_twin.drivers.can.codec.messages import StatusBits
 from allegro_twin.drivers.can.config import BusFaultEvent, FaultSettings
 from allegro_twin.drivers.can.driver.backend import PATIENCE
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
@@ -371,6 +372,61 @@ def test_a_hand_that_does_not_answer_can_be_driven_when_the_config_says_so(ident
             bench.reset()
     else:
         assert ticks_after_reset(bench) == ANEW
+
+
+def deaf(bench: Bench, identifier: int, times: int) -> None:
+    """The next frames with this identifier do not reach the hand."""
+    left, receive = [times], bench.firmware.receive
+
+    def heard(said: Frame) -> list[Frame]:
+        if said.id == identifier and said.data[:1] != b"\x00" and left[0]:
+            left[0] -= 1
+            return []
+        return receive(said)
+
+    bench.firmware.receive = heard  # type: ignore[method-assign]
+
+
+SET_PERIOD, SERVO_ON = 0x204, 0x100
+
+
+@pytest.mark.parametrize("lost", [SET_PERIOD, SERVO_ON])
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_frame_that_sets_a_hand_up_is_sent_again_when_it_was_lost(lost: int, times: int) -> None:
+    bench = Bench()
+    deaf(bench, lost, times)
+    bench.reset()
+    for _ in range(3):
+        assert bench.step().tick > 0
+    assert bench.firmware.serving
+
+
+def test_a_hand_that_answers_and_does_not_report_is_not_said_to_be_without_power() -> None:
+    bench = Bench()
+    deaf(bench, SET_PERIOD, 99)
+    with pytest.raises(
+        LinkTimeout, match="though it answers there that its motors are on: it was told to report every"
+    ):
+        bench.reset()
+    assert bench.limp()
+
+
+def test_a_hand_that_reports_and_does_not_switch_its_motors_on_is_a_fault() -> None:
+    """Of a firmware that reports without them, as notes on a real hand say."""
+    bench = Bench(firmware={"servo": "ignored"}, settings=CanHostSettings(imu_period=0.03, status_period=0.03))
+    deaf(bench, SERVO_ON, 99)
+    bench.reset()
+    ends(bench, HandFault, "the hand was told 3 times to switch its motors on, and does not; reset to go on")
+
+
+def test_one_lost_servo_on_of_a_hand_that_reports_without_it_ends_nothing() -> None:
+    bench = Bench(firmware={"servo": "ignored"}, settings=CanHostSettings(imu_period=0.03, status_period=0.03))
+    deaf(bench, SERVO_ON, 1)
+    bench.reset()
+    assert not bench.firmware.status() & StatusBits.SERVO_ON
+    for _ in range(100):
+        bench.step()
+    assert bench.firmware.status() & StatusBits.SERVO_ON
 
 
 def test_versions_1_and_2_do_not_identify_and_are_not_asked() -> None:

@@ -23,6 +23,8 @@ _LEAST = 0.15  # s. A short leg in less than that would ask for more than the mo
 _CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
 _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far from what has stopped it.
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
+NEARLY = 0.002  # m. Of what stops a joint, where encoders and model are that far from the real fingertips.
+_PUSH, _NEARER = 0.01, 1e-5  # rad that a joint is tried further on; m by which it then comes nearer, at least.
 
 
 class CollisionFreePaths:
@@ -31,14 +33,19 @@ class CollisionFreePaths:
     def __init__(self, spec: HandSpec) -> None:
         self._spec = spec
 
-    def legs(self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str) -> list[Waypoint]:
+    def legs(
+        self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str, *, margin: float = 0.0,
+        deepest: float = _GIVES,
+    ) -> list[Waypoint]:  # fmt: skip
         """The wish from a posture (n,), rad, inside joint limits, behind the detours that it needs: none where nothing
-        is in the way. Raises ConfigError for a wrong speed, and SelfCollision for a posture that the hand cannot have
-        or that no way was found to; `what` it is stands in the message."""
+        is in the way. `margin`: distance kept on the way beyond the usual one, m, for a hand that is not quite where it
+        says; `deepest`: how deep in each other the parts may be at the wish, m. Raises ConfigError for a wrong speed,
+        and SelfCollision for a posture that the hand cannot have or that no way was found to; `what` it is stands in
+        the message."""
         travel_time(start, wish)
-        self._check(wish.posture, what)
+        self._check(wish.posture, what, deepest)
         fingers = [finger.joints for finger in self._spec.fingers]
-        room = PlanningSpace(self._apart, fingers, np.clip(0.0, *limits), *limits)
+        room = PlanningSpace(lambda rows: self._apart(rows) - margin, fingers, np.clip(0.0, *limits), *limits)
         found = plan_path(room, start, wish.posture)
         if found is None:
             apart = self._apart(postures_on_line(start, wish.posture))
@@ -60,10 +67,24 @@ class CollisionFreePaths:
         if (met := crossing_pairs(apart, 0.0)).any():
             raise SelfCollision(f"{what}: {self._nearest(apart, met)} meet on the straight line there; go round")
 
-    def touching(self, posture: Vector) -> list[tuple[str, str]]:
+    def touching(self, posture: Vector, within: float = _TOUCHING) -> list[tuple[str, str]]:
         """Which parts of the hand touch each other in a posture, (n,), rad, or are as near as a press leaves them."""
         apart = self._apart(posture[None])[0]
-        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
+        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < within]
+
+    def in_the_way(self, posture: Vector, towards: Vector) -> dict[int, str]:
+        """What stops joints that are to go on in a direction, both (n,), rad: by joint, which part of the hand
+        is in the way of which, where it presses two together that touch."""
+        spec, turns = self._spec, np.sign(towards)
+        apart, *tried = self._apart(np.vstack([posture, posture + _PUSH * np.diag(turns)]))
+        found = {}
+        for finger, joint in [(each.name, joint) for each in spec.fingers for joint in each.joints]:
+            pressed = (apart < NEARLY) & (tried[joint] < apart - _NEARER)
+            if turns[joint] and pressed.any():
+                one, other = self._clearance.pairs[int(np.argmin(np.where(pressed, apart, np.inf)))]
+                blocking = other if one == finger else one
+                found[joint] = f"{blocking} is in the way of {'itself' if blocking == finger else finger}"
+        return found
 
     @cached_property
     def _clearance(self) -> SelfClearance:
@@ -74,9 +95,9 @@ class CollisionFreePaths:
     def _apart(self, postures: Array) -> Array:
         return self._clearance(postures)
 
-    def _check(self, posture: Vector, what: str) -> None:
+    def _check(self, posture: Vector, what: str, deepest: float = _GIVES) -> None:
         apart = self._apart(posture[None])
-        if apart.min() < -_GIVES:
+        if apart.min() < -deepest:
             deep = -apart.min() * 1000
             raise SelfCollision(f"{what}: {self._nearest(apart)} would be {deep:.1f} mm inside each other")
 

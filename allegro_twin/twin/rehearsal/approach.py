@@ -1,0 +1,54 @@
+"""The approach of a rehearsal: from where a limp hand lies to where a motion begins, past its own fingers."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from allegro_twin.app.rig import Rig
+from allegro_twin.backend import limp_of
+from allegro_twin.control.controllers import ConstantCommand
+from allegro_twin.control.trajectory import Waypoint
+from allegro_twin.loop import resume
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import HandState, Vector
+
+TRACKING = 0.003
+"""m that two parts of a hand come nearer than planned: 20 ms late at 1 rad/s, each, and 10 mrad beside."""
+SHIFTED = 0.02
+"""rad. A limp hand that moved by more while its way was sought needs another way."""
+
+
+def plan_approach(spec: HandSpec, position: Vector, wish: Waypoint, shift: Vector, what: str) -> list[Waypoint]:
+    """The waypoints to a posture, the wish last, on which no part of the hand comes nearer to another than it may
+    with the errors of a hand that follows. `position`: where the encoders have the joints, (n,), rad; `shift`: to add
+    to that for where they are, (n,), rad. Raises SelfCollision where no way is found."""
+    limits, true = (spec.lower, spec.upper), replace(wish, posture=wish.posture + shift)
+    legs = CollisionFreePaths(spec).legs(
+        np.clip(position + shift, *limits), true, limits, what, margin=TRACKING, deepest=np.inf
+    )
+    via = [replace(leg, posture=np.clip(leg.posture - shift, *limits)) for leg in legs[:-1]]
+    return [*via, replace(legs[-1], posture=wish.posture)]
+
+
+def approach_from(
+    rig: Rig, state: HandState, wish: Waypoint, shift: Vector, what: str
+) -> tuple[HandState, list[Waypoint]]:
+    """Plan the approach of a hand that has been reset. One whose time passes by itself stays limp meanwhile. Returns
+    its newest state, and the waypoints from there. Raises as `plan_approach` and the hand do."""
+    if not rig.live:
+        return state, plan_approach(rig.spec, state.position, wish, shift, what)
+    limp = ConstantCommand(limp_of(rig.spec))
+    with ThreadPoolExecutor(1) as pool:
+        start, planned = state.position, pool.submit(plan_approach, rig.spec, state.position, wish, shift, what)
+        for sample in resume(rig.backend, limp, state):
+            state = sample.state
+            if not planned.done():
+                continue
+            if np.abs(state.position - start).max() <= SHIFTED:
+                break
+            start, planned = state.position, pool.submit(plan_approach, rig.spec, state.position, wish, shift, what)
+    return state, planned.result()
