@@ -26,7 +26,7 @@ from allegro_twin.twin.mirror.faults import (
     still_joints,
 )
 from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
-from allegro_twin.twin.mirror.slip_detection import SlipDetector
+from allegro_twin.twin.mirror.slip_detection import Slip, SlipDetector
 from allegro_twin.types import Array, HandState, Vector, frozen
 
 ROWS = 50
@@ -60,6 +60,8 @@ REACH = 3
 """Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
 SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
+SLIPS = 1.0
+"""s without a sign of a slip after which it is over, and the next one is another."""
 SILENT = 0.1
 """s without a report of a joint after which that is said. Ours: single reports are lost."""
 FREES = 0.015
@@ -144,7 +146,7 @@ class FaultDetector:
         self._periods: list[tuple[Vector, ...]]
         self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
-        self._unheard, self._t = np.full(spec.n_joints, np.nan), 0.0
+        self._unheard, self._t, self._slid = np.full(spec.n_joints, np.nan), 0.0, -np.inf
         self.restart()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
 
@@ -216,11 +218,20 @@ class FaultDetector:
         inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
             self._name(Fault("loose", *fell), self._t, self._t)
-        if slid is not None:
-            self._name(Fault("slip", *slid), self._t, self._t)
+        self._add_slip(slid)
         self._check_drift(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._evaluate()
+
+    def _add_slip(self, slid: Slip | None) -> None:
+        """Name a slip; one that goes on is the same, and SLIPS without a sign of it end it."""
+        if slid is not None:
+            self._slid = self._t
+            self._name(Fault("slip", *slid), self._t, self._t)
+        elif self._t > self._slid + SLIPS:
+            for each in self.faults.active:
+                if each.name == "slip":
+                    self.faults.end("slip", each.joint, self._t)
 
     def _name(self, found: Fault, begin: float, t: float) -> None:
         """Name a fault, unless it was named or follows from one that was."""
