@@ -13,7 +13,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
 from allegro_twin.twin.mirror.encoder_drift import DriftDetector
 from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
-from allegro_twin.twin.mirror.fault_signatures import FINGERS, fit_signature, largest_gains, signature_fault
+from allegro_twin.twin.mirror.fault_signatures import FINGERS, fit_signature, largest_gains, signature_fault, still_shows
 from allegro_twin.twin.mirror.faults import (
     CREEP,
     JUMP,
@@ -60,6 +60,9 @@ REACH = 3
 """Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
 SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
+ARISES, LASTS = 0.1, 0.4
+"""s after a name within which a touch that it makes begins, and s for which that lasts. Ours: a model takes a name at
+once, and a touch that merely comes then is withdrawn from the same name only if it comes within a tenth of a second."""
 SLIPS = 1.0
 """s without a sign of a slip after which it is over, and the next one is another."""
 SILENT = 0.1
@@ -153,6 +156,7 @@ class FaultDetector:
     def restart(self) -> None:
         """Start anew after an interruption of unknown length. Named faults stay."""
         self._periods, self._rows, self._count = [], [], 0
+        self._doubted: dict[int, tuple[Fault, float]] = {}  # By finger: its last name, and when it came.
         self._at, self._went = np.full(self._spec.n_joints, np.nan), np.zeros(self._spec.n_joints)
         fingers = len(self._spec.fingers)
         self._sign, self._since = np.full(fingers, -1), np.zeros(fingers, dtype=int)  # Rows, by finger.
@@ -227,6 +231,7 @@ class FaultDetector:
         """Name a slip; one that goes on is the same, and SLIPS without a sign of it end it."""
         if slid is not None:
             self._slid = self._t
+            self._since[:], self._sign[:] = self._count, -1  # What fingers held until then made what was seen of them.
             self._name(Fault("slip", *slid), self._t, self._t)
         elif self._t > self._slid + SLIPS:
             for each in self.faults.active:
@@ -237,6 +242,21 @@ class FaultDetector:
         """Name a fault, unless it was named or follows from one that was."""
         if self.faults.add(found, begin, t) and found.name in (*CHANGES, *HIDES):
             self._forget(found.joint)
+            if found.name in ("weak", "friction", "payload"):
+                self._doubted[self._spec.finger_of(found.joint)] = found, t
+
+    def judge_touches(self, touched: NDArray[np.bool_], t: float) -> None:
+        """Withdraw a name that makes a touch. `touched`: fingers that the mirror takes for touched, (fingers,), at a
+        time, s, once its model has what was named before. A right name explains what looked like a touch, if anything
+        did; from a wrong one on a finger that was not touched is."""
+        for finger, (found, named) in list(self._doubted.items()):
+            over = not touched[finger] and t > named + ARISES
+            if over or (touched[finger] and t <= named):
+                del self._doubted[finger]
+            elif t > named + ARISES + LASTS:
+                del self._doubted[finger]
+                self.faults.end(found.name, found.joint, t)
+                self._forget(found.joint)
 
     def _forget(self, joint: int) -> None:
         """Of the finger of a joint only rows from now on count: its model, or what is known of it, has changed."""
@@ -362,6 +382,8 @@ class FaultDetector:
         wait = LONGEST if found.lead < CLEAR else ROWS if still_joints(window)[found.joint] else WAIT
         fit = fit_signature(window, found.name, found.joint, self._spec)
         if waited < wait or not fit.convinces(float(self._quiet[finger])):
+            return
+        if not still_shows(window, found.name, found.joint, found.amount, self._spec):
             return
         if not self._drift.explains_more(found.name, found.joint, found.gain):
             self._name(found, float(self._begin[finger]), self._t)

@@ -244,6 +244,7 @@ class Mirror:
         if state.t < self._clear:
             over &= self._contact.touched
         self._contact.add(over)
+        diagnosis.judge_touches(self._contact.touched, state.t)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.contact_thresholds))
             raise HandFault(

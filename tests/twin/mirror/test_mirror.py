@@ -84,6 +84,17 @@ def test_a_free_hand_moves_as_expected_and_nothing_pushes_it(spec: HandSpec, han
     assert not touched_fingers(disturbance[settled], above, spec).any()
 
 
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_a_finger_that_is_pushed_into_its_stop_is_not_pushed_ever_more(spec: HandSpec, side: str) -> None:
+    observer = StateObserver(spec, drive_parameters(spec, ONE, ZERO), 0.003)
+    stop, way = getattr(spec, side).copy(), 1.0 if side == "upper" else -1.0
+    observer.reset(stop)
+    beyond = stop + 0.002 * way * (np.arange(N) == 0)  # As another hand's stop may be, or as its own gives.
+    for _ in range(1000):
+        pushed = observer.step(ZERO, np.zeros(3), beyond).disturbance[0]
+    assert abs(pushed) < 0.05
+
+
 @pytest.mark.slow
 def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBackend) -> None:
     push = np.zeros(N)
