@@ -101,7 +101,9 @@ class StateObserver:
         """How far off friction that breaks away may be in a joint at rest, (n,), N·m."""
         self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
         self._joints = [self._model.joint(name).id for name in spec.joints]
-        ends = np.where(self._model.jnt_limited[self._joints, None], self._model.jnt_range[self._joints], [-np.inf, np.inf])
+        ends = np.where(
+            self._model.jnt_limited[self._joints, None], self._model.jnt_range[self._joints], [-np.inf, np.inf]
+        )
         self._lower, self._upper = ends.T
         self._before = np.zeros((spec.n_joints, spec.n_joints))  # Whether a joint carries the link of another.
         for finger in spec.fingers:

@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 
 from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
+from allegro_twin.twin.mirror.contact_detection import EULER, NOTHING, contact_thresholds, held_friction
 from allegro_twin.twin.mirror.encoder_drift import DriftDetector
 from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
-from allegro_twin.twin.mirror.fault_signatures import FINGERS, fit_signature, largest_gains, signature_fault, still_shows
+from allegro_twin.twin.mirror.fault_signatures import (
+    FINGERS,
+    fit_signature,
+    largest_gains,
+    signature_fault,
+    still_shows,
+)
 from allegro_twin.twin.mirror.faults import (
     CREEP,
     JUMP,
@@ -99,6 +105,8 @@ class Thresholds(NamedTuple):
     spread: Vector = UNKNOWN
     """Standard deviation of the disturbances that noise alone makes in a mirror for which these thresholds hold, (n,),
     N·m: the thresholds grow with the present one. Infinite where it is not known."""
+    held: Vector = NOTHING
+    """What friction may hold of a disturbance in joints at rest, (n,), N·m: part of `contact`."""
 
     @property
     def unchecked_faults(self) -> tuple[FaultName, ...]:
@@ -128,12 +136,13 @@ class Thresholds(NamedTuple):
         evaluation, (evaluations, fingers). A gain is reached once in RARE evaluations, by Gumbel's law over blocks that
         do not overlap. Raises ConfigError for a motion that is too short."""
         above, blocks = contact_thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
+        held = held_friction(disturbance, moving, held, period)
         if blocks < FEWEST:
-            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread)
+            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread, held)
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
-        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
+        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread, held)
 
 
 class FaultDetector:

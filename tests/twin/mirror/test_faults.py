@@ -153,7 +153,12 @@ def test_a_force_that_lessens_or_is_over_is_no_fault(spec: HandSpec) -> None:
 
 def test_a_name_that_makes_a_touch_is_withdrawn_with_it(spec: HandSpec) -> None:
     touch, none = np.array([False, False, False, True]), np.zeros(4, dtype=bool)
-    cases = ((none, touch, touch, True), (touch, touch, touch, False), (none, touch, none, False), (none,) * 3 + (False,))
+    cases = (
+        (none, touch, touch, True),
+        (touch, touch, touch, False),
+        (none, touch, none, False),
+        (none,) * 3 + (False,),
+    )
     for before, soon, later, withdrawn in cases:
         each = FaultDetector(spec, Thresholds.default(spec), 0.003, compensates=True)
         each._name(Fault("payload", 14, 0.7), 0.4, 1.0)
