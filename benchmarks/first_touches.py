@@ -72,7 +72,7 @@ def prepared(spec: HandSpec, above: Array, grasp: str, thing: str, seed: int) ->
     trial = bench.trial(case)
     controller = bench.controller(trial)
     assert isinstance(controller, CentroidGrasp)
-    calm = Thresholds(above, np.full(len(spec.fingers), np.inf))
+    calm = Thresholds(above[:2], np.full(len(spec.fingers), np.inf), held=above[2])
     return trial, controller, Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
 
 

@@ -25,7 +25,12 @@ from allegro_twin.loop import run, until
 from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
-from allegro_twin.twin.mirror.contact_detection import contact_thresholds, joint_thresholds, touched_fingers
+from allegro_twin.twin.mirror.contact_detection import (
+    contact_thresholds,
+    held_friction,
+    joint_thresholds,
+    touched_fingers,
+)
 from allegro_twin.twin.mirror.rerun_view import RATE, draw_mirror, mirror_scenery
 from allegro_twin.types import Array
 from allegro_twin.viewing.rerun.viewer import Viewer
@@ -112,9 +117,11 @@ def main() -> None:
 
 
 def learned(seed: int, spec: HandSpec, seconds: float, *, coulomb: bool) -> Array:
-    """Thresholds from a free motion."""
+    """Thresholds from a free motion, of joints at rest and moving, and what friction may hold at rest, (3, n), N·m."""
     free, moving = disturbances(spec, 1000 + seed, seconds, coulomb=coulomb)
-    above = contact_thresholds(free, moving, mirror_of(spec, coulomb=coulomb).observer.held, PERIOD, spec)
+    file = mirror_of(spec, coulomb=coulomb).observer.held
+    held = held_friction(free, moving, file, PERIOD)
+    above = np.vstack([contact_thresholds(free, moving, file, PERIOD, spec), held])
     for which, (name, rows) in enumerate((("at rest", ~moving[400:]), ("moving", moving[400:]))):
         print(f"hand {seed}, joints {name}: floor {1e3 * free[400:][rows].std():.1f} mN·m, thresholds "
               f"{1e3 * above[which].min():.1f} to {1e3 * above[which].max():.1f}", flush=True)  # fmt: skip
@@ -146,7 +153,8 @@ def alarms(specs: Sequence[HandSpec], above: Sequence[Array], minutes: float, *,
     for k in range(round(minutes)):
         which = k % len(specs)
         free, moving = disturbances(specs[which], 2000 + k, 60.0, coulomb=coulomb)
-        count += int(touched_fingers(free, joint_thresholds(above[which], moving), specs[which])[400:].any())
+        held = np.where(moving, 0.0, above[which][2])
+        count += int(touched_fingers(free, joint_thresholds(above[which], moving), specs[which], held)[400:].any())
     print(f"{count} of {round(minutes)} minutes of free motion with a false alarm", flush=True)
 
 

@@ -172,11 +172,9 @@ def touch(
         felt = min(felt, t) if np.linalg.norm(force) >= least - 1e-9 else felt
         moved |= t <= felt + 0.06 and bool((np.abs(data.qpos[joints] - first) > COUNT).any())
         estimate = each.columns()["disturbance"]
-        since = (
-            since + 1
-            if t > felt and push_ratio(estimate, joint_thresholds(above, each.moving), spec, joints) > 1.0
-            else 0
-        )
+        held = np.where(each.moving, 0.0, above[2])
+        outside = push_ratio(estimate, joint_thresholds(above, each.moving), spec, joints, held) > 1.0
+        since = since + 1 if t > felt and outside else 0
         after = min(after, t - felt) if since >= PERIODS else after
         if t > begun + 0.2:
             known, found = known + torque[joints], found + estimate[joints]

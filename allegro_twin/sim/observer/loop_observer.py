@@ -23,7 +23,7 @@ from allegro_twin.sim.model.joints import JointChange, PostureMap, motor_joints,
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.observer.kalman import JointKalman
-from allegro_twin.sim.observer.observer import Estimate
+from allegro_twin.sim.observer.observer import Estimate, push_into_stop
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.types import Array, PositionCommand, Vector
@@ -105,7 +105,8 @@ class LoopObserver:
         gain = np.where(self._at_end(), self._slack.gains(heard), self._firm.gains(heard))
         data.qpos += spread @ (gain[0] * error)
         data.qvel += spread @ (gain[1] * error)
-        self._disturbance = self._disturbance + gain[2] * error
+        stopped = push_into_stop(predicted, error, self._spec.lower, self._spec.upper)
+        self._disturbance = self._disturbance + np.where(stopped, 0.0, gain[2] * error)
         data.qfrc_applied[:] = self._disturbance @ self._pull
         return self._estimate(predicted)
 

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.model.joints import JointChange
@@ -100,6 +101,10 @@ class StateObserver:
         """How far off friction that breaks away may be in a joint at rest, (n,), N·m."""
         self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
         self._joints = [self._model.joint(name).id for name in spec.joints]
+        ends = np.where(
+            self._model.jnt_limited[self._joints, None], self._model.jnt_range[self._joints], [-np.inf, np.inf]
+        )
+        self._lower, self._upper = ends.T
         self._before = np.zeros((spec.n_joints, spec.n_joints))  # Whether a joint carries the link of another.
         for finger in spec.fingers:
             for place, joint in enumerate(finger.joints):
@@ -170,7 +175,9 @@ class StateObserver:
         if player.bristly:
             sprung = np.clip(bent + went, -self._drive.bristle, self._drive.bristle)
             data.act[player.bristles] += rests * (sprung - data.act[player.bristles])
-        pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs] + gains[2] * error
+        stopped = push_into_stop(data.qpos[player.qpos], error, self._lower, self._upper)
+        pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs]
+        pushed += np.where(stopped, 0.0, gains[2] * error)
         data.qfrc_applied[player.dofs] = pushed
         return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
 
@@ -260,6 +267,12 @@ class StateObserver:
         mujoco.mj_fullM(self._model, data, whole)
         inertia = np.diag(whole)[self._player.dofs]
         return joint_filter(inertia, drive.damping, period, self.noise), inertia
+
+
+def push_into_stop(position: Vector, error: Vector, lower: Vector, upper: Vector) -> NDArray[np.bool_]:
+    """Which joints are at a stop, and reported to be further in it, (n,). What pushes there is the stop's to carry: a
+    disturbance would wind up for as long as it lasts, to many times what any motor has."""
+    return np.asarray(((position >= upper) & (error > 0.0)) | ((position <= lower) & (error < 0.0)))
 
 
 def joint_filter(inertia: Vector, damping: Vector, period: float, noise: Vector) -> JointKalman:

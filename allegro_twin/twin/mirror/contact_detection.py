@@ -3,7 +3,8 @@
 A push on a fingertip disturbs several joints at once, each a little. So a finger is touched where the disturbances of
 its joints leave an ellipsoid, Σ (d / above)² > 1. Its axes have the proportions of the disturbances in free motion. Its
 size is what the largest value of a block of free motion (1 s) reaches once in RARE blocks, by Gumbel's law of extremes.
-Joints at rest have axes of their own: friction that breaks away holds a torque there that no mirror can know.
+Joints at rest have axes of their own: friction that breaks away holds a torque there that no mirror can know, in every
+joint of a finger at once, so what it may hold in each is taken away first (`beyond_friction`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.observer.observer import REST
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Vector
+from allegro_twin.types import Array, Vector, frozen
 
 SETTLED = 1.0  # s until an observer has forgotten where it began.
 BLOCK = 1.0  # s
@@ -26,8 +27,11 @@ FREED = 0.1  # s for which a joint has been faster than REST before it counts as
 FEWEST = 4  # Blocks' worth of rows that are needed for joints at rest, or moving.
 LEAST = 0.004  # N·m. No axis is shorter: encoder noise alone makes 2 mN·m.
 PERIODS = 2  # Successive periods outside the ellipsoid.
+MISFIT = 3.0
+"""Standard deviations by which friction may be off in a joint at rest, where a free motion shows that it is off."""
 PAUSE = 0.06
 """s inside the ellipsoid after which a contact has ended. Ours: twice the time in which a weak push is noticed."""
+NOTHING = frozen([0.0])
 EULER = 0.5772  # Gumbel's law: its mean is the mode plus this many scales.
 
 
@@ -90,7 +94,8 @@ def contact_thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, per
     if len(free) < 4 * first:
         raise ConfigError(f"a free motion of {len(free) * period:.1f} s says too little: at least {4 * SETTLED:g} s")
     rows = slice(first, first + (len(free) - first) // block * block)
-    free, moving = free[rows], moving[rows]
+    held = held_friction(free, moving, held, period)
+    free, moving = beyond_friction(free[rows], np.where(moving[rows], 0.0, held)), moving[rows]
     above = np.full((2, spec.n_joints), np.inf)
     for finger in spec.fingers:
         own = list(finger.joints)
@@ -100,11 +105,33 @@ def contact_thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, per
             usual = np.sqrt(np.square(free[:, own]).mean(axis=0, where=kept))
             shares = np.where(kept, free[:, own], 0.0) / np.maximum(usual, 1e-6)
             above[which, own] = np.maximum(usual, 1e-6) * np.sqrt(_rare(np.square(shares).sum(axis=1), block))
+        above[:, own] = np.maximum(above[:, own], 1e-6)  # Friction may hold all that disturbs a joint at rest.
         both = push_ratio(free, joint_thresholds(above, moving), spec, own)
         above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
     above = np.maximum(above, LEAST)
-    above[0] = np.where(held > 0.0, np.maximum(above[0], held + above[1]), above[0])
+    above[0] = np.where(held > 0.0, held + np.maximum(above[0], above[1]), above[0])
     return np.asarray(above)
+
+
+def held_friction(free: Array, moving: NDArray[np.bool_], held: Vector, period: float) -> Vector:
+    """Torque that friction may hold in each joint at rest, (n,), N·m: as the file has it (`held`), or MISFIT times what
+    a free motion disturbs joints at rest by beyond what it disturbs them by in motion. Arguments as of
+    `contact_thresholds`."""
+    first = round(SETTLED / period)
+    free, moving = free[first:], moving[first:]
+    fewest = FEWEST * round(BLOCK / period)
+    tells = (moving.sum(axis=0) >= fewest) & ((~moving).sum(axis=0) >= fewest)
+    square, none = np.square(free), np.zeros(free.shape[1])
+    rest, motion = (
+        np.divide(np.where(which, square, 0.0).sum(axis=0), which.sum(axis=0), out=none.copy(), where=tells)
+        for which in (~moving, moving)
+    )
+    return np.asarray(np.maximum(held, MISFIT * np.sqrt(np.maximum(rest - motion, 0.0))))
+
+
+def beyond_friction(disturbance: Array, held: Array) -> Array:
+    """Disturbances, (n,) or (k, n), N·m, without what friction may hold of them."""
+    return np.asarray(np.sign(disturbance) * np.maximum(np.abs(disturbance) - held, 0.0))
 
 
 def _rare(squares: Vector, block: int) -> float:
@@ -116,24 +143,27 @@ def _rare(squares: Vector, block: int) -> float:
     return max(float(rare), float(largest.max()))
 
 
-def push_ratio(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
+def push_ratio(
+    disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None, held: Array = NOTHING
+) -> Array:
     """Distance of each finger in units of its ellipsoid, 1 on it, (k, fingers); with `joints` of these together, (k,).
-    `above`: (n,), or (k, n)."""
-    share = np.square(disturbance / above)
+    `above`: (n,), or (k, n); `held`: what of it friction may hold in joints at rest, and 0 in moving ones, likewise."""
+    share = np.square(beyond_friction(disturbance, held) / (above - held))
     if joints is not None:
         return np.asarray(np.sqrt(share[..., list(joints)].sum(axis=-1)))
     sums = [share[..., list(finger.joints)].sum(axis=-1) for finger in spec.fingers]
     return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
 
 
-def touched_fingers(disturbance: Array, above: Array, spec: HandSpec) -> Array:
-    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid for the last PERIODS periods."""
-    over = push_ratio(disturbance, above, spec) > 1.0
-    held = over.copy()
+def touched_fingers(disturbance: Array, above: Array, spec: HandSpec, held: Array = NOTHING) -> Array:
+    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid for the last PERIODS periods.
+    Arguments as of `push_ratio`."""
+    over = push_ratio(disturbance, above, spec, held=held) > 1.0
+    kept = over.copy()
     for back in range(1, PERIODS):
-        held[back:] &= over[:-back]
-        held[:back] = False
-    return np.asarray(held)
+        kept[back:] &= over[:-back]
+        kept[:back] = False
+    return np.asarray(kept)
 
 
 def outermost_joint(share: Vector, joints: Sequence[int]) -> int:

@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 
 from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
+from allegro_twin.twin.mirror.contact_detection import EULER, NOTHING, contact_thresholds, held_friction
 from allegro_twin.twin.mirror.encoder_drift import DriftDetector
 from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
-from allegro_twin.twin.mirror.fault_signatures import FINGERS, fit_signature, largest_gains, signature_fault
+from allegro_twin.twin.mirror.fault_signatures import (
+    FINGERS,
+    fit_signature,
+    largest_gains,
+    signature_fault,
+    still_shows,
+)
 from allegro_twin.twin.mirror.faults import (
     CREEP,
     JUMP,
@@ -26,7 +32,7 @@ from allegro_twin.twin.mirror.faults import (
     still_joints,
 )
 from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
-from allegro_twin.twin.mirror.slip_detection import SlipDetector
+from allegro_twin.twin.mirror.slip_detection import Slip, SlipDetector
 from allegro_twin.types import Array, HandState, Vector, frozen
 
 ROWS = 50
@@ -60,6 +66,11 @@ REACH = 3
 """Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
 SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
+ARISES, LASTS = 0.1, 0.4
+"""s after a name within which a touch that it makes begins, and s for which that lasts. Ours: a model takes a name at
+once, and a touch that merely comes then is withdrawn from the same name only if it comes within a tenth of a second."""
+SLIPS = 1.0
+"""s without a sign of a slip after which it is over, and the next one is another."""
 SILENT = 0.1
 """s without a report of a joint after which that is said. Ours: single reports are lost."""
 FREES = 0.015
@@ -94,6 +105,8 @@ class Thresholds(NamedTuple):
     spread: Vector = UNKNOWN
     """Standard deviation of the disturbances that noise alone makes in a mirror for which these thresholds hold, (n,),
     N·m: the thresholds grow with the present one. Infinite where it is not known."""
+    held: Vector = NOTHING
+    """What friction may hold of a disturbance in joints at rest, (n,), N·m: part of `contact`."""
 
     @property
     def unchecked_faults(self) -> tuple[FaultName, ...]:
@@ -123,12 +136,13 @@ class Thresholds(NamedTuple):
         evaluation, (evaluations, fingers). A gain is reached once in RARE evaluations, by Gumbel's law over blocks that
         do not overlap. Raises ConfigError for a motion that is too short."""
         above, blocks = contact_thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
+        held = held_friction(disturbance, moving, held, period)
         if blocks < FEWEST:
-            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread)
+            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread, held)
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
-        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
+        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread, held)
 
 
 class FaultDetector:
@@ -144,13 +158,14 @@ class FaultDetector:
         self._periods: list[tuple[Vector, ...]]
         self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
-        self._unheard, self._t = np.full(spec.n_joints, np.nan), 0.0
+        self._unheard, self._t, self._slid = np.full(spec.n_joints, np.nan), 0.0, -np.inf
         self.restart()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
 
     def restart(self) -> None:
         """Start anew after an interruption of unknown length. Named faults stay."""
         self._periods, self._rows, self._count = [], [], 0
+        self._doubted: dict[int, tuple[Fault, float]] = {}  # By finger: its last name, and when it came.
         self._at, self._went = np.full(self._spec.n_joints, np.nan), np.zeros(self._spec.n_joints)
         fingers = len(self._spec.fingers)
         self._sign, self._since = np.full(fingers, -1), np.zeros(fingers, dtype=int)  # Rows, by finger.
@@ -216,16 +231,41 @@ class FaultDetector:
         inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
             self._name(Fault("loose", *fell), self._t, self._t)
-        if slid is not None:
-            self._name(Fault("slip", *slid), self._t, self._t)
+        self._add_slip(slid)
         self._check_drift(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._evaluate()
+
+    def _add_slip(self, slid: Slip | None) -> None:
+        """Name a slip; one that goes on is the same, and SLIPS without a sign of it end it."""
+        if slid is not None:
+            self._slid = self._t
+            self._since[:], self._sign[:] = self._count, -1  # What fingers held until then made what was seen of them.
+            self._name(Fault("slip", *slid), self._t, self._t)
+        elif self._t > self._slid + SLIPS:
+            for each in self.faults.active:
+                if each.name == "slip":
+                    self.faults.end("slip", each.joint, self._t)
 
     def _name(self, found: Fault, begin: float, t: float) -> None:
         """Name a fault, unless it was named or follows from one that was."""
         if self.faults.add(found, begin, t) and found.name in (*CHANGES, *HIDES):
             self._forget(found.joint)
+            if found.name in ("weak", "friction", "payload"):
+                self._doubted[self._spec.finger_of(found.joint)] = found, t
+
+    def judge_touches(self, touched: NDArray[np.bool_], t: float) -> None:
+        """Withdraw a name that makes a touch. `touched`: fingers that the mirror takes for touched, (fingers,), at a
+        time, s, once its model has what was named before. A right name explains what looked like a touch, if anything
+        did; from a wrong one on a finger that was not touched is."""
+        for finger, (found, named) in list(self._doubted.items()):
+            over = not touched[finger] and t > named + ARISES
+            if over or (touched[finger] and t <= named):
+                del self._doubted[finger]
+            elif t > named + ARISES + LASTS:
+                del self._doubted[finger]
+                self.faults.end(found.name, found.joint, t)
+                self._forget(found.joint)
 
     def _forget(self, joint: int) -> None:
         """Of the finger of a joint only rows from now on count: its model, or what is known of it, has changed."""
@@ -351,6 +391,8 @@ class FaultDetector:
         wait = LONGEST if found.lead < CLEAR else ROWS if still_joints(window)[found.joint] else WAIT
         fit = fit_signature(window, found.name, found.joint, self._spec)
         if waited < wait or not fit.convinces(float(self._quiet[finger])):
+            return
+        if not still_shows(window, found.name, found.joint, found.amount, self._spec):
             return
         if not self._drift.explains_more(found.name, found.joint, found.gain):
             self._name(found, float(self._begin[finger]), self._t)

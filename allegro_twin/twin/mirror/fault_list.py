@@ -27,8 +27,6 @@ FOLLOWS: tuple[FaultName, ...] = (*SHAPED, "stuck", "loose", "encoder_drift")
 """Names that may follow from a fault that hides the same joint."""
 FADED = 0.2
 """Share of a fault's size below which its name is withdrawn."""
-SLIPS = 1.0
-"""s after which a slip is another one."""
 WEAKEST = 0.1
 """Least share of a motor's torque in the model: none would leave nothing to compare."""
 
@@ -53,9 +51,6 @@ class FaultList:
 
     def add(self, found: Fault, begin: float, t: float) -> bool:
         """Add a fault at a time, s, unless it is there, or follows from one that is. Returns whether it is new."""
-        for each in self.reports:
-            if each.fault.name == "slip" and each.ended == np.inf and t > each.named + SLIPS:
-                self.end("slip", each.fault.joint, t)
         if any(self._covers(each, found) for each in self.active):
             return False
         self.reports.append(FaultReport(found, begin, t))

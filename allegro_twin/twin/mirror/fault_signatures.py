@@ -52,6 +52,9 @@ LEFT, QUIETS = 0.1, 5.0
 """Squares that may remain, as a share of what the shape explains, and in gains that free motions do not reach. Of 24
 faults on hands 40 and 41 nothing more remained, of most touches a quarter and more (docs/results/mirror.md)."""
 LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: smaller faults are not named.
+LATEST, HIDDEN, MISSING = 8, 0.08, 0.5
+"""Rows at a window's end; N·m that friction hides in a finger at rest (`slip_detection.PRESSED`); share of a fault's
+effect that may lack there: twice what a size may be wrong by, and the disturbance follows its cause."""
 _TINY = 1e-12
 MANY, FINGERS = 5, 3  # Joints with a fault, on this many fingers: then the file is wrong.
 
@@ -91,9 +94,29 @@ def signature_fault(window: MirrorWindow, quiet: Vector, spec: HandSpec) -> Faul
     if not sure:
         return None
     most = max(sure, key=lambda each: each.gain)
+    if most.name == "payload" and not carries(window, most.joint, most.amount, spec):
+        return None
     finger = next(f.name for f in spec.fingers if most.joint in f.joints)
     others = max((each.gain for each in found[finger] if each is not most), default=0.0)
     return Fault(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
+
+
+def carries(window: MirrorWindow, joint: int, mass: float, spec: HandSpec) -> bool:
+    """Whether the motors before a link carry a mass on it, kg: what is too heavy for them is a contact's force."""
+    own = list(spec.fingers[spec.finger_of(joint)].joints)
+    heaviest = mass * np.abs(window.pull[:, joint, own]).max(axis=0)
+    return bool((heaviest < spec.actuation.torque_limit[own]).all())
+
+
+def still_shows(window: MirrorWindow, name: FaultName, joint: int, amount: float, spec: HandSpec) -> bool:
+    """Whether a disturbance at the end of a window is what a fault of this size makes: within half of it, and what
+    friction hides of it in a joint at rest. What is over was a contact."""
+    if name not in ("weak", "payload"):
+        return True
+    own, last = list(spec.fingers[spec.finger_of(joint)].joints), slice(-LATEST, None)
+    shape = -window.torque[last, own] * (np.array(own) == joint) if name == "weak" else window.pull[last, joint, own]
+    expected, found = amount * shape.mean(axis=0), window.disturbance[last, own].mean(axis=0)
+    return bool((np.abs(found - expected) < HIDDEN + MISSING * np.abs(expected)).all())
 
 
 class SignatureFit(NamedTuple):
@@ -110,7 +133,7 @@ class SignatureFit(NamedTuple):
     def convinces(self, quiet: float) -> bool:
         """Whether the shape explains nearly everything, all the time. `quiet`: gain that free motions do not reach."""
         share = self.parts / self.amount if self.amount else np.zeros(PARTS)
-        even = share.min() > 1.0 / EVEN and share.max() < EVEN
+        even = share.min() > 0.0 and share.max() < EVEN * share.min()
         return bool(self.gain > quiet and even and self.left < LEFT * self.gain + QUIETS * quiet)
 
 

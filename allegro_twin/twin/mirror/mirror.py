@@ -240,10 +240,12 @@ class Mirror:
         self._compensate()
         if not since.any():
             return  # Without any report there is nothing to judge.
-        over = push_ratio(estimate.disturbance, self.contact_thresholds, self._spec) > 1.0
+        above, held = self.contact_thresholds, np.where(self._moving, 0.0, self._thresholds.held)
+        over = push_ratio(estimate.disturbance, above, self._spec, held=held) > 1.0
         if state.t < self._clear:
             over &= self._contact.touched
         self._contact.add(over)
+        diagnosis.judge_touches(self._contact.touched, state.t)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.contact_thresholds))
             raise HandFault(

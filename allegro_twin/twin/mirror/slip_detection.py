@@ -7,8 +7,14 @@ fingers follow it, by the motors' own torque and against d₀:
 
 A hand that is commanded to move does the same, but its motors' torques show it: a position loop pushes less on a finger
 that went inward, and more on one that was pushed outward. Where the motors' part, −τ·d₀ / |d₀|², rises on a finger that
-went in or did not move, or falls on one that went out, there was a command. While the palm turns, weight moves from one
-finger to another; then, and with one finger alone, only a finger that lets go altogether counts.
+went in or did not move, or falls on one that went out, there was a command. An object that is pulled drags a finger to
+the side as well, and some of its motors may give all they have: then the motors' part falls on a finger that went out.
+But no loop drives what is dragged: of a command, the motors' work (τ − τ₀)·(q − q₀) is positive.
+
+While the palm turns, weight moves from one finger to another; then, and with one finger alone, only a finger that lets
+go altogether counts. An object that is pulled out slowly moves the fingers for longer than they are watched at rest. So
+the last rest in which they held something is kept until there is a command: all of them that let go altogether, inward
+of where they held it, hold nothing any more.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 # All ours, set on grasps by hands 400 to 404 of benchmarks/mirrored_hands.py.
 RESTED, SINCE = 0.24, 0.12
@@ -64,6 +70,24 @@ class _Row(NamedTuple):
     down: Vector
 
 
+class _Grip(NamedTuple):
+    """How a hand at rest held something."""
+
+    held: NDArray[np.bool_]
+    """Fingers, (fingers,)."""
+    d: Vector
+    torque: Vector
+    position: Vector
+
+    def compare(self, now: _Row, of: Array) -> tuple[Vector, Vector, Vector, Vector]:
+        """By finger, (fingers,): lost share of the push, way inward, rad, rise of the motors' part, and the motors'
+        work, N·m rad. `of`: which joints a finger has, (fingers, n)."""
+        square = np.where(self.held, of @ np.square(self.d), np.inf)
+        went, more = now.position - self.position, now.torque - self.torque
+        gone, inward = 1.0 - of @ (now.d * self.d) / square, -(of @ (went * self.d)) / np.sqrt(square)
+        return gone, inward, -(of @ (more * self.d)) / square, of @ (more * went)
+
+
 class SlipDetector:
     """Detects slips in the rows of a mirror. `row`: s; `above`: contact thresholds of joints at rest, (n,), N·m."""
 
@@ -77,6 +101,7 @@ class SlipDetector:
         limit = self._of @ spec.actuation.torque_limit / self._of.sum(axis=1)
         self._pressed, self._grip = np.square(PRESSED * limit), np.square(GRIP * limit)
         self._starts = np.zeros(len(spec.fingers), dtype=bool)
+        self._last: _Grip | None = None
         self.holds = np.zeros(len(spec.fingers), dtype=bool)
         """Fingers that rest now and press on something, (fingers,)."""
 
@@ -106,30 +131,46 @@ class SlipDetector:
         first = slice(self._before)
         travel = np.ptp(position[first], axis=0)
         if travel.max() > STILL:
-            return None
+            return self._find_loss(now)
         d0, torque0 = d[first].mean(axis=0), torque[first].mean(axis=0)
-        of, square, held = self._of, self._of @ np.square(d0), self._pressing(d0, torque0)
+        held = self._pressing(d0, torque0)
         if not held.any():
+            self._last = None
             return None
-        square = np.where(held, square, np.inf)
-        gone = 1.0 - of @ (now.d * d0) / square
-        inward = -(of @ ((now.position - position[first].mean(axis=0)) * d0)) / np.sqrt(square)
-        rise = -(of @ ((now.torque - torque0) * d0)) / square
-        if (held & self._commanded(inward, rise)).any():
-            self._calm = self._wait
+        grip, of = _Grip(held, d0, torque0, position[first].mean(axis=0)), self._of
+        gone, inward, rise, work = grip.compare(now, of)
+        self._last = grip
+        if (held & self._commanded(inward, rise, work)).any():
+            self._calm, self._last = self._wait, None
         several = np.count_nonzero(held) > 1
         turned = np.linalg.norm(now.down - down[0]) > TURNS * np.linalg.norm(down[0])
         whole = not several or turned
         far = np.maximum(INWARD if several else ALONE, 2.0 * (of * travel).max(axis=1))
         slipped = held & (gone > (ALTOGETHER if whole else LET_GO)) & (inward > far)
+        return self._slip(grip, slipped, gone)
+
+    def _find_loss(self, now: _Row) -> Slip | None:
+        """The loss of what several fingers held in their last rest, however they were moved since."""
+        grip = self._last
+        if grip is None or np.count_nonzero(grip.held) < 2:
+            return None
+        gone, inward, rise, work = grip.compare(now, self._of)
+        if (grip.held & self._commanded(inward, rise, work)).any():
+            self._calm, self._last = self._wait, None
+            return None
+        lost = grip.held & (gone > ALTOGETHER) & (inward > INWARD)
+        return self._slip(grip, lost, gone) if (lost == grip.held).all() else None
+
+    def _slip(self, grip: _Grip, slipped: NDArray[np.bool_], gone: Vector) -> Slip | None:
         if not slipped.any():
             return None
         finger = int(np.where(slipped, gone, -np.inf).argmax())
-        return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
+        return Slip(int(np.abs(self._of[finger] * grip.d).argmax()), float(min(gone[finger], 1.0)))
 
-    def _commanded(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
+    def _commanded(self, inward: Vector, rise: Vector, work: Vector) -> NDArray[np.bool_]:
         """Whether each finger's motors changed by themselves."""
-        out, into, before = inward < -MOVED, inward > MOVED, self._starts
+        driven, before = work > 0.0, self._starts
+        out, into = driven & (inward < -MOVED), driven & (inward > MOVED)
         self._starts = (np.abs(inward) < HELD) & (
             rise > STARTS
         )  # In a single row it may be damping of the first motion.

@@ -34,7 +34,7 @@ from allegro_twin.twin.mirror.fault_detection import (
     Thresholds,
 )
 from allegro_twin.twin.mirror.fault_list import FaultList
-from allegro_twin.twin.mirror.fault_signatures import fit_signature, signature_fault, signature_gains
+from allegro_twin.twin.mirror.fault_signatures import fit_signature, signature_fault, signature_gains, still_shows
 from allegro_twin.twin.mirror.faults import (
     CREEP,
     NAMES,
@@ -127,6 +127,44 @@ def test_many_weak_joints_on_many_fingers_are_the_wrong_file(spec: HandSpec) -> 
     found = signature_fault(free._replace(disturbance=free.disturbance - 0.3 * late(free.torque)), QUIET, spec)
     assert found is not None
     assert found.name == "wrong_file"
+
+
+def test_what_is_too_heavy_for_the_motors_is_no_payload(spec: HandSpec) -> None:
+    free = window()
+    for amount, name in ((0.05, "payload"), (5.0, None)):
+        push = amount * free.pull[:, 6] * MIDDLE
+        found = signature_fault(free._replace(disturbance=free.disturbance + push), QUIET, spec)
+        assert (None if found is None else found.name) == name
+
+
+def test_a_force_that_lessens_or_is_over_is_no_fault(spec: HandSpec) -> None:
+    free = window(pull=np.repeat(np.sign(PULL[:1]), K, axis=0))
+    weight, late_on = free.pull[:, 6] * MIDDLE, (np.arange(K) > 40)[:, None]
+    even, lessens = 0.3 * weight, np.linspace(0.5, 0.15, K)[:, None] * weight
+    for push, convinces in ((even, True), (lessens, False)):
+        pushed = free._replace(disturbance=free.disturbance + push)
+        assert fit_signature(pushed, "payload", 6, spec).convinces(1e-4) is convinces
+    for push, shows in ((even, True), (np.where(late_on, 0.0, even), False)):
+        assert still_shows(free._replace(disturbance=push), "payload", 6, 0.3, spec) is shows
+    push = np.where(late_on, 0.0, -0.8 * np.eye(N)[6])
+    assert still_shows(free._replace(disturbance=push, torque=np.full((K, N), 0.3)), "weak", 6, 0.8, spec) is False
+    assert still_shows(free, "payload", 6, 0.02, spec)  # Friction may hide so little.
+
+
+def test_a_name_that_makes_a_touch_is_withdrawn_with_it(spec: HandSpec) -> None:
+    touch, none = np.array([False, False, False, True]), np.zeros(4, dtype=bool)
+    cases = (
+        (none, touch, touch, True),
+        (touch, touch, touch, False),
+        (none, touch, none, False),
+        (none,) * 3 + (False,),
+    )
+    for before, soon, later, withdrawn in cases:
+        each = FaultDetector(spec, Thresholds.default(spec), 0.003, compensates=True)
+        each._name(Fault("payload", 14, 0.7), 0.4, 1.0)
+        for tick in range(300):
+            each.judge_touches(before if tick < 1 else soon if tick < 100 else later, 1.0 + 0.003 * tick)
+        assert [report.ended < np.inf for report in each.faults.reports] == [withdrawn]
 
 
 def test_a_joint_at_rest_says_nothing(spec: HandSpec) -> None:

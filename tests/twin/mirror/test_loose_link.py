@@ -21,6 +21,7 @@ from tests.conftest import MakeSim
 N, ROW = 16, 10
 FALL = np.array([1.2, 3.3, 5.1, 6.3, -0.5, -6.2, -6.2, -4.4, -2.1, -0.3]) * 1e-3  # A fall of 20 mrad.
 JUMP = np.array([20.1, 2.9, -5.8, -8.2, -7.2, -4.8, -2.4, -0.4, 0.8, 1.2]) * 1e-3  # An encoder's, of as many.
+IMPACT = np.array([1.3, 3.0, 2.9, 1.8, 0.6, -0.3, -1.2, -1.4, -1.0, -1.3, -1.1, -0.9]) * 1e-3  # 80 g that fall on it.
 
 
 def said(spec: HandSpec, joint: int, off: Array, beside: float = 0.0, at: int = 14) -> list[tuple[int, float] | None]:
@@ -44,6 +45,12 @@ def test_a_jump_a_push_and_noise_are_no_falls(spec: HandSpec) -> None:
     assert said(spec, 7, FALL, beside=0.5) == [None] * 4
     assert said(spec, 7, np.abs(FALL)) == [None] * 4
     assert said(spec, 7, 0.2 * FALL) == [None] * 4
+
+
+@pytest.mark.parametrize("at", range(10, 20))
+def test_what_falls_on_a_finger_is_no_loose_link(spec: HandSpec, at: int) -> None:
+    assert said(spec, 14, IMPACT, at=at) == [None] * 4
+    assert said(spec, 14, -2.0 * IMPACT, at=at) == [None] * 4
 
 
 @pytest.mark.slow

@@ -168,3 +168,46 @@ def test_a_fault_is_named_beside_a_slip_and_a_slip_of_another_time_beside_both(
         each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
     said = [(report.fault.name, report.fault.joint, report.ended < np.inf) for report in each.faults.reports]
     assert said == [("slip", 1, True), ("hot", 0, False), ("hot", 3, False), ("slip", 1, False)]
+
+
+OUT, PULLED = np.zeros(N), np.zeros(N)
+OUT[[13, 14]] = 0.01, -0.03  # rad: the thumb is dragged outward. Of its motors one gives all that it has,
+PULLED[13] = -0.06  # N·m, and the loop of the other pushes back.
+
+
+def pulled(spec: HandSpec, drag: Vector, torque: Vector, rows: int) -> bool:
+    """Whether a slip is named where an object is pulled out of the hand: within some rows it drags fingers, (n,), rad,
+    whose motors change by so much, (n,), N·m; then nothing presses any more, and they go to where they are to be."""
+    slips, none, home = SlipDetector(spec, ROW, np.full(N, 0.02)), np.zeros(N), -0.05 * np.sign(PUSH)
+    parts = np.linspace(0.0, 1.0, rows + 1)[1:]
+    held = [(PUSH, none, none)] * 16 + [(PUSH, part * torque, part * drag) for part in parts]
+    gone = [(none, PUSH, home)] * 3
+    found = [slips.add(d, -PUSH + more, position, DOWN) for d, more, position in held + gone]
+    assert found[: len(held)] == [None] * len(held)
+    return any(found)
+
+
+@pytest.mark.parametrize("rows", [2, 20])
+def test_an_object_that_drags_fingers_before_it_comes_out_is_no_command(spec: HandSpec, rows: int) -> None:
+    assert pulled(spec, OUT, PULLED, rows)
+
+
+def test_a_hand_that_opens_slowly_and_far_loses_nothing(spec: HandSpec) -> None:
+    slips, home = SlipDetector(spec, ROW, np.full(N, 0.02)), 0.2 * np.sign(PUSH)
+    for _ in range(16):
+        slips.add(PUSH, -PUSH, np.zeros(N), DOWN)
+    for part in np.linspace(0.0, 1.0, 40):
+        assert slips.add((1.0 - part) * PUSH, -(1.0 - part) * PUSH, part * home, DOWN) is None
+
+
+def test_a_slip_is_over_a_second_after_its_last_sign(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    coming = {20: Slip(1, 0.5), 40: Slip(2, 0.6)}  # By row; the second within a second of the first: the same.
+    rows = iter(range(10_000))
+    monkeypatch.setattr(SlipDetector, "add", lambda self, *row, jumped: coming.get(next(rows)))
+    each, rest = FaultDetector(spec, Thresholds.default(spec), 0.003), np.zeros(N)
+    for tick in range(1000):
+        state = HandState(0.003 * tick, tick, rest, rest, rest, np.full(N, np.nan), DOWN)
+        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.row_due else None
+        each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
+    (report,) = each.faults.reports
+    assert report.ended == pytest.approx(0.03 * 41 + 1.0, abs=0.05)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
     from allegro_twin.app.rig import Rig
     from allegro_twin.spec import HandSpec
+    from allegro_twin.twin.mirror.contact_detection import Contact
     from allegro_twin.twin.mirror.mirror import Mirror
     from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult
     from allegro_twin.types import Sample, Vector
@@ -251,6 +252,11 @@ def _levers(spec: HandSpec) -> Vector:
     return np.asarray(np.maximum(np.linalg.norm(jacobians, axis=1).max(axis=0), 1e-3))
 
 
+def _beyond_motors(contact: Contact, spec: HandSpec) -> bool:
+    """Whether a contact pushed a joint by more than any motor of its finger gives."""
+    return bool(contact.torque > spec.actuation.torque_limit[list(spec.finger(contact.finger).joints)].max())
+
+
 def missing_checks(found: MirrorResult, free: Path | None) -> str:
     """The faults that the mirror cannot detect without a long enough --free; empty if it detects all."""
     from allegro_twin.twin.mirror.fault_detection import ENOUGH
@@ -273,6 +279,7 @@ def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
     causes = [possible_cause(each, found.faults, spec) for each in found.contacts]
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
+        + (" (more than its motors give: an impact, or a stop)" if _beyond_motors(each, spec) else "")
         + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
         + ("" if cause is None else f"; this may be because {fault_text(cause.fault, spec)}")
         for each, cause in zip(found.contacts, causes, strict=True)
