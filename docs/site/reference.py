@@ -23,7 +23,7 @@ AGAIN = "Made by `make reference`; do not edit."
 EXIT_CODES = """| exit code | |
 |---|---|
 | 0 | done |
-| 2 | config, file, option or recording wrong; a file that cannot be written, also after a result that alone ends with 0 |
+| 2 | config, file, option or recording wrong; a file that cannot be written, even after a result that ends with 0 |
 | 3 | the link to a hand failed |
 | 4 | a fault, or a blocked motion |
 | 5 | a grasp that does not hold, a posture that is not reached, an object that is missed |

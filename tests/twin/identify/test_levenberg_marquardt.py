@@ -79,6 +79,16 @@ def test_all_is_found_where_nothing_is_wrong() -> None:
     np.testing.assert_allclose(found(Toy())[0], TRUTH, atol=1e-3)
 
 
+def test_what_was_known_before_draws_a_drive_away_from_where_the_data_alone_are_best() -> None:
+    toy = Toy()
+    toy.prior = 5.0 * np.eye(3)
+    drive = cast(Vector, descend(cast(Problem, toy), cast(Any, TRUTH.copy()), 4, 0.01).drive)
+    J = toy.jacobian(TRUTH)
+    best = TRUTH - np.linalg.lstsq(J, toy.residuals(TRUTH), rcond=None)[0]
+    assert np.linalg.norm(best - TRUTH) > 0.2
+    np.testing.assert_allclose(drive, best, atol=0.1)
+
+
 def test_a_finger_whose_derivatives_mislead_stays_and_the_other_arrives() -> None:
     drive, _ = found(Toy(mad=True))
     assert abs(drive[0] - TRUTH[0]) < 0.05

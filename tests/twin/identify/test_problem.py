@@ -66,3 +66,23 @@ def test_the_residuals_follow_the_derivatives(made: tuple[Problem, DriveParamete
     change = (problem.residuals(x + step) - problem.residuals(x - step)) / 0.1
     told = problem.jacobian(x)[:, column]
     assert np.linalg.norm(change - told) < 0.2 * np.linalg.norm(change)
+
+
+@pytest.mark.slow
+def test_where_the_model_errs_what_was_known_counts_as_much_more(made: tuple[Problem, DriveParameters]) -> None:
+    plain, drive = made
+    doubt = np.where(np.arange(16) == JOINT, 10.0, 1.0)
+    doubted = Problem(
+        plain.motions, plain.player, np.full(16, 6e-5), prior_center(drive, drive), "known", every=40, length=SHORT,
+        doubt=doubt,
+    )  # fmt: skip
+    np.testing.assert_array_equal(plain.prior, plain.known)
+    np.testing.assert_array_equal(doubted.known, plain.known)
+    more = np.diag(doubted.prior) / np.diag(plain.prior)
+    own = [index(name, 16).start + JOINT for name in ("torque_constant", "damping", "load_friction", "offset")]
+    np.testing.assert_allclose(more[own], 10.0 * np.sqrt(SHORT / 3))
+    masses = index("mass_scale", 16)
+    assert (more[masses] == 1.0).all()
+    of_it = np.arange(len(more)) % 16 == JOINT
+    of_it[index("delay", 16)] = False
+    np.testing.assert_allclose(more[~of_it], 1.0)

@@ -144,25 +144,25 @@ def fit_drive(
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
-    def problem(kind: ModelKind, stage: FitStage) -> Problem:
+    def problem(kind: ModelKind, stage: FitStage, doubt: Vector | None = None) -> Problem:
         player = kind.player(spec, period, stage.step)
         middle = prior_center(nominal, presliding() or start) if kind.far else center
         return Problem(
             motions, player, floor, middle, masses, stage.every or few, stage.length, kind.extras,
-            elastic=kind.elastic, far=kind.far,
+            elastic=kind.elastic, far=kind.far, doubt=doubt,
         )  # fmt: skip
 
     links = COULOMB.player(spec, period)
     presliding = cache(partial(regress_presliding, motions, links, start))
-    drive, kind = _rough_fit(problem, start, slow, friction, partial(screen_terms, motions, links), presliding)
-    spreads = []
+    drive, kind, left = _rough_fit(problem, start, slow, friction, partial(screen_terms, motions, links), presliding)
+    spreads, doubt = [], np.full(len(floor), left)
     plain = not (kind.bristly or kind.loose)
     for stage in (FURTHER,) if plain and kind.extras else FINE[not plain]:
-        whole = problem(kind, stage)
+        whole = problem(kind, stage, np.where(doubt > PLAIN, doubt, 1.0))
         # What a joint takes from others changes with the teeth in contact.
         last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
         spreads.append(spread(whole, last, drive, masses))
-        drive = last.drive
+        drive, doubt = last.drive, spreads[-1].residual
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
     shorter = spreads[-2] if len(spreads) > 1 else None
     return DriveFit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
@@ -191,22 +191,22 @@ def _rough_fit(
     friction: Friction,
     screen: Callable[[DriveParameters], ExtraTerms],
     presliding: Callable[[], DriveParameters | None],
-) -> tuple[DriveParameters, ModelKind]:
-    """A drive from some of the motion, and the kind of its model. Where Coulomb's friction leaves more than PLAIN, the
-    terms that `screen` finds are added. With `auto`, breakaway friction is tried where SUSPICIOUS is still left, and
-    where that leaves as much, friction that gives far before it slides, by `presliding`, with the terms found beside.
-    Backlash is tried where more than PLAIN is left and backlash would remove some of that; with it, teeth that bend.
-    Schwarz's criterion (1978) chooses among the models, on the same pieces."""
+) -> tuple[DriveParameters, ModelKind, float]:
+    """A drive from some of the motion, the kind of its model, and how many times the noise it leaves. Where Coulomb's
+    friction leaves more than PLAIN, the terms that `screen` finds are added. With `auto`, breakaway friction is tried
+    where SUSPICIOUS is still left, and where that leaves as much, friction that gives far before it slides, by
+    `presliding`, with the terms found beside. Backlash is tried where more than PLAIN is left and backlash would remove
+    some of that; with it, teeth that bend. Schwarz's criterion (1978) chooses among the models, on the same pieces."""
     stage = ROUGH[False]
     first, kind = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough), COULOMB
     if first.left <= PLAIN and friction != "lugre":
-        return first.drive, COULOMB
+        return first.drive, COULOMB, first.left
     extras = screen(start)
     if extras:
         kind = ModelKind(False, False, extras)
         first = descend(problem(kind, NEAR), extras.add_to(start), NEAR.rounds, NEAR.enough)
         if first.left <= PLAIN and friction != "lugre":
-            return first.drive, kind
+            return first.drive, kind, first.left
     begun = [(first.drive, kind)] if friction != "lugre" else []
     if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
         begun.append((extras.add_to(slow), kind._replace(bristly=True)))
@@ -223,7 +223,7 @@ def _rough_fit(
         if best.kind.loose and best.left > PLAIN:
             bent = replace(best.drive, gear_compliance=np.full(len(row), BENT))
             best = min(best, _try(problem, bent, best.kind._replace(elastic=True)), key=_Candidate.least)
-    return best.drive, best.kind
+    return best.drive, best.kind, best.left
 
 
 def _try(problem: Problems, drive: DriveParameters, kind: ModelKind) -> _Candidate:

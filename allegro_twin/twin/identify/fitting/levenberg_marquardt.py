@@ -53,6 +53,8 @@ class _Costs:
     """(fingers,)"""
     calm: tuple[Vector, ...]
     """Weights of pieces that are about to slip, (w,) each."""
+    prior: Vector
+    """What the prior charges, (fingers,), in the unit of `total`."""
 
     @property
     def weights(self) -> list[Vector]:
@@ -60,9 +62,10 @@ class _Costs:
         return [calm / (1.0 + mean / scale) for mean, scale, calm in each]
 
     def total(self) -> Vector:
-        """Cost of each finger, (fingers,)."""
+        """Cost of each finger, (fingers,): the mean over its rows."""
         each = zip(self.pieces, self.scale, self.calm, strict=True)
-        return np.array([float((scale * calm * np.log1p(mean / scale)).mean()) for mean, scale, calm in each])
+        data = np.array([float((scale * calm * np.log1p(mean / scale)).mean()) for mean, scale, calm in each])
+        return data + self.prior
 
     @property
     def left(self) -> float:
@@ -183,7 +186,9 @@ def _costs(problem: Problem, r: Vector, calm: tuple[Vector, ...], scale: Vector 
     pieces = tuple(np.square(r[rows].reshape(w, -1)).mean(axis=1) for _, rows in problem.parts())
     if scale is None:
         scale = np.array([LARGE**2 * _usual(each) for each in pieces])
-    return _Costs(pieces, scale, calm)
+    known = np.square(r[len(r) - len(problem.prior) :])
+    prior = np.array([known[problem.columns(k)].sum() / (rows.stop - rows.start) for k, rows in problem.parts()])
+    return _Costs(pieces, scale, calm, prior)
 
 
 def _usual(pieces: Vector) -> float:

@@ -46,7 +46,8 @@ def spread(problem: Problem, last: DescentResult, rough: DriveParameters, masses
     inverse: Array = np.asarray(np.linalg.inv(information), np.float64)
     gradient = _by_piece(problem, J, r)
     by_pieces = inverse @ (gradient.T @ gradient) @ inverse * w / max(w - 1, 1)
-    by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
+    left = max(float(r @ r) / max(data - len(inverse), 1), 1.0)
+    by_noise = np.asarray(np.linalg.inv(J.T @ J / left + problem.known.T @ problem.known), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
     by = scaling_jacobian(drive)
