@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 PATIENCE = 3
 """States in a row that must come late before a period counts as missed: one that is merely late is followed by one that
@@ -13,6 +14,12 @@ DRIFT = 0.001
 EARLY, LATE = 0.25, 0.75
 """Periods by which a whole hand may come before its time or after it, while the count of periods is still beyond doubt:
 a delay is never negative, so a hand that is less than one period late has lost none."""
+WINDOW = 10
+"""States of which the least lateness counts, for the hand's own period."""
+LONGEST = 64
+"""Windows over which it is looked for."""
+STEADY, FASTEST = 2e-4, 0.02
+"""Shares of a period: less than that is made up by DRIFT, and no quartz is off by more."""
 BACKLOG = 0.5
 """Periods: two whole hands whose stamps are closer than this were read from a backlog, so the stamp of the later one
 says when it was read, not when it came."""
@@ -33,6 +40,7 @@ class Continuity:
     def __init__(self, period: float, t: float, periods: int) -> None:
         self._period, self._begin, self._base = period, t, periods  # `_begin`: of period `_base`, at the least delay.
         self._stamp, self._late, self._run, self._steady = -math.inf, 0.0, 0, PATIENCE
+        self._told, self._doubt = period, 0.0  # What is learnt of it can be as wrong as it is large.
         self.periods = periods
         """Begun by the newest whole hand."""
         self.certain = True
@@ -42,16 +50,23 @@ class Continuity:
         self.backlog = False
         """Whether the newest whole hand waited to be read."""
 
+    def tune(self, period: float) -> None:
+        """The hand's own period, s, is known better now."""
+        if period != self._period:
+            self._begin += (self.periods - self._base) * self._period
+            self._base, self._period = self.periods, period
+            self._doubt = abs(period / self._told - 1.0)
+
     def hear(self, t: float, periods: int) -> None:
         """Take in a whole hand's stamp, s, and the number of periods begun so far."""
-        period, self.periods = self._period, periods
+        period, passed, self.periods = self._period, periods - self.periods, periods
         late = (t - self._begin) / period - (periods - self._base)
         self.backlog = t - self._stamp < BACKLOG * period
         self._stamp, before, self._late = t, self._late, late
         if late < -EARLY:  # All before were late, or more was counted than there was.
             self._anchor(late)
             self._steady = 1
-        elif late <= LATE:
+        elif late <= LATE - self._doubt * passed:
             self._run, self._steady = 0, self._steady + 1
             self._begin += period * (late if late < 0.0 else min(late, DRIFT))
         else:
@@ -74,22 +89,74 @@ class Continuity:
         self.epoch += 1
 
 
+class QuartzRate:
+    """How much longer a hand's period is than it was told, for its quartz is not the host's.
+
+    Host and adapter only ever delay a stamp, so the least lateness of ten states is near the truth. Where it goes the
+    same way over four such windows, or four groups of 2, 4 or 16, by more than stamps scatter, the period is another
+    one by the least of the three slopes. A loss is counted, and no slope; a host that is late catches up.
+    """
+
+    def __init__(self) -> None:
+        self.rate = 0.0
+        """Share of the period that was told."""
+        self.restart()
+
+    def restart(self) -> None:
+        """What comes is not to be compared with what came."""
+        self._least: list[float] = []
+        self._spread: list[float] = []
+        self._window: list[float] = []
+
+    def hear(self, late: float) -> float:
+        """Take in by how many periods, as told, a state came later than by its count since the first. By how many the
+        next one is later than it would have been before, if that changes the rate; else 0."""
+        self._window.append(late)
+        if len(self._window) < WINDOW:
+            return 0.0
+        least = min(self._window)
+        self._spread = [*self._spread[1 - LONGEST :], sum(self._window) / WINDOW - least]
+        self._least = [*self._least[1 - LONGEST :], least]
+        self._window = []
+        for group in (1, 2, 4, 16):
+            if len(self._least) < 4 * group:
+                break
+            newest, span = self._least[-4 * group :], WINDOW * group
+            leasts = [min(newest[k : k + group]) for k in range(0, 4 * group, group)]
+            off = [(after - before) / span - self.rate for before, after in pairwise(leasts)]
+            change = min(off, key=abs)
+            scatter = sum(self._spread[-4 * group :]) / (4 * group)
+            if min(off) * max(off) > 0.0 and abs(change) > max(STEADY, scatter / (3 * span)):
+                before, self.rate = self.rate, min(max(self.rate + change, -FASTEST), FASTEST)
+                self.restart()
+                return (self.rate - before) * 4 * span
+        return 0.0
+
+
 class HandClock:
     """Counts periods by what the hand said, and corrects the count by the stamps.
 
     Every period of which any report came is counted. Those of which nothing came show only in the stamps: at once when
     two or more are gone, after three late states when it is one. What is read from a backlog is stamped when it was
     read, so there the stamps only say how many periods there can have been at most: of a state that was late by two
-    or more, and counted for lost, the periods come after it.
+    or more, and counted for lost, the periods come after it. The clock is the hand's: a period that is longer than it
+    was told, steadily, is no loss.
     """
 
     def __init__(self, period: float, t: float, periods: int) -> None:
-        self._period, self._origin, self._begin, self._periods, self._late = period, t, t, periods, 0
-        self._stamp = t
+        self._period, self._origin, self._periods, self._late = period, t, periods, 0
+        self._due = t  # Of the newest state.
+        self._stamp, self._quartz = t, QuartzRate()
+        self._counted = 0  # Periods that only the stamps have shown, and that were not heard since.
         self.tick = 0
         """Periods since the first state."""
         self.t = 0.0
         """s since the first state; strictly increasing."""
+
+    @property
+    def rate(self) -> float:
+        """By which share the hand's period is longer than it was told."""
+        return self._quartz.rate
 
     def advance(self, t: float, periods: int, *, caught_up: bool = True) -> int:
         """Take in a state with its stamp, s, and the number of periods begun so far; the periods since the last state.
@@ -98,25 +165,42 @@ class HandClock:
         """
         heard = max(periods - self._periods, 1)
         self._periods = periods
+        period = self._period * (1.0 + self.rate)
         if t < self._stamp - BACKLOG * self._period:  # A log, whose clock was set back.
-            back = self._stamp + heard * self._period - t
-            self._origin, self._begin = self._origin - back, self._begin - back
+            back = self._stamp + heard * period - t
+            self._origin, self._due = self._origin - back, self._due - back
+            self._quartz.restart()
         else:  # A little earlier is rounding, or the order in which an adapter stamps.
             t = max(t, self._stamp)
         self._stamp = t
-        late = t - self._begin - (self.tick + heard) * self._period
-        gone = round(late / self._period)
+        gone = round((t - self._due) / period - heard)
         if gone < 0:  # More was counted than there can have been: a late state, or a report out of its order.
-            heard = max(heard + gone, 1)
+            again = max(heard + gone, 1)
+            self._counted = max(self._counted - (heard - again), 0)
+            heard = again
         if not caught_up:
-            self.tick += heard
-            self.t = max(min(self.t + heard * self._period, t - self._origin), self.t + 0.1 * self._period)
+            self._pass(heard, period)
+            self.t = max(min(self.t + heard * period, t - self._origin), self.t + 0.1 * self._period)
             return heard
         self._late = self._late + 1 if gone > 0 else 0
         if gone > 1 or self._late >= PATIENCE:
             heard, self._late = heard + gone, 0
-        elif gone == 0:
-            self._begin += DRIFT * late
-        self.tick += heard
+            self._counted += gone
+        self._pass(heard, period)
+        if not self._late:
+            self._follow(t, period)
+            self._due += self._period * self._quartz.hear((t - self._origin) / self._period - self.tick)
         self.t = max(t - self._origin, self.t + 0.1 * self._period)  # Forward even where stamps are not.
         return heard
+
+    def _pass(self, periods: int, period: float) -> None:
+        self.tick += periods
+        self._due += periods * period
+
+    def _follow(self, t: float, period: float) -> None:
+        """Learn when the next states are due from one that came in its time."""
+        late = (t - self._due) / period
+        if late < -(self._counted + 0.5):  # Nobody is that early: it was due before.
+            self._due += (late + self._counted) * period
+        elif abs(late) <= 0.5:
+            self._due += DRIFT * late * period

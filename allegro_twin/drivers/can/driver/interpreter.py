@@ -143,9 +143,11 @@ class Interpreter:
         else:
             gone = clock.advance(whole.t, periods, caught_up=caught_up and not continuity.backlog)
             health.missed += gone - 1
+            period = self._period * (1.0 + clock.rate)
+            continuity.tune(period)
             if continuity.certain:
                 if self._epoch == continuity.epoch:
-                    self._filter(position, (periods - self._periods) * self._period)
+                    self._filter(position, (periods - self._periods) * period)
                 else:
                     self._filter.restart(position)
                 self._epoch, self._periods = continuity.epoch, periods

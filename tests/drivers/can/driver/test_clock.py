@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from allegro_twin.drivers.can.codec.frames import single
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.clock import HandClock
+from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.tools.samples import Found, Samples
+from allegro_twin.hands.description.calibration import load_wiring
 
 PERIOD = 0.003
 
@@ -63,6 +69,49 @@ def test_a_state_that_was_late_and_counted_as_lost_periods_is_corrected_by_those
     clock.advance(6 * PERIOD, 7)
     assert clock.tick == 6
     assert clock.t == pytest.approx(6 * PERIOD)
+
+
+def heard(rate: float, scatter: float, lost: set[int], n: int = 20_000) -> tuple[HandClock, list[int], list[int]]:
+    """A hand whose period is longer than it was told by a share, heard up to `scatter` periods late; the clock, its
+    ticks, and the true ones."""
+    late, kept = np.random.default_rng(3).uniform(0.0, scatter, n), [k for k in range(n) if k not in lost]
+    clock, counted = HandClock(PERIOD, 0.0, 1), [0]
+    for begun, k in enumerate(kept[1:], start=2):
+        clock.advance((k * (1.0 + rate) + late[k]) * PERIOD, begun)
+        counted.append(clock.tick)
+    return clock, counted, kept
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.1])
+@pytest.mark.parametrize("rate", [0.0, 1e-4, 1e-3, 0.005, 0.01, -1e-3, -0.005])
+def test_a_quartz_that_is_not_the_hosts_is_no_loss(rate: float, scatter: float) -> None:
+    clock, counted, true = heard(rate, scatter, set())
+    assert counted == true
+    assert clock.rate == pytest.approx(rate, abs=6e-4)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.1])
+@pytest.mark.parametrize("rate", [0.0, 0.005, -0.005])
+def test_losses_of_a_hand_whose_quartz_is_not_the_hosts_are_counted(rate: float, scatter: float) -> None:
+    """Bursts of 50 ms and single periods of which nothing was heard."""
+    bursts = {k for begin in range(1000, 19_000, 1600) for k in range(begin, begin + 17)}
+    clock, counted, true = heard(rate, scatter, bursts | set(range(500, 19_000, 1777)))
+    assert abs(counted[-1] - true[-1]) <= 1
+    assert clock.rate == pytest.approx(rate, abs=6e-4)
+
+
+def test_a_bus_log_of_a_slow_hand_has_every_period_and_its_velocities() -> None:
+    codec = make_codec("v4", load_wiring().calibration)
+    settings, found = CanHostSettings(gravity=(0.0, 0.0, -9.81)), Found()
+    samples, speed = Samples(codec, settings, found), 0.3
+    last = None
+    for k in range(3000):
+        t = k * PERIOD * 1.005
+        for number, said in enumerate(single([codec.positions.frames(np.full(16, speed * t))])):
+            last = samples.hear(said, t + 1.2e-4 * number) or last
+    assert (found.states, found.missed) == (2999, 0)
+    assert last is not None
+    np.testing.assert_allclose(last.state.velocity, speed, rtol=0.06)  # Half a count a period is 5 %.
 
 
 @given(lateness=st.lists(st.floats(0.0, 2.4), min_size=300, max_size=300))

@@ -86,6 +86,22 @@ def test_a_quartz_that_is_slow_by_a_ten_thousandth_is_followed() -> None:
     assert heard.now.epoch == 0
 
 
+def test_a_period_that_is_known_better_is_one_epoch() -> None:
+    heard = Heard()
+    heard.late(*(0.005 * k for k in range(40)))
+    heard.now.tune(1.005 * PERIOD)
+    assert all(heard.late(*(0.005 * k for k in range(40, 2000))))
+    assert heard.now.epoch == 0
+
+
+def test_a_period_that_was_learnt_to_be_another_one_is_trusted_less() -> None:
+    heard = Heard()
+    heard.late(0.0, 0.0)
+    heard.now.tune(1.02 * PERIOD)
+    assert heard.late(0.745) == [True]
+    assert heard.late(0.80) == [False], "0.745 by the new period, of which 0.02 may be wrong"
+
+
 @pytest.mark.parametrize("gone", [2, 5])
 def test_periods_of_which_nothing_was_heard_are_found_by_their_number(gone: int) -> None:
     heard = Heard()
