@@ -3,8 +3,8 @@
 A joint's inertia is its motor's, some hundred times its last link's. A loose link leaves its motor's tooth when its
 weight turns over, or as it comes loose. It falls for some periods and lands on the other tooth. The reported position
 runs away from the expected one over two periods and more, and swings back. An encoder that jumps does so in one period.
-A push on a finger moves its other joints, too. An impact may move one joint alone, but it brakes and swings back less:
-a link has no inertia to go on with once its tooth has landed, a motor has.
+A push on a finger moves its other joints, too. An impact may move one joint alone, but that joint brakes and swings
+back less: a motor has inertia to go on with, a link that landed on its tooth has none.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ AWAY = 0.002  # rad from the expected position within three periods, 0.7 rad/s a
 FIRST = 0.03  # Share of the largest deviation in the period before: a jump has none.
 BACK = 0.7  # Share of the largest deviation by which the link swings back when it lands.
 LANDS = 0.7  # The same within one period.
-# Ours, both: falls of hands 300 to 304 swing back by 0.93 and more, 0.86 and more within a period; 80 g that fall on
-# the thumb of a hand of other code by up to 0.55 and 0.5.
+# Ours, both: falls of hands 300 to 304 swing back by 0.93 and more, 0.86 and more within a period; joints on which 80 g
+# fall by up to 0.55 and 0.5 (hand of other code).
 ALONE = 0.3  # Largest share that other joints of the finger deviate by.
 NONE = frozen([0.0])  # No noise.
 

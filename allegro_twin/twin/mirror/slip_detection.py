@@ -44,6 +44,9 @@ LET_GO, INWARD = 0.2, 0.004
 """Lost share of the push of one of several fingers; rad."""
 ALTOGETHER, ALONE = 0.7, 0.02
 """The same while the palm turns, and for one finger alone; rad, for one finger alone."""
+SHARED = 0.03
+"""Least change of another finger's push, as a share of what one finger lost: what two hold is in balance, and a push on
+one finger alone is not what they hold. With objects that slip 0.08 and more, with a push that ends 0.004."""
 TURNS = 0.05
 """rad that the palm turns in the meantime."""
 TOLD, MOVED, HELD = 0.15, 0.003, 0.0005
@@ -147,6 +150,9 @@ class SlipDetector:
         whole = not several or turned
         far = np.maximum(INWARD if several else ALONE, 2.0 * (of * travel).max(axis=1))
         slipped = held & (gone > (ALTOGETHER if whole else LET_GO)) & (inward > far)
+        if several and np.count_nonzero(slipped) == 1:
+            change = np.abs(np.where(held & ~slipped, gone, 0.0)).max()
+            slipped &= change > SHARED * gone
         return self._slip(grip, slipped, gone)
 
     def _find_loss(self, now: _Row) -> Slip | None:

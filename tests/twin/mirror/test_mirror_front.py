@@ -11,6 +11,7 @@ import pytest
 from allegro_twin.recording.reader import load
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.twin.mirror_run import lines, misfit, other_name, sensitivity
+from allegro_twin.twin.mirror.contact_detection import Contact
 from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.faults import Fault, FaultReport
 from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult
@@ -129,6 +130,13 @@ def test_joints_that_feel_late_and_joints_that_are_blind_are_named(spec: HandSpe
     (line,) = lines(result(spec, above), spec)
     assert line.startswith("No touch was felt, which says little: nothing is felt at index_2 under 111 mN·m")
     assert "blind to touches are ring_0: " in line
+
+
+def test_a_torque_that_no_motor_gives_is_said_to_be_one(spec: HandSpec) -> None:
+    for torque, said in ((0.3, False), (4.48, True)):
+        found = replace(result(spec, np.full(N, 0.010)), contacts=(Contact("index", 1.0, 1.5, torque, 2),))
+        line, *_ = lines(found, spec)
+        assert ("more than its motors give: an impact, or a stop" in line) is said
 
 
 def test_what_is_wrong_is_said_with_the_time_at_which_it_got_its_name(spec: HandSpec) -> None:

@@ -50,11 +50,12 @@ def told(
 
 
 INDEX = np.isin(np.arange(N), (0, 1, 2, 3)).astype(float)
+OBJECT = INDEX + 0.1 * np.isin(np.arange(N), (12, 13, 14, 15))  # What the index loses, the thumb feels, too.
 IN = np.where(PUSH != 0.0, 0.01, 0.0)
 
 
 def test_fingers_that_follow_what_gives_way_say_that_it_slips(spec: HandSpec) -> None:
-    slip = told(spec, 0.6 * INDEX, IN * INDEX)
+    slip = told(spec, 0.6 * OBJECT, IN * INDEX)
     assert slip is not None
     assert slip.joint == 1
     assert 0.2 < slip.amount <= 0.6
@@ -82,8 +83,13 @@ def test_fingers_that_were_told_to_move_let_nothing_slip(
 
 def test_while_the_palm_turns_only_a_finger_that_lets_go_altogether_counts(spec: HandSpec) -> None:
     turned = np.array([0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1)])
-    assert told(spec, 0.5 * INDEX, IN * INDEX, down=turned) is None
-    assert told(spec, 0.9 * INDEX, IN * INDEX, down=turned) is not None
+    assert told(spec, 0.5 * OBJECT, IN * INDEX, down=turned) is None
+    assert told(spec, 0.9 * OBJECT, IN * INDEX, down=turned) is not None
+
+
+def test_a_push_on_one_finger_that_ends_is_no_slip_of_what_others_hold(spec: HandSpec) -> None:
+    assert told(spec, 0.9 * OBJECT, IN * INDEX) is not None
+    assert told(spec, 0.9 * INDEX, IN * INDEX) is None
 
 
 def test_one_finger_alone_must_let_go_altogether(spec: HandSpec) -> None:
@@ -210,4 +216,5 @@ def test_a_slip_is_over_a_second_after_its_last_sign(spec: HandSpec, monkeypatch
         weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.row_due else None
         each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
     (report,) = each.faults.reports
+    assert each._since.tolist() == [41] * 4  # What was seen of the fingers before was what they held.
     assert report.ended == pytest.approx(0.03 * 41 + 1.0, abs=0.05)
