@@ -384,7 +384,7 @@ def deaf(bench: Bench, identifier: int, times: int) -> None:
             return []
         return receive(said)
 
-    bench.firmware.receive = heard  # type: ignore[method-assign]
+    bench.firmware.receive = heard  # type: ignore[assignment, method-assign]
 
 
 SET_PERIOD, SERVO_ON = 0x204, 0x100
