@@ -424,7 +424,9 @@ def search_start_states(
 def file_name(thing: GraspObject, search: Search = ANYHOW, wanted: StartSet = ALL, spec: HandSpec | None = None) -> str:
     """File name; it depends on the search, the object and the hand, ours where none is given."""
     spec = spec or load_spec(side="right")
-    own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
+    # Without a unit the key is that of the states that ship.
+    scale = 1.0 if thing.scale is None else ("said", thing.scale)
+    own = (thing.shape, thing.size, thing.mass, thing.file, scale)
     sizes = wanted.sizes[0] if len(wanted.sizes) == 1 else wanted.sizes
     whole = (
         VERSION,
