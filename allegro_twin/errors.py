@@ -81,15 +81,15 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     return f"no {kind} named {name!r}; there are: {', '.join(names) or 'none'}"
 
 
-class Closable(Protocol):
+class _Closable(Protocol):
     def close(self) -> None: ...
 
 
-C = TypeVar("C", bound=Closable)
+_C = TypeVar("_C", bound=_Closable)
 
 
 @contextmanager
-def closing_noted(resource: C) -> Iterator[C]:
+def closing_noted(resource: _C) -> Iterator[_C]:
     """Close something at the end of a block, as `contextlib.closing` does. Where the block has raised, that error goes
     on, with what closing raises as its note; else closing raises."""
     try:

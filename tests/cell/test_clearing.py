@@ -252,7 +252,7 @@ def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
     selector, (frame, alone, seen) = ObjectSelector(full), looked(full)
     selector.first(seen, frame, alone)
     selector.fell_into_tray()
-    empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [2.0, 2.0]}])
+    empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.42, -0.42]}])
     frame, alone, seen = looked(empty)
     selector.first(seen, frame, alone)
     assert not selector.doubt
@@ -306,7 +306,7 @@ def test_what_stands_right_beside_the_tray_is_seen_and_named() -> None:
 
 def test_an_empty_table_with_a_tray_shows_nothing_whatever_the_cameras_noise() -> None:
     for seed in range(3):
-        cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [2.0, 2.0]}], seed=seed)
+        cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.42, -0.42]}], seed=seed)
         frame, alone, seen = looked(cell)
         found = ObjectSelector(cell).first(seen, frame, alone)
         assert isinstance(found, CellOutcome)
@@ -344,9 +344,11 @@ def test_in_truth_an_object_is_in_the_tray_when_the_tray_carries_it_and_its_midd
               "on_the_wall": (edge + 0.02, y + 0.09, 0.0599), "in_the_air": (x, y - 0.07, 0.2),
               "off": (0.6, 0.0, 0.0)}  # fmt: skip
     bar = {"name": "leaning", "shape": "box", "size": [0.3, 0.02, 0.02], "mass": 0.1, "at": [0.1, 0.0]}
-    things = [{**brick, "name": name, "at": list(at)} for name, at in places.items()]
+    things = [{**brick, "name": name, "at": [0.3, 0.1 * k - 0.3]} for k, name in enumerate(places)]
     cell = cell_of(tray=TRAY.model_dump(), objects=[*things, bar])
     model, data = cell.robot.world.model, cell.robot.world.data
+    for name, at in places.items():
+        data.joint(name).qpos[:3] = at
     lean = np.radians(18.0)  # Its foot is on the table, its middle over the tray.
     foot = 0.15 * np.sin(lean) + 0.01 * np.cos(lean) - 1e-4
     data.joint("leaning").qpos[:] = [edge - 0.02, y - 0.09, foot, np.cos(lean / 2.0), 0.0, np.sin(lean / 2.0), 0.0]
