@@ -12,7 +12,7 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.can.codec.frames import Frame, single
+from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.codec.messages import StatusBits
 from allegro_twin.drivers.can.config import BusFaultEvent, FaultSettings
 from allegro_twin.drivers.can.driver.backend import PATIENCE
@@ -378,13 +378,13 @@ def deaf(bench: Bench, identifier: int, times: int) -> None:
     """The next frames with this identifier do not reach the hand."""
     left, receive = [times], bench.firmware.receive
 
-    def heard(said: Frame) -> list[Frame]:
-        if said.id == identifier and said.data[:1] != b"\x00" and left[0]:
+    def heard(said: Frame | JointFrames) -> list[Frame]:
+        if isinstance(said, Frame) and said.id == identifier and said.data[:1] != b"\x00" and left[0]:
             left[0] -= 1
             return []
         return receive(said)
 
-    bench.firmware.receive = heard  # type: ignore[method-assign]
+    bench.firmware.receive = heard  # type: ignore[method-assign,assignment]
 
 
 SET_PERIOD, SERVO_ON = 0x204, 0x100
