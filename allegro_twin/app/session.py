@@ -15,8 +15,9 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import goal_of
 from allegro_twin.app.rig import Rig
 from allegro_twin.drivers.can.config import CanSettings
-from allegro_twin.errors import ConfigError, RecordingError, closing_noted
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.first_error import closing_noted
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from allegro_twin.errors import RecordingError, closing_noted
+from allegro_twin.errors import RecordingError
+from allegro_twin.files.first_error import closing_noted
 from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, FileSink, Sink, arrow_column
 from allegro_twin.recording.spec_json import spec_to_json
 from allegro_twin.spec import HandSpec

@@ -19,7 +19,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.errors import LinkTimeout, RecordingError, message_of
+from allegro_twin.errors import LinkTimeout, RecordingError
+from allegro_twin.files.first_error import message_of
 from allegro_twin.recording import recorder as recorder_module
 from allegro_twin.recording.arrow_writer import SharedFile
 from allegro_twin.recording.journal import Journal
@@ -210,7 +211,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 from pathlib import Path
 from tests.recording.test_recording import record
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.errors import LinkTimeout, RecordingError, message_of
+from allegro_twin.errors import RecordingError
 try:
     record(Path({str(path)!r}), load_spec(), 10_000)
 except RecordingError as error:

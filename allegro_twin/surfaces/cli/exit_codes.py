@@ -11,7 +11,8 @@ from typing import Any, NoReturn
 
 import typer
 
-from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled, message_of
+from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled
+from allegro_twin.files.first_error import message_of
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 """The parser's usage error. Not every version of typer has a public name for it."""

@@ -19,7 +19,8 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
-from allegro_twin.errors import HandError, LinkError, MotionStalled, closing_noted
+from allegro_twin.errors import HandError, LinkError, MotionStalled
+from allegro_twin.files.first_error import closing_noted
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_posture, load_trajectory
 from allegro_twin.kinematics.pose import Pose

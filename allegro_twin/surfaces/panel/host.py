@@ -7,7 +7,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Protocol, TypeAlias
 
-from allegro_twin.errors import ConfigError, HandError, closing_noted
+from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.files.first_error import closing_noted
 from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.page_process import PageProcess, PageServer
 from allegro_twin.surfaces.panel.stream import (

@@ -13,7 +13,8 @@ import pytest
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.errors import ConfigError, EndOfRecording, HandFault, LinkTimeout, message_of
+from allegro_twin.errors import ConfigError, EndOfRecording, HandFault, LinkTimeout
+from allegro_twin.files.first_error import message_of
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp, load_posture, load_trajectory

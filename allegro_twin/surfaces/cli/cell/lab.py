@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allegro_twin.errors import ConfigError, RecordingError, closing_noted
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.first_error import closing_noted
 from allegro_twin.surfaces.cli import options
 
 if TYPE_CHECKING:
