@@ -89,9 +89,9 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), wanted
 
     security, posture = waiting_pose(made(None, ()), settings.security)
     robot = made(posture, things)
-    check_scene(robot, settings, things)
     motors = [robot.world.model.actuator(name).id for name in spec.joints]
     forces = robot.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
+    check_scene(robot, settings, things)
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
     camera = open_camera(robot.world.model, settings.camera, settings.seed)
     return Cell(

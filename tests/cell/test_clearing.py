@@ -176,7 +176,7 @@ def test_what_meets_something_above_the_tray_is_let_go_there_and_counted(monkeyp
         tray=TRAY.model_dump(),
         objects=[
             {"name": "foam_brick", "at": [0.0, 0.0]},
-            {"name": "tower", "shape": "box", "size": [0.22, 0.22, 0.1], "mass": 9.0, "at": list(TRAY.at)},
+            {"name": "tower", "shape": "box", "size": [0.22, 0.22, 0.1], "mass": 9.0, "at": [*TRAY.at, 0.0565]},
         ],
     )
     met = list[str]()
