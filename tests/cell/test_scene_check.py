@@ -6,8 +6,11 @@ from typing import Any
 
 import pytest
 
+from allegro_twin.cell.assembly import make_cell
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.files.schema import load_settings
 from tests.cell.test_run import SETTINGS, cell_of
 
 APPLE = {"name": "apple", "at": [0.0, 0.03]}
@@ -52,3 +55,10 @@ def test_objects_that_touch_each_other_are_no_overlap() -> None:
 def test_a_seed_below_zero_is_refused_by_its_name() -> None:
     with pytest.raises(ValueError, match="seed"):
         LabSettings.model_validate(SETTINGS.model_dump() | {"seed": -1})
+
+
+def test_the_check_comes_after_the_forces_of_position_servos_are_read_for_it_leaves_these_limp() -> None:
+    cell = make_cell(load_settings(LabSettings, data_root() / "conf" / "lab_leap.yaml"))
+    lower, upper = cell.forces
+    assert (lower < -0.1).all()
+    assert (upper > 0.1).all()
