@@ -34,7 +34,6 @@ from allegro_twin.spec.drivetrain import AILMENTS, Ailment
 from allegro_twin.twin.identify.results.gap import has_breakaway_friction
 from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
-from allegro_twin.types import Array
 from benchmarks.mirrored_hands import PERIOD, N, hand, heard, mirror_of, moves, simulated
 
 KINDS = ("weak", "stuck", "encoder_step", "payload", "friction", "encoder_drift", "loose")
@@ -50,14 +49,19 @@ FAINT = 1.5e-6  # N·m/s.
 def learned(seed: int, spec: HandSpec, seconds: float) -> Thresholds:
     """From a free motion."""
     each, disturbance, moving = mirror_of(spec), [], []
+    each.fault_detector.keep_rows()
     backend = simulated(spec, seed)
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     for _ in each.watch(heard(until(seconds, run(backend, controller)), spec)):
         disturbance.append(each.columns()["disturbance"])
         moving.append(each.moving)
-    gains: Array = np.array(each.fault_detector.gains)
     return Thresholds.from_free_motion(
-        np.array(disturbance[1:]), np.array(moving[1:]), each.observer.held, gains, PERIOD, spec
+        np.array(disturbance[1:]),
+        np.array(moving[1:]),
+        each.observer.held,
+        each.fault_detector.free_shapes(),
+        PERIOD,
+        spec,
     )
 
 

@@ -7,6 +7,7 @@ warmth and teeth are integrated here, at 0.1 ms. What it tells of itself goes th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -106,8 +107,19 @@ class Push(NamedTuple):
     """N, (3,), world."""
 
 
+class Break(NamedTuple):
+    """What goes wrong with a joint, from a time on."""
+
+    name: str
+    """`friction`, N·m more; `weak`, the share of its torque that a motor lacks; `payload`, kg at a link's centre."""
+    joint: int
+    amount: float
+    begin: float
+    """s"""
+
+
 class ForeignHand:
-    """The hand, as a backend that takes torques. `pushes`: what touches it."""
+    """The hand, as a backend that takes torques. `pushes`: what touches it; `breaks`: what goes wrong with it."""
 
     live = False
 
@@ -119,8 +131,9 @@ class ForeignHand:
         period: float,
         seed: int,
         pushes: Sequence[Push] = (),
+        breaks: Sequence[Break] = (),
     ) -> None:
-        self._pushes = pushes
+        self._pushes, self._breaks = pushes, breaks
         self._spec, self._truth, self.period, self._seed = spec, physics, period, seed
         model = mujoco.MjModel.from_xml_path(str(data_root() / "models" / "mjcf" / f"{spec.name}.xml"))
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -139,7 +152,7 @@ class ForeignHand:
         self._model, self._data = model, mujoco.MjData(model)
         self._tips = [model.site(finger.tip).id for finger in spec.fingers]
         self._jacobian = np.zeros((3, model.nv))
-        self._laws = MotorLaws(physics, STEP)
+        self._laws = MotorLaws(deepcopy(physics), STEP)  # A joint that breaks is this hand's own.
         self._constant = np.ones(N)  # What its driver takes full PWM for, N·m, as an unknown hand's host does.
         self._begun = np.array((spec.lower + spec.upper) / 2.0)
 
@@ -150,6 +163,7 @@ class ForeignHand:
     def reset(self) -> HandState:
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = self._begun
+        self._due = sorted(self._breaks, key=lambda each: each.begin)
         self._laws.reset(self._begun)
         self._rng, self._ticks, self._steps = np.random.default_rng(self._seed), 0, 0
         self._coming: list[tuple[int, Vector]] = []
@@ -173,7 +187,20 @@ class ForeignHand:
     def close(self) -> None:
         self._duty = np.zeros(N)
 
+    def _break(self, each: Break) -> None:
+        match each.name:
+            case "friction":
+                self._laws.physics.friction[each.joint] += each.amount
+            case "weak":
+                self._laws.physics.constant[each.joint] *= 1.0 - each.amount
+            case "payload":
+                self._model.body_mass[self._model.joint(self._spec.joints[each.joint]).bodyid[0]] += each.amount
+            case _:
+                raise ValueError(each.name)
+
     def _step(self) -> None:
+        while self._due and self._due[0].begin <= self._steps * STEP:
+            self._break(self._due.pop(0))
         data, now = self._data, self._steps * STEP
         angle, own = data.qpos[self._qpos], self._truth
         ripple = 1.0 + sum(share * np.sin(often * angle + own.phase) for share, often in own.ripple)
@@ -200,22 +227,25 @@ class ForeignHand:
 class _Place:
     """Where a hidden hand stands: what opens it in the place of a simulation."""
 
-    def __init__(self, physics: ForeignPhysics, gravity: Vector, seed: int, pushes: Sequence[Push]) -> None:
-        self._physics, self._gravity, self._seed, self._pushes = physics, gravity, seed, pushes
+    def __init__(
+        self, physics: ForeignPhysics, gravity: Vector, seed: int, pushes: Sequence[Push], breaks: Sequence[Break]
+    ) -> None:
+        self._physics, self._gravity, self._seed = physics, gravity, seed
+        self._pushes, self._breaks = pushes, breaks
 
     def check(self, spec: HandSpec) -> None:
         """Any hand will do."""
 
     def simulate(self, settings: object, spec: HandSpec, step: float) -> Any:
-        return ForeignHand(spec, self._physics, self._gravity, step, self._seed, self._pushes)
+        return ForeignHand(spec, self._physics, self._gravity, step, self._seed, self._pushes, self._breaks)
 
 
 def recorded(
     kind: str, seed: int, poses: Sequence[str], seconds: Mapping[str, float], folder: Path, *,
-    pushes: Sequence[Push] = (), first: int = 0,
+    pushes: Sequence[Push] = (), breaks: Sequence[Break] = (), first: int = 0,
 ) -> list[Path]:  # fmt: skip
-    """Excite a hand of one kind in some poses; a recording each. `pushes`: what touches it in each; `first`: number of
-    the first motion, of which every one is another."""
+    """Excite a hand of one kind in some poses; a recording each. `pushes`, `breaks`: what touches it, and what goes
+    wrong with it, in each; `first`: number of the first motion, of which every one is another."""
     physics, paths = draw(kind, seed), []
     for number, name in enumerate(poses, first):
         pose = find_pose(name, "right")
@@ -226,7 +256,7 @@ def recorded(
         config = RunConfig.model_validate({"backend": backend, "controller": {"kind": "torque"}})
         assert isinstance(config.backend, CanSettings)
         lean = physics.lean.get(name, physics.lean.get("", np.zeros(3)))
-        place = _Place(physics, rotate_vector(pose.gravity, lean), 31 * seed + number, pushes)
+        place = _Place(physics, rotate_vector(pose.gravity, lean), 31 * seed + number, pushes, breaks)
         rig = open_can(config.backend, BackendContext(config.hand, config.period, place.check, place.simulate))
         motion = rehearse(rig.spec, pose, 100 * seed + number, seconds[name]).excitation
         paths.append(folder / f"{name}_{number}.arrow")

@@ -91,14 +91,15 @@ def drawn(seed: int, noise: float, *, mismatched: bool) -> HandSpec:
 def learned(spec: HandSpec, seed: int, seconds: float, loss: float) -> Thresholds:
     """From a free motion."""
     each, rows = mirror_of(spec), []
+    each.fault_detector.keep_rows()
     host = Host(simulated(spec, seed), loss, 0.0, seed)
     for _ in each.watch(until(seconds, run(host, PD(moves(spec, seed, seconds), load_gains("v4", spec))))):
         rows.append((each.columns()["disturbance"], each.moving, each.observer.spread))
     disturbance, moving, spread = (np.array(column[1:]) for column in zip(*rows, strict=True))
     usual = np.median(spread, axis=0)
     kept = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
-    gains = np.array(each.fault_detector.gains)
-    return Thresholds.from_free_motion(kept, moving, each.observer.held, gains, PERIOD, spec, usual)
+    shapes = each.fault_detector.free_shapes()
+    return Thresholds.from_free_motion(kept, moving, each.observer.held, shapes, PERIOD, spec, usual)
 
 
 def heard(

@@ -15,7 +15,9 @@ from allegro_twin.twin.mirror.encoder_drift import DriftDetector
 from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
 from allegro_twin.twin.mirror.fault_signatures import (
     FINGERS,
+    NOISE,
     fit_signature,
+    free_noise,
     largest_gains,
     signature_fault,
     still_shows,
@@ -95,6 +97,15 @@ class LinkWeights(NamedTuple):
     """Dry friction over dry friction in fast motion, (n,)."""
 
 
+class FreeShapes(NamedTuple):
+    """What free motion leaves to be taken for a fault's shape."""
+
+    noise: Vector
+    """Of each joint, as from `free_noise`, (n,), N·m."""
+    gains: Array
+    """The largest gain of each evaluation with this noise, (evaluations, fingers), N²m²."""
+
+
 class Thresholds(NamedTuple):
     """Thresholds that free motions of a hand do not reach."""
 
@@ -107,6 +118,8 @@ class Thresholds(NamedTuple):
     N·m: the thresholds grow with the present one. Infinite where it is not known."""
     held: Vector = NOTHING
     """What friction may hold of a disturbance in joints at rest, (n,), N·m: part of `contact`."""
+    noise: Vector = frozen([NOISE])
+    """With which `gains` were measured, (n,), N·m."""
 
     @property
     def unchecked_faults(self) -> tuple[FaultName, ...]:
@@ -126,23 +139,24 @@ class Thresholds(NamedTuple):
         disturbance: Array,
         moving: NDArray[np.bool_],
         held: Vector,
-        gains: Array,
+        shapes: FreeShapes,
         period: float,
         spec: HandSpec,
         spread: Vector = UNKNOWN,
     ) -> Thresholds:
         """Thresholds from a free motion. `disturbance`: (k, n), N·m; `moving`: which joints moved for a while, (k, n);
-        `held`: torque that friction may hold in joints at rest (`Observer.held`); `gains`: the largest of each
-        evaluation, (evaluations, fingers). A gain is reached once in RARE evaluations, by Gumbel's law over blocks that
-        do not overlap. Raises ConfigError for a motion that is too short."""
+        `held`: torque that friction may hold in joints at rest (`Observer.held`); `shapes`: from
+        `FaultDetector.free_shapes`. A gain is reached once in RARE evaluations, by Gumbel's law over blocks that do not
+        overlap. Raises ConfigError for a motion that is too short."""
+        noise, gains = shapes
         above, blocks = contact_thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
         held = held_friction(disturbance, moving, held, period)
         if blocks < FEWEST:
-            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread, held)
+            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread, held, noise)
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
-        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread, held)
+        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread, held, noise)
 
 
 class FaultDetector:
@@ -151,8 +165,8 @@ class FaultDetector:
 
     def __init__(self, spec: HandSpec, thresholds: Thresholds, period: float, *, compensates: bool = False) -> None:
         self._spec, self._quiet, self._period, self._above = spec, thresholds.gains, period, thresholds.contact[0]
-        self.gains: list[Vector] = []
-        """The largest gain of every finger per evaluation, (fingers,) each."""
+        self._weight = np.broadcast_to(NOISE / thresholds.noise, spec.n_joints)
+        self._free: list[list[list[NDArray[Any]]]] | None = None  # Rows between interruptions, if they are kept.
         self.faults = FaultList(spec, compensates=compensates)
         """Faults that were named."""
         self._periods: list[tuple[Vector, ...]]
@@ -162,8 +176,25 @@ class FaultDetector:
         self.restart()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
 
+    def keep_rows(self) -> None:
+        """Keep all rows from now on, for `free_shapes`."""
+        self._free = [[]]
+
+    def free_shapes(self) -> FreeShapes:
+        """What the rows since `keep_rows` show, if nothing touched the hand."""
+        windows = []
+        for part in self._free or []:
+            columns = [np.array(column) for column in zip(*part, strict=True)]
+            ends = range(-(-ROWS // EVERY) * EVERY, len(part) + 1, EVERY)
+            windows += [MirrorWindow(*(column[end - ROWS : end] for column in columns)) for end in ends]
+        noise = free_noise(windows, self._spec)
+        gains = [largest_gains(each._replace(weight=NOISE / noise), self._spec) for each in windows]
+        return FreeShapes(noise, np.array(gains).reshape(-1, len(self._spec.fingers)))
+
     def restart(self) -> None:
         """Start anew after an interruption of unknown length. Named faults stay."""
+        if self._free is not None:
+            self._free.append([])
         self._periods, self._rows, self._count = [], [], 0
         self._doubted: dict[int, tuple[Fault, float]] = {}  # By finger: its last name, and when it came.
         self._at, self._went = np.full(self._spec.n_joints, np.nan), np.zeros(self._spec.n_joints)
@@ -283,8 +314,9 @@ class FaultDetector:
         d, torque, velocity, side, *_ = row
         if weights.lean is None:
             return
-        tells = (np.abs(velocity) > MOVING) & weights.free & ~self.faults.hidden
-        self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
+        tells, weight = (np.abs(velocity) > MOVING) & weights.free & ~self.faults.hidden, self._weight
+        made, lean, pull = weight * np.stack([torque, side]), weight[:, None] * weights.lean, weight * weights.pull
+        self._drift.add(weight * d, made, tells, lean, pull)
         if self._count % EVERY == EVERY // 2 and (drifts := self._drift.check()) is not None:
             self._name(Fault("encoder_drift", *drifts), self._t, self._t)
 
@@ -299,12 +331,16 @@ class FaultDetector:
         for column, each in zip(self._rows, row, strict=True):
             column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
         self._count += 1
+        if self._free is not None:
+            disturbance, torque, velocity, *rest = (np.array(each) for each in row)
+            disturbance[self.faults.hidden] = velocity[self.faults.hidden] = 0.0
+            self._free[-1].append([disturbance, torque, velocity, *rest])
 
     def _last(self, count: int) -> MirrorWindow:
         """The last rows. Joints of which nothing can be known neither move nor are pushed in them, nor do fingers move
         in rows from before their model changed."""
         end, hidden = (self._count - 1) % LONGEST + LONGEST + 1, self.faults.hidden
-        window = MirrorWindow(*(column[end - count : end] for column in self._rows))
+        window = MirrorWindow(*(column[end - count : end] for column in self._rows))._replace(weight=self._weight)
         old = np.arange(self._count - count, self._count)[:, None] < self._since
         if not hidden.any() and not old.any():
             return window
@@ -315,9 +351,8 @@ class FaultDetector:
 
     def _evaluate(self) -> None:
         window = self._last(ROWS)
-        self.gains.append(largest_gains(window, self._spec))
-        self._right |= (self.gains[-1] <= self._quiet) & (self._moving_rows(window) > ROWS / 2)
-        over = self.gains[-1] > self._quiet
+        over = largest_gains(window, self._spec) > self._quiet
+        self._right |= ~over & (self._moving_rows(window) > ROWS / 2)
         self._begin = np.where(over & (self._sign < 0), self._t, self._begin)
         self._sign = np.where(over, np.where(self._sign < 0, self._count, self._sign), -1)
         wait = self._name_direct(window)

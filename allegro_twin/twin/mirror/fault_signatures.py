@@ -6,8 +6,10 @@ file's dry friction is exact, so the sign of each joint's speed, s, counts as no
 
     x · y = Σ x y − ρ (Σ x s) (Σ y s) / (1 + ρ Σ s²),    ρ = RUB.
 
-Of the shapes of all joints the one that explains most squares wins, G = (x · d)² / (x · x), with a possible c. Only
-joints that move, and have moved the same way for a row, count: at rest dry friction hides everything.
+Of the shapes of all joints the one that explains most squares wins, G = (x · d)² / (x · x), with a possible c. Where a
+file does not fit a joint, free motion leaves more than noise. There d and x are divided by that, in units of NOISE
+(`MirrorWindow.weight`), so that the joint hides nothing of its neighbours. Only joints that move, and have moved the
+same way for a row, count: at rest dry friction hides everything.
 
 A touch that resembles a fault for a while differs in two ways: the shape leaves more unexplained, and once the touch is
 over, no amount is left. So a name needs a shape that explains nearly everything in every part of the window.
@@ -141,6 +143,7 @@ def fit_signature(window: MirrorWindow, name: FaultName, joint: int, spec: HandS
     """Fit the shape of one of weak, friction and payload to the disturbances of its joint's finger."""
     own = list(spec.fingers[spec.finger_of(joint)].joints)
     moving = _moving(window)[:, own]
+    window = _weighted(window)
     side, torque = (np.where(moving, _delay(each)[:, own], 0.0) for each in (window.side, window.torque))
     d, only = np.where(moving, window.disturbance[:, own], 0.0), np.array(own) == joint
     shape = {"weak": -torque * only, "friction": -side * only, "payload": window.pull[:, joint, own] * moving}[name]
@@ -162,7 +165,7 @@ def fit_signature(window: MirrorWindow, name: FaultName, joint: int, spec: HandS
 
 def signature_gains(window: MirrorWindow, spec: HandSpec) -> dict[str, list[SignatureGain]]:
     """Gains of all shapes of all joints, by finger. Of two similar shapes the smaller has the larger gain."""
-    moving = _moving(window)
+    moving, window = _moving(window), _weighted(window)
     side, torque, d = (np.where(moving, each, 0.0) for each in (_delay(window.side), _delay(window.torque), window[0]))
 
     def product(x: Array, y: Array) -> Array:
@@ -192,6 +195,15 @@ def signature_gains(window: MirrorWindow, spec: HandSpec) -> dict[str, list[Sign
         ]
         found[finger.name] = [gain for gain in each if gain is not None]
     return found
+
+
+def _weighted(window: MirrorWindow) -> MirrorWindow:
+    """Disturbances and all that explains them, weighted."""
+    weight = window.weight
+    return window._replace(
+        disturbance=weight * window.disturbance, torque=weight * window.torque, side=weight * window.side,
+        pull=weight * window.pull, known=weight * window.known,
+    )  # fmt: skip
 
 
 def _product(x: Array, y: Array, side: Array) -> Array:
@@ -229,6 +241,14 @@ def largest_gains(window: MirrorWindow, spec: HandSpec) -> Vector:
     """The largest gain of every finger, (fingers,). Those of free motions give `quiet`."""
     found = signature_gains(window, spec)
     return np.array([max((each.gain for each in found[finger.name]), default=0.0) for finger in spec.fingers])
+
+
+def free_noise(windows: Sequence[MirrorWindow], spec: HandSpec) -> Vector:
+    """What free motion leaves of each joint's disturbances while it moves, rms, at least NOISE, (n,), N·m."""
+    moving = [_moving(window) for window in windows]
+    rows = np.maximum(sum((each.sum(axis=0) for each in moving), np.zeros(spec.n_joints)), 1.0)
+    squares = [np.square(np.where(each, window.disturbance, 0.0)) for each, window in zip(moving, windows, strict=True)]
+    return np.maximum(np.sqrt(sum((each.sum(axis=0) for each in squares), np.zeros(spec.n_joints)) / rows), NOISE)
 
 
 def _delay(rows: Array) -> Array:

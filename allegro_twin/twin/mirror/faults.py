@@ -58,6 +58,9 @@ class MirrorWindow(NamedTuple):
     """Fingers that rest and press on something, (k, fingers)."""
     known: Array = frozen([[0.0]])
     """Disturbances that named faults made before a mirror's model had them, (k, n), N·m: KNOWN of these may remain."""
+    weight: Vector = frozen([1.0])
+    """By which disturbances, and all that explains them, are multiplied before they are compared, (n,): 1 where a
+    joint's file fits, less where free motion leaves more than noise."""
 
 
 class Fault(NamedTuple):
@@ -148,7 +151,7 @@ def holds_object(window: MirrorWindow) -> bool:
 
 def finger_share(window: MirrorWindow, spec: HandSpec) -> Vector:
     """Each joint's share of the squares of its finger's disturbances, (n,)."""
-    square, share = np.square(window.disturbance).sum(axis=0), np.zeros(spec.n_joints)
+    square, share = np.square(window.weight * window.disturbance).sum(axis=0), np.zeros(spec.n_joints)
     for finger in spec.fingers:
         own = list(finger.joints)
         share[own] = square[own] / max(float(square[own].sum()), 1e-12)

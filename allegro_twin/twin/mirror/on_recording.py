@@ -158,13 +158,14 @@ def read_free_motion(
     recording = load(free)
     _check_kind(recording, spec, version)
     log = MirrorLog(each := mirror_for_recording(recording, hand, None, gravity))
+    each.fault_detector.keep_rows()
     _run(recording, log, None)
     disturbance, _, moving, _, spread, _ = log.columns()
-    gains = np.array(each.fault_detector.gains).reshape(-1, len(recording.spec.fingers))
+    shapes = each.fault_detector.free_shapes()
     usual = np.median(spread, axis=0)
     disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
     thresholds = Thresholds.from_free_motion(
-        disturbance, moving, each.observer.held, gains, recording.period, recording.spec, usual
+        disturbance, moving, each.observer.held, shapes, recording.period, recording.spec, usual
     )
     left = np.sqrt(np.square(disturbance[round(SETTLED / recording.period) :]).mean(axis=0))
     return FreeMotion(thresholds, left / usual, left, hand or recording.spec.serial, free, recording.spec.serial)

@@ -30,11 +30,20 @@ from allegro_twin.twin.mirror.fault_detection import (
     ROWS,
     WAIT,
     FaultDetector,
+    FreeShapes,
     LinkWeights,
     Thresholds,
 )
 from allegro_twin.twin.mirror.fault_list import FaultList
-from allegro_twin.twin.mirror.fault_signatures import fit_signature, signature_fault, signature_gains, still_shows
+from allegro_twin.twin.mirror.fault_signatures import (
+    NOISE,
+    fit_signature,
+    free_noise,
+    largest_gains,
+    signature_fault,
+    signature_gains,
+    still_shows,
+)
 from allegro_twin.twin.mirror.faults import (
     CREEP,
     NAMES,
@@ -165,6 +174,35 @@ def test_a_name_that_makes_a_touch_is_withdrawn_with_it(spec: HandSpec) -> None:
         for tick in range(300):
             each.judge_touches(before if tick < 1 else soon if tick < 100 else later, 1.0 + 0.003 * tick)
         assert [report.ended < np.inf for report in each.faults.reports] == [withdrawn]
+
+
+def test_a_joint_that_its_file_does_not_fit_hides_no_fault_of_its_neighbours(spec: HandSpec) -> None:
+    """Free motion leaves 40 mN·m of joint 5, which come again with its angle."""
+
+    def misfit(k: int, push: Array | float = 0.0) -> MirrorWindow:
+        free = window()
+        wave = 0.04 * np.sin(12.0 * free.position + 0.7 * k) * (np.arange(N) == 5)
+        return free._replace(disturbance=free.disturbance + wave + push)
+
+    free = [misfit(k) for k in range(9)]
+    noise = free_noise(free, spec)
+    assert noise[5] == pytest.approx(0.028, rel=0.3)
+    assert (np.delete(noise, 5) < 7e-4).all()
+    named = {}
+    for weight in (np.ones(N), NOISE / noise):
+        quiet = np.max([largest_gains(each._replace(weight=weight), spec) for each in free], axis=0)
+        for name, joint, push in (
+            ("friction", 6, -0.03 * np.eye(N)[6] * late(window().side)),
+            ("weak", 7, -0.3 * np.eye(N)[7] * late(window().torque)),
+            ("payload", 6, 0.03 * window().pull[:, 6] * MIDDLE),
+        ):
+            seen = misfit(3, push)._replace(weight=weight)
+            found = signature_fault(seen, 2.0 * quiet, spec)
+            right = found is not None and (found.name, found.joint) == (name, joint)
+            convinces = fit_signature(seen, name, joint, spec).convinces(2.0 * quiet[1])  # type: ignore[arg-type]
+            named.setdefault(name, []).append(right and convinces)
+        assert all(signature_fault(each._replace(weight=weight), 2.0 * quiet, spec) is None for each in free)
+    assert named == dict.fromkeys(named, [False, True])
 
 
 def test_a_joint_at_rest_says_nothing(spec: HandSpec) -> None:
@@ -332,12 +370,9 @@ def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_th
 def test_thresholds_need_enough_looks(spec: HandSpec) -> None:
     rng = np.random.default_rng(0)
     free = 0.002 * rng.standard_normal((4000, N))
-    few, many = (
-        Thresholds.from_free_motion(
-            free, np.zeros(free.shape, bool), np.zeros(N), 1e-6 * rng.exponential(size=(count, 4)), 0.003, spec
-        )
-        for count in (79, 400)
-    )
+    shapes = (FreeShapes(np.full(N, NOISE), 1e-6 * rng.exponential(size=(count, 4))) for count in (79, 400))
+    still = np.zeros(free.shape, bool)
+    few, many = (Thresholds.from_free_motion(free, still, np.zeros(N), each, 0.003, spec) for each in shapes)
     assert np.isinf(few.gains).all()
     exact = 1e-6 * np.log(RARE)  # Of an exponential tail.
     np.testing.assert_allclose(many.gains, exact, rtol=0.4)

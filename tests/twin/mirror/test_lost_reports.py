@@ -24,7 +24,7 @@ from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.cli.twin.mirror_run import missing_checks
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.factory import encoder_noise, make_mirror
-from allegro_twin.twin.mirror.fault_detection import Thresholds
+from allegro_twin.twin.mirror.fault_detection import FreeShapes, Thresholds
 from allegro_twin.twin.mirror.faults import NAMES
 from allegro_twin.twin.mirror.mirror import BLIND, DIM, LostPeriods, Mirror
 from allegro_twin.twin.mirror.on_recording import MirrorResult, mirror_recording
@@ -327,7 +327,7 @@ def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec)
     rng = np.random.default_rng(1)
     for looks, off in ((79, shapes), (80, ())):
         calm = Thresholds.from_free_motion(
-            free, none, np.zeros(N), 1e-6 * rng.exponential(size=(looks, 4)), 0.003, spec
+            free, none, np.zeros(N), FreeShapes(np.ones(N), 1e-6 * rng.exponential(size=(looks, 4))), 0.003, spec
         )
         assert calm.unchecked_faults == off
     found = MirrorResult(np.zeros(2), none, none, none, (), (), shapes)

@@ -35,7 +35,7 @@ from allegro_twin.twin.mirror.contact_detection import (
     touched_fingers,
 )
 from allegro_twin.twin.mirror.factory import describe_backlash
-from allegro_twin.twin.mirror.fault_detection import Thresholds
+from allegro_twin.twin.mirror.fault_detection import FreeShapes, Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
@@ -200,7 +200,7 @@ def test_what_friction_holds_in_every_joint_of_a_finger_at_rest_is_no_touch(spec
     rng, still = np.random.default_rng(2), np.repeat(np.arange(20_000)[:, None] // 400 % 2 == 0, N, axis=1)
     one = np.arange(N) % 4 == (np.arange(20_000) // 800 % 4)[:, None]
     free = 0.0015 * rng.standard_normal((20_000, N)) + np.where(still & one, 0.008, 0.0)
-    calm = Thresholds.from_free_motion(free, ~still, ZERO, np.zeros((100, 4)), 0.003, spec)
+    calm = Thresholds.from_free_motion(free, ~still, ZERO, FreeShapes(np.ones(N), np.zeros((100, 4))), 0.003, spec)
     rests = np.full(N, 0.012)  # All of them at once, and more than ever in the free motion.
     joint = np.where(np.arange(N) == 1, 0.05, 0.0)
     for push, fingers in ((rests, [False] * 4), (rests + joint, [True, False, False, False])):
