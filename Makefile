@@ -104,7 +104,7 @@ $(DOCS): $(READY)
 	@touch $@
 
 # Runs the tutorials anew and keeps what they show: minutes.
-tutorials: $(DOCS)
+tutorials: $(DOCS) $(RL)
 	$(BIN)/python docs/site/execute.py
 
 # The generated pages of the reference: commands.md, configs.md and api/.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -49,6 +50,20 @@ def progress() -> Iterator[Progress]:
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True, disable=not sys.stderr.isatty()) as bar:
         yield bar
+
+
+@contextmanager
+def growing(table: Table) -> Iterator[Callable[[], None]]:
+    """A table that is shown again whenever the function is called; without a terminal, FORCE_COLOR or not, once, at the
+    end: a notebook would keep every state of it."""
+    if sys.stdout.isatty():
+        with Live(table, console=console, auto_refresh=False) as live:
+            yield live.refresh
+        return
+    try:
+        yield lambda: None
+    finally:
+        console.print(table)
 
 
 def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str, str], engine: str) -> Table:

@@ -68,6 +68,14 @@ def test_a_checkup_is_a_table_with_a_row_a_step(command: Run) -> None:
     assert "333.0 a second; interval p50 3.00, p99 3.00, worst 3.00 ms; 0 of 667 lost" in shown
 
 
+def test_a_checkup_in_a_notebook_is_one_table(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Notebooks set FORCE_COLOR, and keep all that is printed."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    _, shown, _ = command("check", "can_virtual")
+    assert "\x1b[32mok" in shown
+    assert (shown.count("interface"), shown.count("\x1b[2K")) == (1, 0)
+
+
 @pytest.mark.parametrize(
     ("backend", "code", "row", "error"),
     [

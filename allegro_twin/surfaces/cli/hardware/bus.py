@@ -30,8 +30,6 @@ def check(
     hand: OtherHand = None,
 ) -> None:
     """Test the link to a hand step by step, at zero torque."""
-    from rich.live import Live
-
     from allegro_twin.app.config import load_config
     from allegro_twin.app.serve_can import checkup_of
     from allegro_twin.surfaces.cli import console
@@ -40,10 +38,10 @@ def check(
 
     walk = checkup_of(on_hand(load_config(config), hand)).walk()
     found, table = None, bus_tables.checkup(config)
-    with closing(walk), Live(table, console=console.console, auto_refresh=False) as live:
+    with closing(walk), console.growing(table) as refresh:
         for found in walk:
             bus_tables.add(table, found)
-            live.refresh()
+            refresh()
     if found is not None and found.broken is not None:
         raise found.broken("; ".join(filter(None, (f"{found.name}: {found.text}", found.remedy))))
 
@@ -78,7 +76,7 @@ def sniff(
     given = {"interface": interface, "channel": channel, "bitrate": bitrate, "version": version}
     bus, sniffer = ears_of(config, {key: value for key, value in given.items() if value is not None}, option or [])
     try:
-        if lines or not console.console.is_terminal:
+        if lines or not sys.stdout.isatty():
             bus_tables.lines(sniffer, listened(bus, seconds))
         else:
             bus_tables.live(sniffer, listened(bus, seconds), str(bus.channel_info))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -55,7 +56,7 @@ def mpc(
     unwritten = ""
     try:
         with ExitStack() as stack:
-            bar = stack.enter_context(console.progress()) if console.console.is_terminal else None
+            bar = stack.enter_context(console.progress()) if sys.stdout.isatty() else None
             line = None if bar is None else bar.add_task("decisions", total=None)
 
             def advance(done: int, of: int) -> None:

@@ -99,7 +99,7 @@ def conversation(bar: Any, *, asks: bool) -> Any:
 
     def begin(step: str) -> None:
         bar.update(task, description=step)
-        if not console.errors.is_terminal:
+        if not sys.stderr.isatty():
             console.errors.print(step, highlight=False)
 
     return Conversation(place, place, begin, lambda t: bar.update(task, completed=t), console.warn)
