@@ -2,8 +2,9 @@
 
 A hand of `foreign_hand` is excited for 3 × 16 s and identified; a free motion of 46 s gives thresholds. Then one joint
 goes wrong 5 s into a motion of 14 s, in a pose that nothing has seen: 20 to 60 mN·m of friction, 30 to 60 % of a
-motor's torque, 30 to 80 g on one of a finger's outer links, or nothing. One JSON line a motion in `--out`, which is continued;
-`--show` prints the table. A name counts as right with its joint, and if it stands at the end; any other is false.
+motor's torque, 30 to 80 g on one of a finger's outer links, or nothing. One JSON line a motion in `--out`, which is
+continued; `--show` prints the table. A name counts as right with its joint, and if it stands at the end; any other is
+false.
 """
 
 from __future__ import annotations
