@@ -110,6 +110,61 @@ def test_the_cameras_pose_goes_through_every_frame_between(tmp_path: Path) -> No
     assert first(tmp_path / "a.mcap", world="map").pose is None
 
 
+def test_a_cloud_that_is_not_in_its_cameras_optical_frame_is_refused(tmp_path: Path) -> None:
+    optical = points_of(plane(0.5))
+    body = optical[..., [2, 0, 1]] * [1.0, -1.0, -1.0]  # x ahead, y left, z up.
+    for rows in (slice(None), None):
+        for shape, said in ((body, "x is ahead"), (optical - np.array([0.0, 0.0, 2.0]), "100 % of a cloud's points")):
+            path = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
+            with bag(path) as made:
+                made.info(T0)
+                made.cloud(T0, shape if rows else shape.reshape(1, -1, 3))
+            with pytest.raises(ConfigError, match=said):
+                first(path)
+    with bag(tmp_path / "other.mcap") as made:
+        made.info(T0, (64, 48, 46.0, 46.0, 31.0, 23.0))
+        made.cloud(T0, optical)
+    with pytest.raises(ConfigError, match="pixels from where its CameraInfo has them"):
+        first(tmp_path / "other.mcap")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (("arm", FRAME, TURN, "/tf_static"), f"the frame {FRAME} is in camera_link and in arm"),
+        (("camera_link", FRAME, TURN + 0.1 * np.eye(7)[0], "/tf_static"), "has two places in camera_link"),
+        (("camera_link", FRAME, TURN + 0.1 * np.eye(7)[0], "/tf"), "is static and moves"),
+        (("camera_link", FRAME, np.zeros(7), "/tf_static"), "are no pose"),
+        (("camera_link", FRAME, TURN, "/tf_static"), None),  # Latched twice.
+    ],
+)
+def test_transforms_that_contradict_each_other_are_refused(
+    tmp_path: Path, more: tuple[str, str, np.ndarray, str], said: str | None
+) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.transform(T0, "world", "camera_link", np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+        made.transform(T0, "camera_link", FRAME, TURN)
+        made.transform(T0, *more)
+        for parent in ("table", "palm"):  # An object that is picked changes its parent.
+            made.transform(T0, parent, "object", TURN, "/tf")
+        made.image(T0, plane())
+    if said is None:
+        assert first(tmp_path / "a.mcap").pose is not None
+        return
+    with pytest.raises(ConfigError, match=said):
+        first(tmp_path / "a.mcap")
+
+
+def test_a_moving_frame_that_was_told_long_before_the_picture_is_refused(tmp_path: Path) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        made.transform(T0 - 3 * SECOND, "world", FRAME, TURN, "/tf")
+        made.image(T0, plane())
+    with pytest.raises(ConfigError, match=r"was told 3\.0 s from the picture"):
+        first(tmp_path / "a.mcap")
+
+
 def test_frames_that_go_round_in_a_circle_end(tmp_path: Path) -> None:
     with bag(tmp_path / "a.mcap") as made:
         made.info(T0)

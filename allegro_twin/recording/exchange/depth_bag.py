@@ -22,7 +22,11 @@ _DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)} 
 _FLOATS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField.
 _ENOUGH = 100  # Points by which an organised cloud's lens is found.
 _OFF = 1.0  # Pixels. Further off, an organised cloud is none of a pinhole.
+_INSIDE, _CLEARLY = 0.5, 0.9  # Shares of a cloud's points in its picture: fewer are another frame's; surely so.
+_AHEAD_X = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # REP 103: x ahead, y left, z up.
 _STRAIGHT = 1e-6
+_APART = 1e-3  # m, and of rotation matrices: transforms of one frame that differ.
+_LATE = 500_000_000  # ns from a picture to the nearest transform of a frame that moves.
 NANOSECOND = 1e-9
 
 Lens = tuple[int, int, float, float, float, float]
@@ -54,7 +58,7 @@ def read_depth(path: Path, topic: str | None = None, world: str = "world") -> It
         raise RecordingError(f"no bag at {path}")
     with open_bag(path) as reader:
         chosen = _topic(path, reader, topic)
-        where, info, tree, first = f"{path}: {chosen}", _info(path, reader, chosen), _Frames(reader), None
+        where, info, tree, first = f"{path}: {chosen}", _info(path, reader, chosen), _Frames(path, reader), None
         connections = [each for each in reader.connections if each.topic == chosen]
         for connection, at, data in reader.messages(connections=connections):
             message = reader.deserialize(data, connection.msgtype)
@@ -126,22 +130,69 @@ def _image(message: Any, lens: Lens | None, where: str) -> tuple[NDArray[np.floa
 
 def _cloud(message: Any, lens: Lens | None, where: str) -> tuple[NDArray[np.float32], Lens]:
     """A cloud as a depth picture: organised ones as they are, others by the lens."""
-    points = _points(message, where)
+    points, frame = _points(message, where), str(message.header.frame_id)
     if points.shape[0] > 1:
         own = lens if lens is not None and (lens[1], lens[0]) == points.shape[:2] else _fitted_lens(points, where)
+        _check_organised(points, own, where, frame)
         depth = points[..., 2].copy()
         depth[~(depth > 0.0)] = np.nan
         return depth, own
     if lens is None:
         raise ConfigError(f"{where} has clouds without rows, and there is no CameraInfo: record camera_info, too")
-    wide, high, fx, fy, cx, cy = lens
-    x, y, z = points[0][np.isfinite(points[0]).all(axis=1) & (points[0][:, 2] > 0.0)].T
-    column, row = np.rint(fx * x / z + cx).astype(int), np.rint(fy * y / z + cy).astype(int)
+    wide, high = lens[:2]
+    known = points[0][np.isfinite(points[0]).all(axis=1)]
+    _check_ahead(known, lens, where, frame)
+    z = known[known[:, 2] > 0.0][:, 2]
+    column, row = np.rint(_pixels(known[known[:, 2] > 0.0], lens)).astype(int)
     inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
     depth = np.full((high, wide), np.inf, np.float32)
     np.minimum.at(depth, (row[inside], column[inside]), z[inside].astype(np.float32))
     depth[np.isinf(depth)] = np.nan
     return depth, lens
+
+
+def _pixels(points: Array, lens: Lens) -> Array:
+    """Columns and rows of points with z ahead, (k, 3), m: (2, k), pixels."""
+    _, _, fx, fy, cx, cy = lens
+    x, y, z = points.T
+    return np.stack([fx * x / z + cx, fy * y / z + cy])
+
+
+def _share_inside(points: Array, lens: Lens) -> float:
+    """Share of points, (k, 3), m, that a camera with z ahead sees."""
+    ahead = points[points[:, 2] > 0.0]
+    pixels = _pixels(ahead, lens).T
+    inside = ((pixels > -1.0) & (pixels < np.array(lens[:2]))).all(axis=1)
+    return float(inside.sum() / max(len(points), 1))
+
+
+def _check_ahead(points: Array, lens: Lens, where: str, frame: str) -> None:
+    """Raise ConfigError for a cloud, (k, 3), m, that is not in its camera's optical frame."""
+    share = _share_inside(points, lens)
+    if not len(points) or share >= _INSIDE:
+        return
+    if _share_inside(points @ _AHEAD_X.T, lens) > _CLEARLY:
+        raise ConfigError(
+            f"{where}: in the frame {frame} of its clouds x is ahead; record them in the optical frame, where z is"
+        )
+    raise ConfigError(
+        f"{where}: {100.0 * (1.0 - share):.0f} % of a cloud's points are outside the picture of its CameraInfo; record "
+        f"them in that camera's optical frame (theirs is {frame})"
+    )
+
+
+def _check_organised(points: NDArray[np.float32], lens: Lens, where: str, frame: str) -> None:
+    """Raise ConfigError for an organised cloud, (rows, columns, 3), m, whose points are not in their pixels."""
+    row, column = np.nonzero(np.isfinite(points).all(axis=-1))
+    known = points[row, column].astype(np.float64)
+    _check_ahead(known, lens, where, frame)
+    ahead = known[:, 2] > 0.0
+    off = np.abs(_pixels(known[ahead], lens) - np.stack([column, row])[:, ahead]).max(axis=0)
+    if len(off) and np.median(off) > _OFF:
+        raise ConfigError(
+            f"{where}: points of a cloud are {np.median(off):.0f} pixels from where its CameraInfo has them; record "
+            f"the CameraInfo of its own camera (its frame is {frame})"
+        )
 
 
 def _points(message: Any, where: str) -> NDArray[np.float32]:
@@ -181,22 +232,33 @@ def _fitted_lens(points: NDArray[np.float32], where: str) -> Lens:
 class _Frames:
     """The tree of frames of a bag, over time."""
 
-    def __init__(self, reader: Any) -> None:
-        self._parents: dict[str, str] = {}
+    def __init__(self, path: Path, reader: Any) -> None:
+        self._path, self._parents = path, dict[str, str]()
         self._poses: dict[str, list[tuple[int, Pose]]] = defaultdict(list)
+        self._static: dict[str, Pose] = {}
+        self._wrong: dict[str, str] = {}  # By frame; only a frame that is asked for matters.
         wanted = [each for each in reader.connections if each.msgtype == v.TF]
         for connection, at, data in reader.messages(connections=wanted) if wanted else ():
             static = connection.topic.endswith("static")
             for each in reader.deserialize(data, connection.msgtype).transforms:
-                stamp = 0 if static else v.nanoseconds(each.header.stamp) or at
-                child = str(each.child_frame_id).lstrip("/")
-                self._parents[child] = str(each.header.frame_id).lstrip("/")
-                self._poses[child].append((stamp, _pose(each.transform)))
+                child, parent = str(each.child_frame_id).lstrip("/"), str(each.header.frame_id).lstrip("/")
+                pose = _pose(each.transform, f"{path}: {connection.topic}, {parent} to {child}")
+                if self._parents.setdefault(child, parent) != parent:
+                    self._wrong[child] = f"the frame {child} is in {self._parents[child]} and in {parent}"
+                if static and _differ(self._static.setdefault(child, pose), pose):
+                    raise ConfigError(
+                        f"{path}: the static frame {child} has two places in {parent}; record one of them"
+                    )
+                self._poses[child].append((0 if static else v.nanoseconds(each.header.stamp) or at, pose))
+        for child in self._static.keys() & self._poses.keys():
+            if any(_differ(self._static[child], pose) for _, pose in self._poses[child]):
+                self._wrong.setdefault(child, f"the frame {child} is static and moves; record one of the two")
         for poses in self._poses.values():
             poses.sort(key=lambda pair: pair[0])
 
     def pose(self, world: str, frame: str, stamp: int) -> Pose | None:
-        """A frame in another at a time, ns, by the nearest transforms; None where they are not connected."""
+        """A frame in another at a time, ns, by the nearest transforms; None where they are not connected. Raises
+        ConfigError where transforms on the way contradict each other, or were told long before or after."""
         one, other = dict(self._up(frame, stamp)), dict(self._up(world, stamp))
         for name, there in one.items():
             if name in other:
@@ -211,11 +273,26 @@ class _Frames:
             yield name, pose
             if name not in self._parents:
                 return
-            _, step = min(self._poses[name], key=lambda pair: abs(pair[0] - stamp))
+            if name in self._wrong:
+                raise ConfigError(f"{self._path}: {self._wrong[name]}")
+            at, step = min(self._poses[name], key=lambda pair: abs(pair[0] - stamp))
+            if name not in self._static and abs(at - stamp) > _LATE:
+                raise ConfigError(
+                    f"{self._path}: the frame {name} was told {abs(at - stamp) * NANOSECOND:.1f} s from the picture; "
+                    "record /tf together with the depth"
+                )
             name, pose = self._parents[name], compose(step, pose)
 
 
-def _pose(transform: Any) -> Pose:
+def _differ(one: Pose, other: Pose) -> bool:
+    away = max(np.abs(one.position - other.position).max(), np.abs(one.rotation - other.rotation).max())
+    return bool(away > _APART)
+
+
+def _pose(transform: Any, where: str) -> Pose:
     t, q = transform.translation, transform.rotation
     place: Array = np.array([t.x, t.y, t.z])
-    return Pose(place, matrix_from_quaternion(np.array([q.w, q.x, q.y, q.z])))
+    turn = np.array([q.w, q.x, q.y, q.z])
+    if not np.isfinite(place).all() or not abs(np.linalg.norm(turn) - 1.0) < _APART:
+        raise ConfigError(f"{where}: translation {place.tolist()} and quaternion {turn.tolist()} are no pose")
+    return Pose(place, matrix_from_quaternion(turn))
