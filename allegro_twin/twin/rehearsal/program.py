@@ -280,6 +280,8 @@ class HandRehearsal:
             film = f"{FILMS}/{twin}_{Path(scenario).stem}.mp4" if self._films else None
             report = self.hand.trial(scenario, self._twin(twin).serial, None if film is None else self.folder / film)
             shown = {} if film is None else {"film": film}
+            if film is not None and not (self.folder / film).exists():
+                shown = {"text": "its film could not be written"}
             return about | {"with": "object", "held": report.held, "reason": report.reason} | shown
         name, own = f"{twin}_grasp_{Path(scenario).stem}", self._twin(twin)
         found = close_in_air(self.hand, pose, own, scenario, kind, self._file(name), self._advance)

@@ -6,6 +6,7 @@ them, else of what the encoders say, corrected by the offsets that the ends of t
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -26,7 +27,7 @@ from allegro_twin.control.trajectory import Moves
 from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.opening import hidden_truth
-from allegro_twin.errors import ConfigError, LinkError
+from allegro_twin.errors import ConfigError, LinkError, RecordingError
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.calibration import load_wiring
@@ -44,6 +45,8 @@ from allegro_twin.twin.rehearsal.approach import approach_from
 from allegro_twin.twin.rehearsal.measures import Following
 from allegro_twin.twin.rehearsal.protocol import REST, rehearsal_trajectory
 from allegro_twin.types import Sample, TorqueCommand, Vector
+
+_log = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
@@ -137,8 +140,9 @@ class RehearsedHand:
 
 
 def grasp_trial(config: RunConfig, physics: Physics | None, film: Path | None = None) -> TrialReport:
-    """Perform the trial of a config's scenario, which is simulated here. `film`: where an .mp4 of it goes. Raises
-    HandError, ConfigError where nothing can be rendered, or without PyAV."""
+    """Perform the trial of a config's scenario, which is simulated here. `film`: where an .mp4 of it goes; where the
+    disk is full there is none, which is logged: the verdict counts. Raises HandError, ConfigError where nothing can be
+    rendered, or without PyAV."""
     rig = assemble(config, physics)
     with closing(rig.backend), ExitStack() as stack:
         trial = rig.trial
@@ -152,8 +156,11 @@ def grasp_trial(config: RunConfig, physics: Physics | None, film: Path | None = 
             check_av()
             film.parent.mkdir(parents=True, exist_ok=True)
             samples = filmed(samples, stack.enter_context(closing(Camera(trial.backend, shadows=False))), film)
-        for _ in samples:
-            pass
+        try:
+            for _ in samples:
+                pass
+        except RecordingError as error:  # The film's, at its end: nothing else is written here.
+            _log.warning("%s", error)
         return trial.report()
 
 

@@ -278,10 +278,13 @@ def test_a_folder_of_another_config_or_protocol_is_refused(tmp_path: Path, sessi
 def test_films_of_grasps_stand_on_the_page_and_what_was_lost_comes_first(
     tmp_path: Path, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    films = list[Path | None]()
+    films, full = list[Path | None](), set[str]()
 
     def trial(own: RehearsedHand, scenario: str, serial: str, film: Path | None = None) -> TrialReport:
         films.append(film)
+        if film is not None and scenario not in full:
+            film.parent.mkdir(exist_ok=True)
+            film.touch()
         return TrialReport(scenario != "mug", "", (), 0.0, 0.0, 0.0, {})
 
     monkeypatch.setattr(RehearsedHand, "trial", trial)
@@ -299,6 +302,11 @@ def test_films_of_grasps_stand_on_the_page_and_what_was_lost_comes_first(
     later = HandRehearsal(hand, wanted, tmp_path / "plain", films=True).run()
     assert films[8:] == [tmp_path / "plain" / name for name in names], "what is done is done again for its film"
     assert later["states"] == result["states"]
+    full.add("mug")  # Its disk is.
+    later = HandRehearsal(hand, wanted, tmp_path / "full", films=True).run()
+    lemon, mug = later["nominal"]["grasps"]
+    assert (mug["held"], mug["text"], "film" in mug) == (False, "its film could not be written", False)
+    assert "film" in lemon
 
 
 def test_postures_are_held_in_poses_that_the_hand_can_have() -> None:

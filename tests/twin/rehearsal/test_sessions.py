@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from errno import ENOSPC
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -43,6 +44,7 @@ from allegro_twin.twin.rehearsal.measures import (
 )
 from allegro_twin.twin.rehearsal.sessions import close_in_air, follow_trajectory, lead_to_ends
 from allegro_twin.types import Array, Command, HandState, TorqueCommand, frozen
+from allegro_twin.viewing.films import _Film
 
 SPEC = load_spec()
 NOBODY = RehearsedTwin("nominal", "", np.zeros(16))
@@ -304,6 +306,19 @@ def test_a_film_of_a_grasp_is_as_long_as_its_trial_and_changes_nothing(tmp_path:
     assert hand.trial("lemon", "", path) == hand.trial("lemon", "")
     with av.open(str(path)) as film:
         assert film.duration == pytest.approx(1e6 * make_trial("lemon", SPEC).seconds, abs=1e5)
+
+
+@pytest.mark.slow
+def test_a_grasp_whose_film_meets_a_full_disk_is_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(made: _Film) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(_Film, "finish", full)
+    hand, path = RehearsedHand(hidden()), tmp_path / "films" / "lemon.mp4"
+    assert hand.trial("lemon", "", path).held
+    assert not list(path.parent.iterdir())
 
 
 def test_a_hand_that_lies_otherwise_than_said_is_not_moved() -> None:
