@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ class Room(VirtualHands):
     hand does not listen, or only after so many."""
 
     def __init__(
-        self, firmware: Firmware, faults: Any, noise: tuple[Frame, ...], off_at: float, deaf: Mapping[type, float]
+        self, firmware: Firmware, faults: Any, noise: tuple[Frame, ...], off_at: float, deaf: dict[type, float]
     ) -> None:
         super().__init__([firmware], faults)
         self.said: list[Frame] = []
@@ -69,7 +69,7 @@ def walk_of(
     reporting: bool = False,
     serials: tuple[str, str] = ("", ""),
     side: str = "right",
-    deaf: Mapping[type, float] = {},  # noqa: B006  # It is copied.
+    deaf: dict[type, float] = {},  # noqa: B006  # It is copied.
     reports_every: float = 0.003,
     **backend: Any,
 ) -> tuple[Generator[Finding], Room]:
@@ -153,7 +153,8 @@ def test_a_hand_that_is_not_left_limp_is_a_broken_row_whatever_else_is_in_order(
 def test_a_checkup_that_is_broken_off_leaves_the_hand_limp_or_logs_that_it_has_not(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    for deaf, lines in ({}, []), ({m.ServoOff: math.inf}, ["(it says that its motors are still on): cut its power"]):
+    obeys, keeps_on = dict[type, float](), dict[type, float]({m.ServoOff: math.inf})
+    for deaf, lines in (obeys, []), (keeps_on, ["(it says that its motors are still on): cut its power"]):
         caplog.clear()
         walk, room = walk_of(deaf=deaf)
         while next(walk).name != "fingers":
