@@ -79,10 +79,11 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
         joint = int(np.nanargmax(np.abs(state.velocity) / fastest))
         speed, limit = state.velocity[joint], fastest[joint]
         where = "" if limit == limits.velocity[joint] else f" at {state.position[joint]:.2f} rad"
-        return f"{spec.joints[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"
+        return f"{spec.joint_labels[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"
     if (state.temperature >= limits.hot).any():
         joint = int(np.nanargmax(state.temperature))
-        return f"{spec.joints[joint]} is at {state.temperature[joint]:.0f} °C, over its limit of {limits.hot:.0f} °C"
+        celsius = state.temperature[joint]
+        return f"{spec.joint_labels[joint]} is at {celsius:.0f} °C, over its limit of {limits.hot:.0f} °C"
     return None
 
 

@@ -108,18 +108,18 @@ def test_too_fast_and_too_hot_are_faults_that_name_the_joint_and_the_limit() -> 
     velocity[6] = -13.0
     assert (
         violation(state(velocity=velocity), LIMITS, SPEC)
-        == "joint_6.0 moves at -13.00 rad/s, over its limit of 12.00 rad/s"
+        == "middle_2 moves at -13.00 rad/s, over its limit of 12.00 rad/s"
     )
     temperature = np.full(16, math.nan)
     temperature[2] = 80.0
-    assert violation(state(temperature=temperature), LIMITS, SPEC) == "joint_2.0 is at 80 °C, over its limit of 75 °C"
+    assert violation(state(temperature=temperature), LIMITS, SPEC) == "index_2 is at 80 °C, over its limit of 75 °C"
     assert violation(state(), LIMITS, SPEC) is None
 
 
 def test_a_speed_that_is_unknown_trips_nothing_and_hides_no_other() -> None:
     velocity = np.zeros(16)
     velocity[2], velocity[6] = math.nan, -13.0
-    assert "joint_6.0 moves at -13.00 rad/s" in str(violation(state(velocity=velocity), LIMITS, SPEC))
+    assert "middle_2 moves at -13.00 rad/s" in str(violation(state(velocity=velocity), LIMITS, SPEC))
     velocity[6] = 0.0
     assert violation(state(velocity=velocity), LIMITS, SPEC) is None
 

@@ -64,7 +64,9 @@ def test_a_checkup_is_a_table_with_a_row_a_step(command: Run) -> None:
     code, shown, errors = command("check", "can_virtual")
     assert (code, errors) == (0, "")
     steps = re.findall(r"│ (\w+) +│ ok +│", shown)
-    assert steps == ["interface", "bus", "identity", "fingers", "reports", "temperature", "joints", "load", "side"]
+    assert steps == [
+        "interface", "bus", "identity", "fingers", "reports", "motors", "temperature", "joints", "load", "limp", "side",
+    ]  # fmt: skip
     assert "333.0 a second; interval p50 3.00, p99 3.00, worst 3.00 ms; 0 of 667 lost" in shown
 
 

@@ -167,7 +167,7 @@ def test_a_hand_that_the_guard_stops_in_a_trial_has_not_held_and_the_others_go_o
     def perform(rig: Any, config: Any, *_: object) -> RunOutcome:
         last = state()
         if Path(config.task.scenario).stem == "a":
-            error = HandFault("stopped: joint_8.0 moves at 12.03 rad/s, over its limit; reset to go on")
+            error = HandFault("stopped: ring_0 moves at 12.03 rad/s, over its limit; reset to go on")
             error.history = (SimpleNamespace(state=last),)
             raise error
         return RunOutcome(last, replace(faulted(""), held=True), ())
@@ -177,7 +177,7 @@ def test_a_hand_that_the_guard_stops_in_a_trial_has_not_held_and_the_others_go_o
     monkeypatch.setattr(session, "perform", perform)
     code, shown, said = command("run", *paths[:count], "--jobs", 1, "--out", tmp_path / "out")
     assert (code, said) == (5, "")
-    assert "guard: joint_8.0 moves at 12.03 rad/s, over its limit" in shown
+    assert "guard: ring_0 moves at 12.03 rad/s, over its limit" in shown
     assert "reset to go on" not in shown
     assert "a, right" in shown
     report = json.loads((tmp_path / "out" / "report.json").read_text())["trials"]

@@ -192,3 +192,8 @@ Message: TypeAlias = (
     | Request | FingerPosition | FingerTemperature | Imu | Ahrs | Status | Information | Serial | FingertipPressure
     | MotorError | CalibrationDone
 )  # fmt: skip
+
+COMMANDS = (
+    ServoOn, ServoOff, SetTorque, SetPosition, SetPeriod, SetMode, SetAhrs, Configure, Pick, Place, Calibrate,
+)  # fmt: skip
+"""What changes what a hand does; the rest are questions, answers and reports."""

@@ -155,6 +155,7 @@ class CanBackend:
                 self._poll()
             self._polled += 1
             caught_up = self._wait(self._settings.timeout)
+            self._listener.check_period()
             if self._listener.motors is False:
                 self._wake()
         except HandError as error:

@@ -1,9 +1,15 @@
-"""Which period a whole hand belongs to, and how many lie between two, when stamps come from a host that may be late."""
+"""Which period a whole hand belongs to, and how many lie between two, when stamps come from a host that may be late;
+and whether the hand keeps the period that it was told."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
 
 PATIENCE = 3
 """States in a row that must come late before a period counts as missed: one that is merely late is followed by one that
@@ -23,6 +29,20 @@ STEADY, FASTEST = 2e-4, 0.02
 BACKLOG = 0.5
 """Periods: two whole hands whose stamps are closer than this were read from a backlog, so the stamp of the later one
 says when it was read, not when it came."""
+
+OFF = 0.15
+"""Share by which the rate of reports may differ from that of the period: no quartz is off by more than `FASTEST`, and
+two whole milliseconds up to 7 are further apart."""
+MARK, MARK_PERIODS = 0.05, 15
+"""s, and periods, between two looks at the count of reports."""
+SHORTEST, ENOUGH, SPAN = 2, 5, 30
+"""Looks apart over which a rate is taken; looks after which a hand is found too fast; looks that are kept, after which
+it is found too slow: 1.5 s."""
+EXCUSED = 0.02
+"""Share of the periods that may have had a loss, or have been read late, before a low rate is no period."""
+AGREE, SCATTER = 0.1, 0.25
+"""Shares of the mean interval by which the middle one, and the middle half of all, may differ from it where none was
+lost."""
 
 
 class Continuity:
@@ -204,3 +224,61 @@ class HandClock:
             self._due += (late + self._counted) * period
         elif abs(late) <= 0.5:
             self._due += DRIFT * late * period
+
+
+def steady(intervals: Sequence[float]) -> float:
+    """The period of something periodic, s: the mean interval, where the middle half of them says the same; NaN where it
+    does not, since some were lost, or read in bunches."""
+    mean, quarters = float(np.mean(intervals)), np.percentile(intervals, (25, 50, 75))
+    return mean if (np.abs(quarters - mean) < mean * np.array((SCATTER, AGREE, SCATTER))).all() else math.nan
+
+
+class _Look(NamedTuple):
+    t: float
+    wholes: int
+    periods: int
+    excuses: int
+
+
+class PeriodCheck:
+    """Whether a hand keeps the period that it was told, by its reports a second.
+
+    A bunch of reports after a stall comes faster than any hand, but the time of the stall is before it: what has come
+    too fast over every span from 0.1 s to 1.5 s, or to the session's first report, is a hand with a shorter period.
+    What has come too slowly over all of them may have been lost, or be left for later by a slow host. It is a longer
+    period where nothing says so, and where the intervals are even.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period, self._mark = period, max(MARK, MARK_PERIODS * period)
+        self._looks = deque[_Look](maxlen=SPAN + 1)
+        self._stamps = deque[float](maxlen=SPAN * MARK_PERIODS // 2)
+        self._wholes, self._begin, self._next = 0, math.inf, -math.inf
+        self.found = math.nan
+        """The hand's own period, s, where that is clearly another one; else NaN."""
+
+    def hear(self, t: float, periods: int, excuses: int) -> None:
+        """Take in a whole hand's stamp, s, the periods begun so far, and how often something was lost or read late."""
+        self._wholes += 1
+        self._stamps.append(t)
+        if self._begin <= t < self._next:
+            return
+        if t < self._begin < math.inf:  # A log, whose clock was set back.
+            self._looks.clear()
+            self._stamps.clear()
+        self._begin, self._next = t, t + self._mark
+        self._looks.append(_Look(t, self._wholes, periods, excuses))
+        self.found = self._judge() if len(self._looks) > ENOUGH else math.nan
+
+    def _judge(self) -> float:
+        looks, least = list(self._looks), 1.0 + OFF
+        now, before = looks[-1], looks[:-SHORTEST]
+        if all((now.wholes - look.wholes) * self._period > least * (now.t - look.t) for look in before):
+            recent = looks[-1 - ENOUGH]
+            return (now.t - recent.t) / (now.wholes - recent.wholes)
+        if len(looks) <= SPAN or now.excuses - looks[0].excuses > EXCUSED * (now.periods - looks[0].periods):
+            return math.nan
+        if all((now.periods - look.periods) * self._period * least < now.t - look.t for look in before):
+            found = steady(np.diff(self._stamps).tolist())
+            return found if found > least * self._period else math.nan
+        return math.nan

@@ -16,7 +16,7 @@ from allegro_twin.drivers.can.codec.detect import of_other_device
 from allegro_twin.drivers.can.codec.frames import LOST, Frame
 from allegro_twin.drivers.can.codec.imu import gravity_of
 from allegro_twin.drivers.can.codec.messages import Message
-from allegro_twin.drivers.can.driver.clock import Continuity, HandClock
+from allegro_twin.drivers.can.driver.clock import Continuity, HandClock, PeriodCheck
 from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.lost_frames import Assembler, Whole
@@ -40,6 +40,7 @@ class Interpreter:
         self._assembler = Assembler(settings.period)
         self._clock: HandClock | None = None
         self._continuity: Continuity | None = None
+        self._pace = PeriodCheck(settings.period)
         self._filter: VelocityFilter
         self._epoch = self._periods = 0  # Of the position that the filter has.
         self._before = 0  # Reports up to the last state.
@@ -59,6 +60,11 @@ class Interpreter:
         """What was counted so far."""
         self._health.incomplete, self._health.doubtful = self._assembler.incomplete, self._assembler.doubtful
         return self._health
+
+    @property
+    def own_period(self) -> float:
+        """The period that the hand keeps, s, where it is clearly not the one of the settings; else NaN."""
+        return self._pace.found
 
     @property
     def heard(self) -> list[float]:
@@ -85,7 +91,7 @@ class Interpreter:
                 whole = self._assembler.add_all(came[0].data, came[1])
                 if whole is not None and self._continuity is not None:
                     self.whole = whole
-                    self._continuity.hear(came[1], self._assembler.periods)
+                    self._follow(came[1])
                 elif whole is not None:
                     self._complete(whole)
             else:
@@ -167,7 +173,13 @@ class Interpreter:
         self.whole = whole
         if self._continuity is None:
             self._continuity = Continuity(self._settings.period, whole.t, self._assembler.periods)
-        self._continuity.hear(whole.t, self._assembler.periods)
+        self._follow(whole.t)
+
+    def _follow(self, t: float) -> None:
+        """A whole hand came, at `t` s."""
+        assembler, health = self._assembler, self._health
+        self._continuity.hear(t, assembler.periods)  # type: ignore[union-attr]  # It begins with the first whole hand.
+        self._pace.hear(t, assembler.periods, assembler.incomplete + health.overflows + health.behind)
 
     def _take(self, message: Message, frame: Frame) -> None:
         """Keep what it says."""

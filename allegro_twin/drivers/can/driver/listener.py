@@ -8,12 +8,12 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame
-from allegro_twin.drivers.can.codec.messages import Message, StatusBits
+from allegro_twin.drivers.can.codec.messages import COMMANDS, Message, StatusBits
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import Interpreter
 from allegro_twin.errors import HandFault, LinkError, LinkTimeout
 
-_FATAL = {
+FATAL = {
     StatusBits.JOINT_HOT: "a joint is too hot; let it cool down",
     StatusBits.PALM_HOT: "the palm is too hot; let it cool down",
     StatusBits.JOINT_TIMEOUT: "a joint no longer answers the palm; switch the hand off and on",
@@ -55,13 +55,23 @@ class Listener(Interpreter):
         who = f"the hand, a {version} (but {others} reports: correct `version`)," if others else "the hand"
         return LinkTimeout(f"no report from {who} for {seconds:g} s on {link}; is it powered and plugged in?")
 
+    def check_period(self) -> None:
+        """Raises HandFault where the hand clearly keeps another period than the config's: its speeds are not known."""
+        if math.isnan(self.own_period):
+            return
+        found, told = 1e3 * self.own_period, 1e3 * self._period
+        raise HandFault(
+            f"the hand reports every {found:.1f} ms, not every {told:g} ms as the config says, so its speeds are not "
+            f"known; set `period: {max(round(found), 1) / 1e3:g}`, or end the program that changed it, then reset"
+        )
+
     def _judge(self, message: Message, frame: Frame) -> None:
         match message:
             case m.Status(bits=bits) | m.Information(bits=bits):
                 self._judge_status(bits)
             case m.MotorError():
                 raise HandFault(f"motor {message.motor} reports {_complaint(message)}; reset to go on")
-            case m.SetTorque() | m.ServoOn() | m.ServoOff():
+            case _ if isinstance(message, COMMANDS):
                 name = type(message).__name__
                 raise LinkError(f"another program commands this hand ({name}, frame {frame}); stop one of the two")
             case _:
@@ -70,15 +80,20 @@ class Listener(Interpreter):
     def _judge_status(self, bits: StatusBits | None) -> None:
         if bits is None:
             return
-        for bit, why in _FATAL.items():
-            if bits & bit:
-                raise HandFault(f"the hand says {bit.name}: {why}, then reset")
+        refuse(bits)
         if bits & StatusBits.THROTTLED:
             self.health.note("throttled", "the hand says that a hot joint gets less torque")
         motors = bool(bits & StatusBits.SERVO_ON)
         if self.serving and self.motors and not motors:
             raise HandFault("the hand switched its motors off; reset to go on")
         self.motors = motors
+
+
+def refuse(bits: StatusBits) -> None:
+    """Raises HandFault where a status says that the hand must not be driven."""
+    for bit, why in FATAL.items():
+        if bits & bit:
+            raise HandFault(f"the hand says {bit.name}: {why}, then reset")
 
 
 def _complaint(error: m.MotorError) -> str:

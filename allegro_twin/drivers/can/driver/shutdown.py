@@ -56,19 +56,21 @@ class ShutdownSequence:
                 return "it reported nothing before"
             return "" if self._silent(port) else "it goes on reporting"
         port.send([self.answer.ask])
-        if not self._off(port):
-            return "it does not answer"
+        if why := self._off(port):
+            return why
         port.send(self.frames)  # Last on the bus, whatever came between.
         return ""
 
-    def _off(self, port: BusPort) -> bool:
-        """Whether the hand says that its motors are off."""
-        deadline = port.link.now() + ANSWER
+    def _off(self, port: BusPort) -> str:
+        """Why the hand has not said that its motors are off; empty when it has."""
+        deadline, why = port.link.now() + ANSWER, "it does not answer"
         while (left := deadline - port.link.now()) > 0.0 and (stamped := port.receive(left)) is not None:
             message = self._decoded(stamped.frame)
-            if isinstance(message, m.Information) and not (message.bits or StatusBits(0)) & StatusBits.SERVO_ON:
-                return True
-        return False
+            if isinstance(message, m.Information):
+                if not (message.bits or StatusBits(0)) & StatusBits.SERVO_ON:
+                    return ""
+                why = "it says that its motors are still on"
+        return why
 
     def _silent(self, port: BusPort) -> bool:
         """Whether no report comes any more."""

@@ -11,6 +11,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message, Topic
 from allegro_twin.drivers.can.codec.v5 import parse_serial
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
+from allegro_twin.drivers.can.driver.listener import refuse
 from allegro_twin.drivers.can.link.shared_bus import BusPort, Stamped
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
 from allegro_twin.spec import HandSpec, Side
@@ -35,7 +36,8 @@ def begin(
 ) -> list[Stamped]:
     """Bring the hand from any state to reporting, limp, with its motors on; `serving` is called before they go on.
 
-    Returns the frames that came meanwhile and belong to the session. Raises LinkError, LinkTimeout or ConfigError.
+    Returns the frames that came meanwhile and belong to the session. Raises LinkError, LinkTimeout, ConfigError or
+    HandFault.
     """
     if not port.send(limp):
         raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
@@ -85,7 +87,8 @@ def _drain(port: BusPort) -> None:
 def identify(port: BusPort, codec: Codec, spec: HandSpec, timeout: float) -> tuple[m.Information, Side | None]:
     """Who the hand, which may be `timeout` s late, says it is, and its side where it tells.
 
-    Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says.
+    Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says, HandFault when it
+    must not be driven.
     """
     found = ask(port, codec, Topic.INFORMATION, m.Information, timeout)
     if found is None:
@@ -106,6 +109,8 @@ def identify(port: BusPort, codec: Codec, spec: HandSpec, timeout: float) -> tup
             raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
     if side is not None and side != spec.side:
         raise ConfigError(f"this is a {side} hand; the config says {spec.side}: correct `hand: {{side: …}}`")
+    if found.bits is not None:
+        refuse(found.bits)  # Before the motors go on: a hand that is still hot stays limp.
     return found, side
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import deque
 from collections.abc import Callable, Generator
@@ -29,6 +30,8 @@ from allegro_twin.drivers.can.tools.findings import Finding
 from allegro_twin.errors import HandError, LinkError, ProtocolError
 from allegro_twin.spec import HandSpec
 
+log = logging.getLogger(__name__)
+
 LISTEN, WATCH, FIRST = 0.3, 2.0, 0.5
 """s of silence before the first word; of reports that are judged; that a hand may take to its first report."""
 _POLL = 1.0  # s between two questions for the status, as in the backend.
@@ -48,28 +51,40 @@ class Checkup:
         self._frames = self._bits = 0
         self._wholes: list[Whole] = []
         self._measured = 0.0
+        self._served = False
         self._port: BusPort
 
     def walk(self) -> Generator[Finding]:
-        """Finding after finding; the last is the first that is broken, or that the hand was left limp."""
+        """Finding after finding, until one is broken; a hand that was not left limp is one more that is."""
         try:
             self._port = self._open()
         except HandError as error:
             yield Finding.of("interface", error)
             return
         try:
-            yield Finding("interface", f"{self._port.link.name} is open, {self._port.link.bitrate} bit/s")
-            for name, step in self._steps():
-                try:
-                    finding = step()
-                except HandError as error:
-                    finding = Finding.of(name, error)
-                yield finding
-                if not finding.ok:
-                    return
+            ok = yield from self._walk()
+        except BaseException:  # Nobody waits for the row.
+            if why := self._leave():
+                log.error("%s: cut its power", findings.limp(why).text)
+            raise
+        why = self._leave()
+        if ok or why:
+            yield findings.limp(why)
+        if ok and not why:
             yield findings.side(self._side, self._spec)
-        finally:
-            self._leave()
+
+    def _walk(self) -> Generator[Finding, None, bool]:
+        """The steps on an open link; whether all of them are in order."""
+        yield Finding("interface", f"{self._port.link.name} is open, {self._port.link.bitrate} bit/s")
+        for name, step in self._steps():
+            try:
+                finding = step()
+            except HandError as error:
+                finding = Finding.of(name, error)
+            yield finding
+            if not finding.ok:
+                return False
+        return True
 
     def _steps(self) -> tuple[tuple[str, Callable[[], Finding]], ...]:
         return (
@@ -77,6 +92,7 @@ class Checkup:
             ("identity", self._identify),
             ("fingers", self._serve),
             ("reports", self._watch),
+            ("motors", lambda: findings.motors(self._listener.motors, self._codec.version)),
             ("temperature", lambda: findings.temperature(self._listener.temperature, self._codec.version)),
             ("joints", self._joints),
             ("load", self._load),
@@ -93,7 +109,7 @@ class Checkup:
                 continue
             message = self._decoded(stamped.frame)
             seen.append(stamped.frame)
-            if isinstance(message, m.SetTorque | m.ServoOn | m.ServoOff):
+            if isinstance(message, m.COMMANDS):
                 commands = f"{type(message).__name__}, frame {stamped.frame}"
         return findings.bus(self._frames, LISTEN, link.error_frames, link.bitrate, commands, reporting(seen))
 
@@ -120,6 +136,7 @@ class Checkup:
     def _serve(self) -> Finding:
         """Motors on, at zero torque."""
         port, settings = self._port, replace(self._settings, identify=False)
+        self._served = True
         for stamped in begin(port, self._codec, settings, self._spec, self._shutdown.frames):
             self._hear(stamped.frame, stamped.t)
         for tries_left in reversed(range(TRIES)):
@@ -137,10 +154,15 @@ class Checkup:
         self._frames = self._bits = 0
         began = link.now()
         end, ask_at = began + WATCH, began if self._codec.identifies else math.inf
+        tries = 1
         while link.now() < end:
             if (whole := self._next(min(end, ask_at))) is not None:
                 self._wholes.append(whole)
                 self._port.send([self._zero])
+            if self._listener.motors is False and tries < TRIES:  # That frame may have been lost.
+                tries += 1
+                self._port.send([self._codec.encode(m.ServoOn()), self._codec.encode(m.Request(Topic.INFORMATION))])
+                self._listener.motors = None
             if link.now() >= ask_at:
                 ask_at += _POLL
                 self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
@@ -181,11 +203,14 @@ class Checkup:
         self._frames += 1
         self._bits += bits(message.dlc if not message.is_remote_frame else 0)
 
-    def _leave(self) -> None:
-        """Limp, whatever was found; a hand that never answered is not waited for."""
-        if self._listener.reports:
-            self._shutdown.run(self._port, reported=True)
+    def _leave(self) -> str:
+        """Limp, whatever was found; why that was not confirmed. A hand that has said nothing since its motors were
+        switched on, and cannot be asked, is not waited for."""
+        why = ""
+        if self._listener.reports or (self._served and self._shutdown.answer is not None):
+            why = self._shutdown.run(self._port, reported=bool(self._listener.reports))
         else:
             with suppress(LinkError):  # Nothing left to say it with.
                 self._port.send(self._shutdown.frames)
         self._port.close()
+        return why

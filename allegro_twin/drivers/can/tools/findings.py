@@ -10,8 +10,9 @@ import numpy as np
 
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import FINGERS, Codec
+from allegro_twin.drivers.can.driver.clock import EXCUSED, OFF, steady
+from allegro_twin.drivers.can.driver.startup import TRIES
 from allegro_twin.drivers.can.link.load import CEILING
-from allegro_twin.drivers.can.tools.samples import regular
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.safety import Limits
 from allegro_twin.spec import HandSpec
@@ -21,7 +22,6 @@ BEYOND = 0.15
 """rad outside the model's limits that a real joint may be: found limits differ by as much as its stops give."""
 JUMP = 0.1
 """rad between two reports that no joint can do: 33 rad/s at 3 ms; the motors' no-load speed is 9.52 rad/s."""
-_PERIOD_OFF = 0.2  # Of the period that was asked for.
 _LOST = 0.1  # Of all reports: more is no link to control a hand over.
 _TEMPERATURE: dict[str, Any] = {field.name: field.default for field in fields(Limits)}
 
@@ -98,12 +98,32 @@ def timing(stamps: Sequence[float], seconds: float, period: float, incomplete: i
         f"{len(stamps) / seconds:.1f} a second; interval p50 {p50 * 1000:.2f}, p99 {p99 * 1000:.2f}, worst "
         f"{worst * 1000:.2f} ms; {lost} of {asked} lost, {incomplete} incomplete"
     )
-    if abs(regular(gaps) / period - 1.0) > _PERIOD_OFF:
+    often = len(stamps) > (1.0 + OFF) * asked  # Nothing else makes more reports; losses make fewer.
+    seldom = incomplete <= EXCUSED * len(stamps) and steady(gaps.tolist()) > (1.0 + OFF) * period
+    if often or seldom:
         return Finding("reports", text, f"the config says period: {period:g} s; set what the hand does", ConfigError)
     if lost > _LOST * asked or worst > timeout:
         remedy = "check cable and termination; on a busy computer, `realtime: true`"
         return Finding("reports", text, remedy, LinkError)
     return Finding("reports", text)
+
+
+def motors(on: bool | None, version: str) -> Finding:
+    """Whether the motors are on, by the hand's last word after it was told so; None: it said nothing."""
+    if on is None:
+        return Finding("motors", f"a {version} hand has not said whether they are on")
+    if not on:
+        text = f"the hand was told {TRIES} times to switch them on, and says that they are off"
+        return Finding("motors", text, "switch the hand off and on; check its supply", HandFault)
+    return Finding("motors", "on, says the hand")
+
+
+def limp(why: str) -> Finding:
+    """Whether the hand was left limp. `why`: what speaks against it."""
+    if why:
+        text = f"the hand has not confirmed that it is limp ({why})"
+        return Finding("limp", text, "cut its power", HandFault)
+    return Finding("limp", "the hand was left limp, and has confirmed it")
 
 
 def temperature(celsius: Vector, version: str) -> Finding:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +13,13 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.detect import reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Four
+from allegro_twin.drivers.can.driver.clock import OFF, steady
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import Interpreter
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import HandState, Sample, TorqueCommand, frozen
 
-_ENOUGH = 50  # Intervals from which a hand's period is clear.
-_OFF = 0.2  # Of the period: further off, the config's period is not the hand's.
+_ENOUGH = 50  # Intervals without a loss from which a hand's period is clear.
 
 
 @dataclass(slots=True)
@@ -46,13 +45,6 @@ class Found:
             "rows before the first torque frame, whose command is written as 0": self.uncommanded,
         }
         return ", ".join(f"{count} {what}" for what, count in parts.items() if count)
-
-
-def regular(intervals: Iterable[float]) -> float:
-    """The period of something periodic, s; NaN where the intervals differ, as on a busy computer that reads in
-    bursts."""
-    tenth, middle, ninth = np.percentile(list(intervals), (10, 50, 90))
-    return float(middle) if ninth - tenth < _OFF * middle else math.nan
 
 
 class Samples:
@@ -122,8 +114,11 @@ class Samples:
 
     def _check_period(self, interval: float) -> None:
         self._intervals.append(interval)
-        found = regular(self._intervals) if self.found.states == _ENOUGH else math.nan
-        if abs(found / self._settings.period - 1.0) > _OFF:
+        found = self._interpreter.own_period
+        if self.found.states == _ENOUGH and not self.found.incomplete:  # A log may be shorter than a session.
+            slow = steady(list(self._intervals))
+            found = slow if slow > (1.0 + OFF) * self._settings.period else found
+        if not math.isnan(found):
             raise ConfigError(
                 f"this hand reports every {found * 1000:.1f} ms; the config says period: {self._settings.period:g} s"
             )

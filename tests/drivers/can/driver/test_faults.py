@@ -178,6 +178,27 @@ def test_an_overheated_joint_is_a_fault_that_ends_when_it_is_cool() -> None:
     assert ticks_after_reset(bench) == ANEW
 
 
+@pytest.mark.parametrize("bit", [StatusBits.JOINT_HOT, StatusBits.JOINT_TIMEOUT, StatusBits.PALM_HOT])
+def test_reset_refuses_a_hand_that_must_not_be_driven_before_its_motors_go_on(bit: StatusBits) -> None:
+    bench = Bench()
+    bench.firmware.failed = bit
+    with pytest.raises(HandFault, match=f"the hand says {bit.name}: .*then reset"):
+        bench.reset()
+    assert not any(message.arbitration_id == 0x100 for message in bench.bus.sent)
+    assert bench.limp()
+    bench.firmware.failed = StatusBits(0)
+    assert ticks_after_reset(bench) == ANEW
+
+
+def test_a_hand_that_says_that_its_motors_are_still_on_is_told_apart_from_one_that_is_silent() -> None:
+    bench = Bench()
+    bench.reset()
+    hear = bench.firmware.receive
+    bench.firmware.receive = lambda frame: [] if frame == Frame(0x104) else hear(frame)  # type: ignore[method-assign]
+    bench.backend.close()
+    assert "not confirmed that it is limp (it says that its motors are still on)" in bench.backend.unconfirmed
+
+
 def test_a_joint_that_no_longer_answers_is_a_fault() -> None:
     bench = Bench(
         plan=FaultSettings(script=(BusFaultEvent(at=0.5, what="joint_timeout"), BusFaultEvent(at=3.0, what="recover")))
@@ -223,6 +244,10 @@ def test_a_v5_hand_that_reports_a_motor_is_a_fault() -> None:
     [
         ("v4", frame(0x180, bytes(8)), "SetTorque, frame 180#0000000000000000"),
         ("v4", frame(0x104), "ServoOff, frame 104#"),
+        ("v4", frame(0x204, bytes([2, 0, 0, 0, 0, 0])), "SetPeriod, frame 204#020000000000"),
+        ("v4", frame(0x1A0, bytes([1, 2, 0, 0, 0, 0])), "Configure, frame 1A0#"),
+        ("v3", frame(0x0CA, bytes([2])), "SetPeriod, frame 0CA#02"),
+        ("v5", frame(0x224), "Calibrate, frame 224#"),
         ("v3", frame(0x24A, bytes(8)), "SetTorque, frame 24A"),
         ("v5", frame(0x100), "ServoOn, frame 100#"),
     ],

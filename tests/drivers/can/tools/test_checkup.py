@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -29,20 +30,28 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
 from tests.conftest import can_config
 
-ALL = ["interface", "bus", "identity", "fingers", "reports", "temperature", "joints", "load", "side"]
+ALL = ["interface", "bus", "identity", "fingers", "reports", "motors", "temperature", "joints", "load", "limp", "side"]
 STAMPS = list(np.arange(667) * 0.003)
 
 
 class Room(VirtualHands):
-    """Hands on a bus, with what was said to them, and with somebody else who talks at every tick."""
+    """Hands on a bus, with what was said to them, and with somebody else who talks at every tick; `deaf`: to these the
+    hand does not listen, or only after so many."""
 
-    def __init__(self, firmware: Firmware, faults: Any, noise: tuple[Frame, ...], off_at: float) -> None:
+    def __init__(
+        self, firmware: Firmware, faults: Any, noise: tuple[Frame, ...], off_at: float, deaf: dict[type, float]
+    ) -> None:
         super().__init__([firmware], faults)
         self.said: list[Frame] = []
-        self._noise, self._off_at = noise, off_at
+        self._noise, self._off_at, self._deaf = noise, off_at, dict(deaf)
 
     def receive(self, frame: Frame | JointFrames) -> list[Frame]:
         self.said += single([frame])
+        if isinstance(frame, Frame) and not frame.remote:
+            kind = type(self.firmwares[0].codec.decode(frame))
+            if self._deaf.get(kind, 0) > 0:
+                self._deaf[kind] -= 1
+                return []
         return super().receive(frame)
 
     def step(self) -> list[Frame | JointFrames]:
@@ -51,7 +60,7 @@ class Room(VirtualHands):
         return [*self._noise, *single(super().step())]
 
 
-def walked(
+def walk_of(
     said: Version = "v4",
     really: Version | None = None,
     *,
@@ -60,23 +69,30 @@ def walked(
     reporting: bool = False,
     serials: tuple[str, str] = ("", ""),
     side: str = "right",
+    deaf: dict[type, float] = {},  # noqa: B006  # It is copied.
+    reports_every: float = 0.003,
     **backend: Any,
-) -> tuple[list[Finding], Room]:
-    """A checkup with a config that says one thing, of a hand that is another; what was found, and the hand."""
+) -> tuple[Generator[Finding], Room]:
+    """A checkup with a config that says one thing, of a hand that is another; its findings to come, and the hand."""
     ours, theirs = can_config(said, **backend), can_config(really or said, side=side, **backend)  # type: ignore[arg-type]
     ours, theirs = (
         config.model_copy(update={"hand": config.hand.model_copy(update={"serial": serial})})
         for config, serial in zip((ours, theirs), serials, strict=True)
     )
     assert isinstance(ours.backend, CanSettings)
-    hand = virtual_firmware(theirs, SimulatedScene(), step=0.003, restart=False)
+    hand = virtual_firmware(theirs, SimulatedScene(), step=reports_every, restart=False)
     if reporting:
-        for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
+        for message in (*hand.codec.opening(reports_every, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
-    room = Room(hand, ours.backend.faults, noise, off_at)
+    room = Room(hand, ours.backend.faults, noise, off_at, deaf)
     link, codec = AdapterLink(LockstepBus(room)), codec_of(ours.backend, ours.hand)
-    found = list(Checkup(load_spec(), codec, link.port, host_settings(ours.backend, ours.period)).walk())
-    return found, room
+    return Checkup(load_spec(), codec, link.port, host_settings(ours.backend, ours.period)).walk(), room
+
+
+def walked(*versions: Version, **hand: Any) -> tuple[list[Finding], Room]:
+    """What such a checkup finds, and the hand."""
+    walk, room = walk_of(*versions, **hand)
+    return list(walk), room
 
 
 def broken(found: list[Finding]) -> Finding:
@@ -123,6 +139,57 @@ def test_a_hand_that_switches_its_motors_off_by_itself_is_a_fault() -> None:
     assert (last.name, last.text, last.broken) == ("reports", "the hand switched its motors off", HandFault)
 
 
+def test_a_hand_that_is_not_left_limp_is_a_broken_row_whatever_else_is_in_order() -> None:
+    last = broken(walked(deaf={m.ServoOff: math.inf})[0])
+    assert (last.name, last.remedy, last.broken) == ("limp", "cut its power", HandFault)
+    assert last.text == "the hand has not confirmed that it is limp (it says that its motors are still on)"
+    last = broken(walked("v2", deaf={m.ServoOff: math.inf})[0])
+    assert last.text == "the hand has not confirmed that it is limp (it goes on reporting)"
+    found, _ = walked(faults={"script": [{"at": 1.5, "what": "power_cut"}]})
+    assert [(finding.name, finding.ok) for finding in found[-2:]] == [("reports", False), ("limp", False)]
+    assert "(it does not answer)" in found[-1].text
+
+
+def test_a_checkup_that_is_broken_off_leaves_the_hand_limp_or_logs_that_it_has_not(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    obeys, keeps_on = dict[type, float](), dict[type, float]({m.ServoOff: math.inf})
+    for deaf, lines in (obeys, []), (keeps_on, ["(it says that its motors are still on): cut its power"]):
+        caplog.clear()
+        walk, room = walk_of(deaf=deaf)
+        while next(walk).name != "fingers":
+            pass
+        assert room.firmwares[0].serving
+        walk.close()
+        assert room.firmwares[0].serving == bool(deaf)
+        assert [record.message.partition("limp ")[2] for record in caplog.records] == lines
+
+
+def test_motors_that_never_go_on_are_a_broken_row_and_a_frame_that_is_lost_is_sent_again() -> None:
+    servo = {"servo": "ignored"}  # It reports all the same.
+    last = broken(walked(deaf={m.ServoOn: math.inf}, firmware=servo)[0])
+    assert (last.name, last.broken) == ("motors", HandFault)
+    assert last.text == "the hand was told 3 times to switch them on, and says that they are off"
+    found, _ = walked(deaf={m.ServoOn: 2}, firmware=servo)
+    assert (found[5].text, len(found)) == ("on, says the hand", len(ALL))
+    assert walked("v2")[0][5].text == "a v2 hand has not said whether they are on"
+
+
+def test_a_hand_that_must_not_be_driven_is_refused_before_its_motors_go_on() -> None:
+    found, room = walked(faults={"script": [{"at": 0.0, "what": "joint_timeout"}]})
+    last = broken(found)
+    assert (last.name, last.broken) == ("identity", HandFault)
+    assert "JOINT_TIMEOUT" in last.text
+    assert not any(isinstance(make_codec("v4").decode(frame), m.ServoOn) for frame in room.said)
+
+
+@pytest.mark.parametrize("every", [0.001, 0.002, 0.004, 0.006])
+def test_a_hand_with_another_period_than_the_configs_is_not_said_to_have_a_bad_cable(every: float) -> None:
+    last = broken(walked(reporting=True, reports_every=every, deaf={m.SetPeriod: math.inf})[0])
+    assert (last.name, last.broken) == ("reports", ConfigError)
+    assert last.remedy == "the config says period: 0.003 s; set what the hand does"
+
+
 def test_a_run_says_who_reports_instead_of_the_configs_hand(spec: HandSpec) -> None:
     theirs, ours = can_config("v4"), can_config("v2")
     hand = virtual_firmware(theirs, SimulatedScene(), step=0.003, restart=False)
@@ -144,12 +211,13 @@ def test_a_few_lost_reports_are_told_but_no_reason_to_stop() -> None:
     assert len(found) == len(ALL)
 
 
-def test_another_program_that_commands_the_hand_is_found_before_anything_is_said() -> None:
-    torque = make_codec("v4").encode(m.SetTorque(1, (0.1, 0.0, 0.0, 0.0)))
-    found, room = walked(noise=(torque,))
+@pytest.mark.parametrize("message", [m.SetTorque(1, (0.1, 0.0, 0.0, 0.0)), m.SetPeriod(0.002)])
+def test_another_program_that_commands_the_hand_is_found_before_anything_is_said(message: m.Message) -> None:
+    frame = make_codec("v4").encode(message)
+    found, room = walked(noise=(frame,))
     last = broken(found)
     assert (last.name, last.remedy, last.broken) == ("bus", "stop one of the two", LinkError)
-    assert f"another program commands this hand: SetTorque, frame {torque}" in last.text
+    assert f"another program commands this hand: {type(message).__name__}, frame {frame}" in last.text
     assert not room.firmwares[0].serving
 
 
@@ -190,9 +258,9 @@ def test_others_on_the_bus_are_named_and_counted_in_its_load() -> None:
     noise = tuple(neighbour.encode(m.FingerPosition(k, (0.0, 0.0, 0.0, 0.0))) for k in range(4))
     alone, _ = walked()
     found, _ = walked(noise=(*noise, Frame(0x7FF, b"\x01")))
-    assert found[-2].text.startswith("57% of 1 Mbit/s measured; this hand takes 36% at worst; a v4 (device 2)")
-    assert "frames with unknown identifiers" in found[-2].text
-    assert alone[-2].text == "36% of 1 Mbit/s measured; this hand takes 36% at worst"
+    assert found[-3].text.startswith("57% of 1 Mbit/s measured; this hand takes 36% at worst; a v4 (device 2)")
+    assert "frames with unknown identifiers" in found[-3].text
+    assert alone[-3].text == "36% of 1 Mbit/s measured; this hand takes 36% at worst"
 
 
 def test_a_hand_that_does_not_answer_passes_where_the_config_says_so() -> None:
@@ -223,6 +291,15 @@ def test_reports_are_judged_by_their_period_their_losses_and_their_longest_gap()
     assert (slow.broken, "period: 0.003 s" in slow.remedy) == (ConfigError, True)
     gap = findings.timing([*STAMPS[:300], *STAMPS[320:]], 2.0, 0.003, 0, 0.05)
     assert (gap.broken, "worst 63.00 ms; 19 of 667 lost" in gap.text) == (LinkError, True)
+    rng = np.random.default_rng(1)
+    for every, kind in ((0.002, ConfigError), (0.003, None), (0.004, ConfigError), (0.006, ConfigError)):
+        times = np.arange(0.0, 2.0, every)
+        scattered = np.sort(times + rng.uniform(0.0, 0.0016, len(times)))
+        assert findings.timing(list(scattered), 2.0, 0.003, 0, 0.05).broken is kind, every
+    lossy = findings.timing([t for t in STAMPS if rng.random() > 0.25], 2.0, 0.003, 0, 0.05)
+    assert (lossy.broken, "cable" in lossy.remedy) == (LinkError, True)
+    torn = findings.timing(STAMPS[::2], 2.0, 0.003, 100, 0.05)
+    assert (torn.broken, "cable" in torn.remedy) == (LinkError, True)
     bursts = findings.timing([t // 0.012 * 0.012 + 1e-4 * k for k, t in enumerate(STAMPS)], 2.0, 0.003, 0, 0.05)
     assert bursts.ok  # A busy computer reads late, the hand is not to blame.
 

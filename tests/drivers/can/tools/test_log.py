@@ -173,6 +173,10 @@ def test_a_log_of_another_period_says_which(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *[one for k in range(60) for one in reports(0.006 * k)])
     with pytest.raises(ConfigError, match=r"reports every 6.0 ms; the config says period: 0.003 s"):
         list(samples_of_log(path, V4, CanHostSettings()))
+    late = np.random.default_rng(1).uniform(0.0, 0.0015, 300)  # As a busy computer stamps.
+    path = candump(tmp_path / "c.log", *[one for k in range(300) for one in reports(0.002 * k + late[k])])
+    with pytest.raises(ConfigError, match=r"reports every 2.0 ms; the config says period: 0.003 s"):
+        list(samples_of_log(path, V4, CanHostSettings()))
 
 
 @pytest.mark.parametrize(
