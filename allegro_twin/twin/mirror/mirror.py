@@ -249,7 +249,7 @@ class Mirror:
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.contact_thresholds))
             raise HandFault(
-                f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
+                f"something touches {', '.join(self.contacts)}: {self._spec.joint_labels[joint]} is pushed by "
                 f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"
             )
         for each in diagnosis.faults.active:

@@ -80,7 +80,7 @@ def check_place(spec: HandSpec, position: Vector, calibration: Calibration) -> N
     worst = int(np.argmax(excess))
     if excess[worst] > FAR:
         raise ConfigError(
-            f"{spec.joints[worst]} (id {calibration.ids[worst]}) would be at {position[worst]:.2f} rad, far outside "
+            f"{spec.joint_labels[worst]} (id {calibration.ids[worst]}) would be at {position[worst]:.2f} rad, far outside "
             f"[{spec.lower[worst]:.2f}, {spec.upper[worst]:.2f}]: its zero or direction is wrong, or it lost a turn"
         )
 
