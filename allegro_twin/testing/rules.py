@@ -243,7 +243,8 @@ def the_limp_command_ends_all_torque(make: Make) -> None:
             state = backend.read()
     known = state.torque[~np.isnan(state.torque)]
     worst = int(np.nanargmax(np.abs(state.torque))) if len(known) else 0
-    what = f"torque of {backend.spec.joint_labels[worst]} is {state.torque[worst]:g} N·m five periods after the limp command"
+    joint = backend.spec.joint_labels[worst]
+    what = f"torque of {joint} is {state.torque[worst]:g} N·m five periods after the limp command"
     require(not known.any(), what)
 
 

@@ -23,7 +23,7 @@ from allegro_twin.sim.model.joints import JointChange, PostureMap, motor_joints,
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.observer.kalman import JointKalman
-from allegro_twin.sim.observer.observer import Estimate, push_into_stop
+from allegro_twin.sim.observer.observer import CREEP, Estimate, push_into_stop
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.types import Array, PositionCommand, Vector
@@ -140,7 +140,7 @@ class LoopObserver:
     def _estimate(self, predicted: Vector) -> Estimate:
         data = self._data
         where, speed = self._lengths.position(data.qpos), self._lengths.velocity(data.qvel)
-        return Estimate(predicted, where, self._disturbance.copy(), speed)
+        return Estimate(predicted, where, self._disturbance.copy(), speed, np.tanh(speed / CREEP))
 
     def pull(self) -> Array:
         """What a kilogram at the centre of mass of the last link that each motor moves would weigh on each of them,

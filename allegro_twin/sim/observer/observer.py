@@ -38,6 +38,8 @@ TORQUE, WALK = 3e-3, 2e-3  # N·m: of the model's torques, and how far a disturb
 
 REST = 0.03
 """rad/s: slower joints rest."""
+CREEP = 0.02
+"""rad/s over which friction without bristles changes its side."""
 FORGET = 0.5
 """s. Ours: long beside the 60 ms in which a push is to be seen, short beside the 5 s in which 10 mN·m wound up."""
 UNSURE = 0.25
@@ -56,6 +58,8 @@ class Estimate(NamedTuple):
     """Torque from outside, (n,), N·m."""
     velocity: Vector
     """As corrected, (n,), rad/s."""
+    side: Vector
+    """Dry friction over that in fast motion, with the sign of the speed, (n,)."""
 
 
 class ModelChange(NamedTuple):
@@ -179,14 +183,14 @@ class StateObserver:
         pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs]
         pushed += np.where(stopped, 0.0, gains[2] * error)
         data.qfrc_applied[player.dofs] = pushed
-        return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
+        return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed, self._side(speed))
 
     def alone(self, duty: Vector, gravity: Vector) -> Estimate:
         """A period that no report ends: the disturbance goes on as it is."""
         data, player = self._data, self._player
         predicted = self._predicted(duty, gravity)
         where, speed = (each.copy() for each in (data.qpos[player.qpos], data.qvel[player.dofs]))
-        return Estimate(predicted, where, data.qfrc_applied[player.dofs].copy(), speed)
+        return Estimate(predicted, where, data.qfrc_applied[player.dofs].copy(), speed, self._side(speed))
 
     def forget(self) -> None:
         """Nothing pushes the joints any more."""
@@ -233,11 +237,12 @@ class StateObserver:
             mujoco.mj_step(self._model, data)
         return np.asarray(data.qpos[player.qpos] + self._offset)
 
-    def rub(self, velocity: Vector) -> Vector:
-        """Dry friction at some speeds, (n,), rad/s, over that in fast motion, (n,)."""
+    def _side(self, velocity: Vector) -> Vector:
+        """Dry friction at these speeds, (n,), rad/s, over that in fast motion, (n,): bristles that bend far tell it
+        where a speed does not."""
         if not self._player.bristly:
-            return np.ones(len(velocity))
-        return 1.0 + (self._drive.stiction - 1.0) * np.exp(-np.square(velocity / self._drive.stribeck_speed))
+            return np.tanh(velocity / CREEP)
+        return np.asarray(self._drive.stiction / self._drive.bristle * self._data.act[self._player.bristles])
 
     def pull(self) -> Array:
         """What a kilogram at each link's centre of mass would weigh on each joint now, (links, n), N·m; links by the

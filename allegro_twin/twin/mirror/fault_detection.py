@@ -23,7 +23,6 @@ from allegro_twin.twin.mirror.fault_signatures import (
     still_shows,
 )
 from allegro_twin.twin.mirror.faults import (
-    CREEP,
     JUMP,
     MOVING,
     ROW,
@@ -93,8 +92,6 @@ class LinkWeights(NamedTuple):
     """Joints of fingers without contact, (n,)."""
     down: Vector
     """Gravity in the palm frame, (3,), m/s²."""
-    rub: Vector
-    """Dry friction over dry friction in fast motion, (n,)."""
 
 
 class FreeShapes(NamedTuple):
@@ -245,14 +242,13 @@ class FaultDetector:
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
         self._periods.append(
-            (estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off, SURE * expected)
+            (estimate.disturbance, torque, v, estimate.side, state.position, jump, off, SURE * expected)
         )
         if len(self._periods) < ROW or weights is None:
             return
         *means, jumps, away, noise = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
-        row[3] = row[3] * weights.rub
         d, made, _, side, position = row
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
         largest = jumps[np.abs(jumps).argmax(axis=0), np.arange(len(d))]

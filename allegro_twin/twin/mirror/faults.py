@@ -23,7 +23,6 @@ KNOWN = 0.2
 ROW = 10
 """Periods that are averaged to a row of a window."""
 MOVING = 0.03  # rad/s
-CREEP = 0.02  # rad/s over which friction changes its side.
 FOLLOWS, TAKES = 0.9, 0.3
 """A stuck joint: correlation of disturbance and torque, and share of the torque that the disturbance cancels. Of 80 on
 hands 40-44 and 200-209: 0.96 and more, 0.4 to 1.1."""
@@ -43,8 +42,7 @@ class MirrorWindow(NamedTuple):
     velocity: Array
     """(k, n), rad/s."""
     side: Array
-    """Side to which friction acts, (k, n): tanh(speed / CREEP), times the ratio of friction to friction in fast motion.
-    -1 to 1, or more where it breaks away."""
+    """Side to which friction acts, (k, n), as in `Estimate`: -1 to 1, or more where it breaks away."""
     position: Array
     """(k, n), rad."""
     jump: Array

@@ -221,13 +221,13 @@ class Mirror:
         if self._noise is not None:
             self._noise = NoiseEstimator(self._spec.n_joints)
 
-    def _weights(self, down: Vector, velocity: Vector) -> LinkWeights:
+    def _weights(self, down: Vector) -> LinkWeights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
         for finger, touched in zip(self._spec.fingers, self._contact.touched, strict=True):
             free[list(finger.joints)] = not touched
         if isinstance(observer, StateObserver):
-            return LinkWeights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
-        return LinkWeights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
+            return LinkWeights(observer.pull(), observer.lean(), free, down)
+        return LinkWeights(observer.pull(), None, free, down)
 
     def _judge(self, state: HandState, torque: Vector, since: NDArray[np.int_]) -> None:
         """`state`: with predicted positions where none were reported; `since`: periods from each joint's last report to
@@ -235,7 +235,7 @@ class Mirror:
         estimate, diagnosis = self._estimate, self._diagnosis
         assert estimate is not None
         off = state.position - estimate.predicted
-        weights = self._weights(self.gravity_in_palm(state), estimate.velocity) if diagnosis.row_due else None
+        weights = self._weights(self.gravity_in_palm(state)) if diagnosis.row_due else None
         diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
         self._compensate()
         if not since.any():

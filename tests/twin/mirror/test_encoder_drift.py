@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.sim.observer.observer import Estimate, StateObserver
+from allegro_twin.sim.observer.observer import CREEP, Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.encoder_drift import BLOCK, SPANS, DriftDetector
@@ -119,8 +119,8 @@ def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypat
             torque, speed = 0.1 * np.sin(7.0 * t + np.arange(N)), 0.9 * np.cos(3.0 * t + np.arange(N))
             state = HandState(t, tick, 0.3 * np.sin(3.0 * t + np.arange(N)), speed, torque, np.full(N, np.nan), DOWN)
             push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0)
-            estimate = Estimate(state.position, state.position, push, speed)
-            weights = LinkWeights(np.zeros((N, N)), None, ALL, DOWN, np.ones(N)) if each.row_due else None
+            estimate = Estimate(state.position, state.position, push, speed, np.tanh(speed / CREEP))
+            weights = LinkWeights(np.zeros((N, N)), None, ALL, DOWN) if each.row_due else None
             each.add(state, estimate, torque, np.zeros(N), weights)
         found.append([one.name for one in each.faults.active])
     assert found == [["weak"], []]

@@ -17,8 +17,9 @@ from allegro_twin.hands.description.calibration import HandCalibration
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
+from allegro_twin.sim.drivetrain.lugre_friction import steady_deflection
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Estimate, StateObserver
+from allegro_twin.sim.observer.observer import CREEP, Estimate, StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Ailment, Drive
 from allegro_twin.twin.identify.results.gap import drive_parameters
@@ -45,7 +46,6 @@ from allegro_twin.twin.mirror.fault_signatures import (
     still_shows,
 )
 from allegro_twin.twin.mirror.faults import (
-    CREEP,
     NAMES,
     ROW,
     Fault,
@@ -188,7 +188,7 @@ def test_a_joint_that_its_file_does_not_fit_hides_no_fault_of_its_neighbours(spe
     noise = free_noise(free, spec)
     assert noise[5] == pytest.approx(0.028, rel=0.3)
     assert (np.delete(noise, 5) < 7e-4).all()
-    named = {}
+    named: dict[str, list[bool]] = {}
     for weight in (np.ones(N), NOISE / noise):
         quiet = np.max([largest_gains(each._replace(weight=weight), spec) for each in free], axis=0)
         for name, joint, push in (
@@ -292,11 +292,20 @@ def test_more_friction_that_breaks_away_is_no_weak_motor(spec: HandSpec) -> None
     assert found.amount == pytest.approx(0.03, rel=0.05)
 
 
-def test_a_mirror_knows_how_much_its_friction_is_more_than_in_fast_motion(sticky: HandSpec) -> None:
-    parameters, speed = drive_parameters(sticky, np.ones(N), np.zeros(N)), np.array([0.0, 0.1, 5.0] + [0.0] * (N - 3))
-    each, dry = (StateObserver(sticky, parameters, 0.003, bristly=bristly).rub(speed) for bristly in (True, False))
-    np.testing.assert_allclose(each[:3], [1.5, 1.0 + 0.5 / np.e, 1.0])
-    np.testing.assert_array_equal(dry, np.ones(N))
+def test_a_mirror_knows_how_much_its_friction_is_more_than_in_fast_motion_and_what_its_bristles_hold(
+    sticky: HandSpec,
+) -> None:
+    parameters, speed = drive_parameters(sticky, np.ones(N), np.zeros(N)), np.array([0.1, 0.2, -5.0] + [0.0] * (N - 3))
+    each, dry = (StateObserver(sticky, parameters, 0.003, bristly=bristly) for bristly in (True, False))
+    for observer in (each, dry):
+        observer.reset(np.zeros(N))
+    bent = steady_deflection(parameters.stiction, parameters.stribeck_speed, parameters.bristle, speed)
+    each._data.act[each._player.bristles] = bent
+    np.testing.assert_allclose(
+        each._side(speed)[:4], [1.0 + 0.5 / np.e, 1.0 + 0.5 * np.exp(-4.0), -1.0, 0.0], rtol=1e-3
+    )
+    np.testing.assert_array_equal(each._side(-speed), each._side(speed), "bristles of a joint that turns back are bent")
+    np.testing.assert_allclose(dry._side(speed)[:4], np.tanh(speed / CREEP)[:4])
 
 
 def test_a_joint_that_friction_holds_in_hand_and_mirror_alike_is_not_stuck(spec: HandSpec) -> None:
@@ -326,7 +335,7 @@ def states(spec: HandSpec) -> Iterator[HandState]:
 @pytest.mark.parametrize(("stays", "name"), [(False, "weak"), (True, "stuck")])
 def test_the_name_waits_until_all_that_it_rests_on_is_of_the_fault(spec: HandSpec, stays: bool, name: str) -> None:
     each, sign = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003), 3 * ROWS * ROW
-    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N))
+    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3))
     named_at = None
     for tick, state in enumerate(states(spec)):
         wrong = tick > sign
@@ -335,7 +344,7 @@ def test_the_name_waits_until_all_that_it_rests_on_is_of_the_fault(spec: HandSpe
         speed = 0.9 * np.cos(3.0 * state.t + np.arange(N))
         position = np.where((np.arange(N) == 7) & wrong & stays, 0.1, state.position)
         state = replace(state, position=position)
-        estimate = Estimate(state.position, state.position, push, speed)
+        estimate = Estimate(state.position, state.position, push, speed, np.tanh(speed / CREEP))
         each.add(state, estimate, torque, np.zeros(N), weights if each.row_due else None)
         if each.faults.active:
             named_at = (tick - sign) / ROW
@@ -354,7 +363,7 @@ def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_th
 ) -> None:
     each, rest = FaultDetector(spec, Thresholds.default(spec), period), np.zeros(N)
     weights, only = (
-        LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N)),
+        LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3)),
         np.arange(N) == 6,
     )
     for tick in range(ROWS * ROW + 2 * EVERY * ROW):
@@ -362,7 +371,7 @@ def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_th
         # By 20 mrad at once, or at 20 mrad a period until it meets something.
         way = 0.02 * (after > 0) if jumps else -0.02 * max(-after, 0)
         state = HandState(period * tick, tick, way * only, rest, rest, np.full(N, np.nan), np.zeros(3))
-        estimate = Estimate(state.position, state.position, rest, rest)
+        estimate = Estimate(state.position, state.position, rest, rest, rest)
         each.add(state, estimate, rest, 0.02 * only * (after == 1), weights if each.row_due else None)
     assert [one.name for one in each.faults.active] == ([] if name is None else [name])
 
@@ -422,7 +431,7 @@ class Course(NamedTuple):
 def detected(spec: HandSpec, seconds: float, *courses: Course) -> list[FaultReport]:
     """Faults that are named in a motion of every joint, beside a model that takes the sizes of those that were."""
     each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003, compensates=True)
-    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N))
+    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3))
     pace, rng = np.linspace(3.0, 6.0, N), np.random.default_rng(4)
     for tick in range(round(seconds / 0.003)):
         t = 0.003 * tick
@@ -438,7 +447,7 @@ def detected(spec: HandSpec, seconds: float, *courses: Course) -> list[FaultRepo
         state = HandState(t, tick, position, speed, torque, np.full(N, np.nan), np.zeros(3))
         each.add(
             state,
-            Estimate(position, position, push, speed),
+            Estimate(position, position, push, speed, np.tanh(speed / CREEP)),
             torque * change.strength,
             np.zeros(N),
             weights if each.row_due else None,
@@ -514,14 +523,14 @@ def test_faults_of_a_stuck_joint_follow_from_it_and_its_encoder_and_other_joints
 
 def test_encoders_of_several_fingers_that_jump_in_one_period_are_lost_periods(spec: HandSpec) -> None:
     rest, names = np.zeros(N), []
-    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N))
+    weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3))
     for joints in ((6,), (6, 9)):
         each, only = FaultDetector(spec, Thresholds.default(spec), 0.003), np.isin(np.arange(N), joints)
         for tick in range(ROWS * ROW + 2 * EVERY * ROW):
             state = HandState(
                 0.003 * tick, tick, np.where(only & (tick > 100), 0.02, 0.0), rest, rest, np.full(N, np.nan), rest[:3]
             )
-            estimate = Estimate(state.position, state.position, rest, rest)
+            estimate = Estimate(state.position, state.position, rest, rest, rest)
             each.add(
                 state, estimate, rest, np.where(only & (tick == 101), 0.02, 0.0), weights if each.row_due else None
             )

@@ -299,7 +299,7 @@ def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, m
 
 def test_a_late_state_that_ticks_count_as_lost_periods_is_known_by_how_far_the_joints_went(spec: HandSpec) -> None:
     speed, none = np.linspace(0.9, 1.1, N), np.zeros(N)
-    estimate = Estimate(none, none, none, speed)
+    estimate = Estimate(none, none, none, speed, none)
 
     def counted(*states: tuple[float, int, float], faster: float = 0.0) -> list[int]:
         """Of states that come this many periods after the last, by their stamps, by ticks, and by the motion, in which

@@ -123,7 +123,7 @@ def test_a_mirror_over_the_same_samples_is_the_same_to_the_last_bit(spec: HandSp
 def test_a_touch_can_stop_the_hand(spec: HandSpec, hand: SimBackend) -> None:
     push = np.zeros(N)
     push[9] = 0.06
-    with pytest.raises(HandFault, match=r"something touches ring: joint_9\.0 is pushed by \+\d+ mN·m at 2\.0\d\d s"):
+    with pytest.raises(HandFault, match=r"something touches ring: ring_1 is pushed by \+\d+ mN·m at 2\.0\d\d s"):
         estimates(mirror(spec, np.full(N, 0.02), ("contact",)), moving(spec, hand, push))
 
 

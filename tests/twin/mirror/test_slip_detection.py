@@ -152,8 +152,8 @@ def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
         each = FaultDetector(spec, Thresholds.default(spec), 0.003)
         for tick in range(600):
             state = HandState(0.003 * tick, tick, rest, rest, -push, np.full(N, np.nan), DOWN)
-            weights = LinkWeights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN, np.ones(N)) if each.row_due else None
-            each.add(state, Estimate(rest, rest, push, rest), -push, rest, weights)
+            weights = LinkWeights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN) if each.row_due else None
+            each.add(state, Estimate(rest, rest, push, rest, rest), -push, rest, weights)
             if name is None and tick < 200:  # Until it is known to hold.
                 each.faults.reports.clear()
         assert [one.name for one in each.faults.active] == ([] if name is None else [name])
@@ -170,8 +170,8 @@ def test_a_fault_is_named_beside_a_slip_and_a_slip_of_another_time_beside_both(
         hot = np.full(N, 30.0)
         hot[[0, 3]] = 80.0 if tick > 700 else 30.0
         state = HandState(0.003 * tick, tick, rest, rest, rest, hot, DOWN)
-        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.row_due else None
-        each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
+        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN) if each.row_due else None
+        each.add(state, Estimate(rest, rest, rest, rest, rest), rest, rest, weights)
     said = [(report.fault.name, report.fault.joint, report.ended < np.inf) for report in each.faults.reports]
     assert said == [("slip", 1, True), ("hot", 0, False), ("hot", 3, False), ("slip", 1, False)]
 
@@ -213,8 +213,8 @@ def test_a_slip_is_over_a_second_after_its_last_sign(spec: HandSpec, monkeypatch
     each, rest = FaultDetector(spec, Thresholds.default(spec), 0.003), np.zeros(N)
     for tick in range(1000):
         state = HandState(0.003 * tick, tick, rest, rest, rest, np.full(N, np.nan), DOWN)
-        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.row_due else None
-        each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
+        weights = LinkWeights(np.zeros((N, N)), None, np.ones(N, bool), DOWN) if each.row_due else None
+        each.add(state, Estimate(rest, rest, rest, rest, rest), rest, rest, weights)
     (report,) = each.faults.reports
     assert each._since.tolist() == [41] * 4  # What was seen of the fingers before was what they held.
     assert report.ended == pytest.approx(0.03 * 41 + 1.0, abs=0.05)

@@ -309,9 +309,7 @@ def test_a_film_of_a_grasp_is_as_long_as_its_trial_and_changes_nothing(tmp_path:
 
 
 @pytest.mark.slow
-def test_a_grasp_whose_film_meets_a_full_disk_is_judged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_grasp_whose_film_meets_a_full_disk_is_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(made: _Film) -> None:
         raise OSError(ENOSPC, "No space left on device")
 

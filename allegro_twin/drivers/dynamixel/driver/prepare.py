@@ -80,8 +80,9 @@ def check_place(spec: HandSpec, position: Vector, calibration: Calibration) -> N
     worst = int(np.argmax(excess))
     if excess[worst] > FAR:
         raise ConfigError(
-            f"{spec.joint_labels[worst]} (id {calibration.ids[worst]}) would be at {position[worst]:.2f} rad, far outside "
-            f"[{spec.lower[worst]:.2f}, {spec.upper[worst]:.2f}]: its zero or direction is wrong, or it lost a turn"
+            f"{spec.joint_labels[worst]} (id {calibration.ids[worst]}) would be at {position[worst]:.2f} rad, far "
+            f"outside [{spec.lower[worst]:.2f}, {spec.upper[worst]:.2f}]: its zero or direction is wrong, "
+            "or it lost a turn"
         )
 
 
