@@ -212,7 +212,7 @@ def wrong_commands_are_refused(make: Make) -> None:
             raise ContractViolation(f"{what} is taken; call `backend.torque_of` or `position_of`")
 
 
-def a_refused_command_changes_nothing(make: Make) -> None:
+def a_refused_command_has_no_effect(make: Make) -> None:
     """After a CommandError the hand goes on under its last command, and takes the next one; a guard in front of it
     leaves it limp until `reset`."""
     runs: list[list[HandState]] = []
@@ -338,7 +338,7 @@ RULES: tuple[Rule, ...] = (
     a_session_is_repeatable,
     an_instance_repeats_another,
     wrong_commands_are_refused,
-    a_refused_command_changes_nothing,
+    a_refused_command_has_no_effect,
     parts_that_it_does_not_take_are_refused,
     the_limp_command_ends_all_torque,
     closing_twice_is_harmless,

@@ -1,4 +1,4 @@
-"""A recording that somebody edited is refused on load, in one line that names the column and the row, or the metadata."""
+"""A recording that somebody edited is refused on load, in a line that names the column and the row, or the metadata."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import pytest
 
 from allegro_twin.errors import RecordingError
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import load, load_cell, read_stream
-from allegro_twin.recording.recorder import Recorder, arrow_column
+from allegro_twin.recording.recorder import Recorder
 from allegro_twin.spec import HandSpec
 from tests.recording.test_cell_recording import path as cell  # noqa: F401  # A fixture.
 from tests.recording.test_recording import record, sample
@@ -64,7 +65,7 @@ Edit = Callable[[pa.Table], pa.Table]
         (lambda table: table.drop_columns(["torque"]), "has no column torque"),
         (lambda table: table.drop_columns(["command_torque"]), "has no column command_torque"),
         (lambda table: table.drop_columns(["t"]), "has no column t"),
-        (lambda table: table.set_column(2, "position", arrow_column(np.zeros((ROWS, 4)))), r"column position has \(4,\)"),
+        (lambda table: table.set_column(2, "position", arrow_column(np.zeros((ROWS, 4)))), r"position has \(4,\)"),
         (lambda table: table.set_column(0, "t", pa.array(["0"] * ROWS)), "column t has object, not numbers"),
     ],
 )  # fmt: skip

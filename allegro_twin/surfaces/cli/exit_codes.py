@@ -43,7 +43,7 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
 
 
 def exit_code(error: HandError) -> int:
-    """3 for a link error, 4 for a fault or a motion that did not reach its end, 2 for everything the user can correct."""
+    """3 for a link error, 4 for a fault or a motion that did not reach its end, 2 for what the user can correct."""
     if isinstance(error, LinkError):
         return 3
     return 4 if isinstance(error, (HandFault, MotionStalled, MotionInterrupted)) else 2

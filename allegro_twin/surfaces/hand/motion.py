@@ -139,7 +139,7 @@ class FirstController(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class MotionRequest:
-    """One motion that somebody asks for, from when its planning begins: what else drives the hand since then ends it."""
+    """One motion that somebody asks for, from when its planning begins: what else drives the hand since ends it."""
 
     turn: int
     """`MotionControl` counts what drives the hand; this is the count that the request goes on from."""

@@ -24,7 +24,7 @@ def hand() -> Iterator[Hand]:
 
 
 def after(hand: Hand, seconds: float, act: Act) -> None:
-    """Another thread that acts once, at a time of the hand; the motion waits for it, so that nothing is left to luck."""
+    """Another thread that acts once, at a time of the hand; the motion waits for it: nothing is left to luck."""
     begun = hand.state.t
 
     def look(sample: Sample) -> None:
@@ -65,7 +65,7 @@ def test_a_motion_that_another_thread_ends_raises_and_says_what_ended_it(
     [
         lambda hand: hand.grasp("grasp_3"),
         lambda hand: hand.play("ripple"),
-        lambda hand: hand.move_fingertips({"index": hand.fingertips()["index"].position + (0.0, 0.0, -0.01)}, 0.01),
+        lambda hand: hand.move_fingertips({"index": hand.fingertips()["index"].position - np.full(3, 0.006)}, 0.01),
         lambda hand: (hand.move_to("rock", wait=False), hand.wait()),
     ],
     ids=["grasp", "play", "fingertips", "wait"],
@@ -148,7 +148,11 @@ def test_a_hand_in_the_foreground_takes_one_waiting_thread_at_a_time(hand: Hand)
 @pytest.mark.parametrize("background", [False, True])
 def test_a_listener_that_waits_is_refused(background: bool) -> None:
     with Hand.open("sim_right", background=background) as hand:
-        hand.listen(lambda _: hand.wait(0.1))
+
+        def waits(_: Sample) -> None:
+            hand.wait(0.1)
+
+        hand.listen(waits)
         with pytest.raises(ConfigError, match="listener"):
             hand.wait(1.0)
 
