@@ -32,7 +32,7 @@ class GraspOutcome:
 
     name: str
     touching: tuple[str, ...]
-    """Fingers that were stopped on their way."""
+    """Fingers that were stopped on their way: by an object, or by each other (`met`)."""
     force: dict[str, float]
     """What each of their tips presses with, estimated from the joint torques, N."""
     width: float

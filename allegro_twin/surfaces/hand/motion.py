@@ -27,8 +27,9 @@ from allegro_twin.control.controllers import (
 )
 from allegro_twin.control.motion_feedforward import MotionFeedforward
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
-from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference
+from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference, number
 from allegro_twin.errors import CommandError, ConfigError, MotionInterrupted, MotionStalled, unknown
+from allegro_twin.files.schema import check_gravity
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import STANDARD_GRAVITY
 from allegro_twin.loop import paced, run
@@ -210,6 +211,10 @@ class MotionControl:
             vector = frozen(vector)
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
+            try:
+                check_gravity((float(vector[0]), float(vector[1]), float(vector[2])))
+            except ValueError as error:
+                raise ConfigError(str(error)) from error
         self._gravity = GravityFeedforward(self.model.gravity_torque, vector)
         self._relay.amend(lambda c: replace(c, gravity=self._gravity) if getattr(c, "gravity", None) is not None else c)
 
@@ -321,7 +326,7 @@ class MotionControl:
         """For a time, s, or until the motion, that of the request or the present one, is over and the joints have
         settled. Raises MotionStalled if it was stopped and nobody was told yet; MotionInterrupted if something else
         drives the hand before its end; ConfigError for a time that never ends."""
-        if seconds is not None and not 0.0 <= seconds < math.inf:
+        if seconds is not None and not 0.0 <= (seconds := number(seconds, "a time to wait")) < math.inf:
             raise ConfigError(f"a time to wait is finite and not negative, s; not {seconds}")
         watch, end = self._watch if request is None else request.watch, None
         if seconds is not None:
