@@ -190,7 +190,7 @@ class Hand:
         those of `euler` to roll, pitch, yaw, (3,), rad; the one that travels furthest peaks at `speed`, m/s. Raises as
         `move_to` does."""
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
-        request = mover.request()
+        request = mover.request(what)
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
         moves = straight_line_motion(mover.model, start, targets, speed, euler)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
@@ -209,7 +209,7 @@ class Hand:
         hand feels at its end, or, without waiting, now; with a width also whether nothing as wide is there. Raises as
         `move_to`, but what stops it once it closes."""
         mover, stored = self._mover, chosen(name, object_width, self._mover.model, self.spec)
-        request = mover.request()
+        request = mover.request(f"grasp {name}")
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
         begin(stored, mover, self.spec, self.limits, force, request, self.mirror if by_mirror else None)
@@ -269,7 +269,7 @@ class Hand:
 
     def _go(self, posture: Posture, speed: float, profile: Profile, wait: bool) -> MotionRequest:
         mover, what = self._mover, posture if isinstance(posture, str) else "the posture"
-        wish, request = Waypoint(self._posture(posture), speed=speed, profile=profile), mover.request()
+        wish, request = Waypoint(self._posture(posture), speed=speed, profile=profile), mover.request(what)
         legs = mover.planned(lambda start: mover.ways.legs(start, wish, self.limits, what), request)
         mover.follow(mover.position_kind, Moves(legs), what, request)
         if wait:

@@ -142,6 +142,8 @@ class FirstController(NamedTuple):
 class MotionRequest:
     """One motion that somebody asks for, from when its planning begins: what else drives the hand since ends it."""
 
+    what: str
+    """For messages."""
     turn: int
     """`MotionControl` counts what drives the hand; this is the count that the request goes on from."""
     watch: MotionMonitor | None = None
@@ -221,9 +223,9 @@ class MotionControl:
     def given_gravity(self) -> Vector | None:
         return self._gravity.vector
 
-    def request(self) -> MotionRequest:
-        """Begin to ask for a motion."""
-        return MotionRequest(self._turn)
+    def request(self, what: str) -> MotionRequest:
+        """Begin to ask for a motion; `what` it is stands in messages."""
+        return MotionRequest(what, self._turn)
 
     def drive(
         self,
@@ -241,7 +243,7 @@ class MotionControl:
             if self._cut:
                 raise CommandError("the hand was stopped and is limp: release the stop first")
             if request is not None and request.turn != self._turn:
-                raise MotionInterrupted(f"{name} {self._last} before it began")
+                raise MotionInterrupted(f"{request.what} {self._last} before it began")
             self._interrupt(did or f"was replaced by {name}")
             self.kind, self.stalled, self._watch = kind, None, self._watched(goal)
             self._relay.switch(controller)
@@ -342,7 +344,8 @@ class MotionControl:
 
         state = self.driver.wait(over).state
         if watch is not None and watch.interrupted:
-            raise MotionInterrupted(f"{watch.goal.what} {watch.interrupted} before its end")
+            what = watch.goal.what if request is None else request.what
+            raise MotionInterrupted(f"{what} {watch.interrupted} before its end")
         if self.stalled is not None and not self._told:
             self._told = True
             raise self.stalled

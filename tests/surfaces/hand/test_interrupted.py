@@ -129,6 +129,24 @@ def test_a_stop_while_a_motion_is_being_planned_is_kept(hand: Hand, wish: Act, m
     np.testing.assert_allclose(hand.state.position, here, atol=0.02)
 
 
+def test_what_overtakes_a_hand_that_stops_to_plan_is_told_by_the_name_of_its_motion(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hand.move_to("home", wait=False)
+    legs = hand._mover.ways.legs
+
+    def planned(*given: object) -> object:
+        found = legs(*given)  # type: ignore[arg-type]  # As it was called.
+        hand.wait(0.4)  # It has moved on meanwhile.
+        monkeypatch.undo()
+        after(hand, 0.02, lambda hand: hand.move_to("open", wait=False))
+        return found
+
+    monkeypatch.setattr(hand._mover.ways, "legs", planned)
+    with pytest.raises(MotionInterrupted, match="rock was replaced by open before its end"):
+        hand.move_to("rock")
+
+
 def test_a_hand_in_the_foreground_takes_one_waiting_thread_at_a_time(hand: Hand) -> None:
     raised: list[HandError] = []
 
