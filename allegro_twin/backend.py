@@ -14,8 +14,10 @@ from allegro_twin.types import Command, HandState, PositionCommand, TorqueComman
 class HandBackend(Protocol):
     """Constructing acquires, `close` releases. In between: reset (write? read)*, over and over, from one thread.
 
-    The backend owns the clock: nothing above it sleeps or asks for the time. After any HandError from `read` or
-    `write` the hand is limp and stays limp until `reset`.
+    The backend owns the clock: nothing above it sleeps or asks for the time. After a HandError from `read` or `write`
+    the hand is limp and stays limp until `reset`. A CommandError is the exception: the command is refused, nothing
+    changes, and the last one is held, so that a mistake drops no grasp. A guard in front of a backend takes it for a
+    controller that went wrong, and leaves the hand limp.
     """
 
     @property
@@ -33,7 +35,8 @@ class HandBackend(Protocol):
         ...
 
     def write(self, command: Command) -> None:
-        """Set what the hand does from now on; held until replaced; returns at once. Raises CommandError."""
+        """Set what the hand does from now on; held until replaced; returns at once. Raises CommandError, which
+        changes nothing."""
         ...
 
     def read(self) -> HandState:

@@ -10,12 +10,13 @@ M = TypeVar("M")
 
 
 class Controller(Protocol[M]):
-    """A pure function from state to command. Its memory is passed in and handed back, so a run can be repeated."""
+    """A pure function from state to command. Its memory is passed in and handed back, so a run can be repeated. The
+    parameters may have other names."""
 
-    def start(self, state: HandState) -> M:
+    def start(self, state: HandState, /) -> M:
         """The memory with which to meet the first state."""
         ...
 
-    def __call__(self, state: HandState, memory: M) -> tuple[Command, M]:
+    def __call__(self, state: HandState, memory: M, /) -> tuple[Command, M]:
         """The command for this state, and the memory for the next."""
         ...

@@ -31,6 +31,11 @@ class MotionStalled(HandError):
     """Free the fingers, or go another way: a motion met something. The hand holds where it was stopped."""
 
 
+class MotionInterrupted(HandError):
+    """Decide anew: somebody stopped the motion that you wait for, or asked for another. The message says which; the
+    hand does what it was asked last."""
+
+
 class CommandError(HandError, ValueError):
     """Fix the controller: a NaN, a wrong length, a kind of command that this hand does not accept."""
 

@@ -55,22 +55,23 @@ class HandState:
     on the flange in the flange's frame, shape (6,), N and N·m. Shape (0,) where no sensor is."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class TorqueCommand:
-    """Torques to apply until the next command. Raises CommandError unless one axis and finite."""
+    """Torques to apply until the next command; any row of numbers. Raises CommandError unless one axis and finite."""
 
     torque: Vector
     """Per actuator, shape (m,), N·m."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "torque", _checked(self.torque, "torque"))
+    def __init__(self, torque: ArrayLike) -> None:
+        object.__setattr__(self, "torque", _checked(torque, "torque"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class PositionCommand:
     """Positions to go to, for a hand whose firmware closes the loop. Which of its parts a hand takes, its spec says.
 
-    Raises CommandError unless all have one axis and are finite, and no effort or duration is negative.
+    Takes any rows of numbers. Raises CommandError unless all have one axis and are finite, and no effort or duration is
+    negative.
     """
 
     position: Vector
@@ -81,14 +82,13 @@ class PositionCommand:
     duration: float | None = None
     """What the way may take, s; None: as fast as the hand goes."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position", _checked(self.position, "position"))
-        if self.effort is not None:
-            object.__setattr__(self, "effort", _checked(self.effort, "effort", infinite=True))
-            if self.effort.shape != self.position.shape or (self.effort < 0.0).any():
-                raise CommandError(
-                    f"effort needs a number from 0 for each of {len(self.position)} positions, not {self.effort}"
-                )
+    def __init__(self, position: ArrayLike, effort: ArrayLike | None = None, duration: float | None = None) -> None:
+        object.__setattr__(self, "position", _checked(position, "position"))
+        most = None if effort is None else _checked(effort, "effort", infinite=True)
+        object.__setattr__(self, "effort", most)
+        object.__setattr__(self, "duration", duration)
+        if most is not None and (most.shape != self.position.shape or (most < 0.0).any()):
+            raise CommandError(f"effort needs a number from 0 for each of {len(self.position)} positions, not {most}")
         if self.duration is not None and not 0.0 <= self.duration < math.inf:
             raise CommandError(f"duration must be a number of seconds from 0, not {self.duration}")
 
@@ -111,9 +111,14 @@ class Sample(NamedTuple):
 
 def _checked(values: ArrayLike, name: str, *, infinite: bool = False) -> Vector:
     try:
-        array = frozen(values)
+        given = np.asarray(values)
     except (TypeError, ValueError) as error:
         raise CommandError(f"{name} must be an array of numbers, not {values!r}") from error
+    if given.dtype.kind not in "fiu":
+        raise CommandError(f"{name} must be an array of numbers, not of {given.dtype}: {values!r}")
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        raise CommandError(f"{name} has masked values: {values!r}; fill them with numbers")
+    array = frozen(given)
     if array.ndim != 1:
         raise CommandError(f"{name} must have one axis, one value per actuator; it has shape {array.shape}")
     sound = np.isfinite(array)

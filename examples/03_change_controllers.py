@@ -2,14 +2,22 @@
 
 import numpy as np
 
-from allegro_twin import Hand
+from allegro_twin import Hand, Sample, TorqueCommand
+from allegro_twin.types import Vector
+
+sent: list[Vector] = []
+
+
+def keep(sample: Sample) -> None:
+    assert isinstance(sample.command, TorqueCommand)  # What this hand takes.
+    sent.append(sample.command.torque)
+
 
 with Hand.open("sim_right") as hand:
-    sent = []
-    hand.listen(lambda sample: sent.append(sample.command.torque))
+    hand.listen(keep)
     hand.move_to("home")
     limit = hand.spec.actuation.torque_limit
-    for kind in ("gravity", "pd", "torque", "pid"):
+    for kind in hand.controllers:
         before = len(sent)
         hand.set_controller(kind)
         hand.wait(0.5)

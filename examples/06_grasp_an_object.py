@@ -6,8 +6,9 @@ from allegro_twin import run, until
 from allegro_twin.app import assemble, scenario_config
 
 rig = assemble(scenario_config("tennis_ball", side="left"))
+assert rig.trial is not None  # Of a scenario.
 with closing(rig.backend):
-    for _ in rig.trial.watched(until(rig.seconds, run(rig.backend, rig.controller))):
+    for _ in rig.trial.watched(until(rig.trial.seconds, run(rig.backend, rig.controller))):
         pass
 report = rig.trial.report()
 print("held" if report.held else f"not held: {report.reason}")

@@ -19,5 +19,6 @@ Path("theirs.yaml").write_text(yaml.safe_dump(table))
 config = {"hand": {"serial": "theirs.yaml"}, "backend": {"kind": "sim"}, "controller": {"kind": "pid"}}
 with Hand.open(RunConfig.model_validate(config)) as hand:
     hand.move_to("home")
+    assert hand.spec.foreign is not None  # The other file.
     print(f"{hand.spec.foreign.mjcf.rsplit('/', 1)[-1]} is home within {abs(hand.errors).max() * 1000:.1f} mrad")
     assert abs(hand.errors).max() < 0.005  # rad

@@ -12,6 +12,7 @@ with Hand.open("sim_right") as hand:
     start, began = hand.state.position, hand.state.t
     bend = np.clip(start + np.tile([0.0, 0.6, 0.5, 0.3], 4), *hand.limits)
     shown = Moves([Waypoint(bend, seconds=1.0), Waypoint(start, seconds=1.0)]).begin(start)
+    assert hand.sim is not None  # A person needs none.
     person = HandGuide(hand.sim, lambda t: shown(t - began).position)
     with hand.listening(person), hand.teach() as demonstration:
         hand.wait(2.5)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from allegro_twin.files.schema import PerJoint, Positive, Vector3
+from allegro_twin.files.schema import Gravity, PerJoint, Positive, Vector3
 from allegro_twin.learning.mpc.settings import MpcSettings, PoseCamera
 from allegro_twin.plugins import ControllerSettings
 
@@ -27,7 +27,7 @@ class GravitySettings(ControllerSettings):
     takes_posture = False
 
     kind: Literal["gravity"]
-    gravity: Vector3 | None = None
+    gravity: Gravity | None = None
     """m/s² in the palm frame; default: what the hand reports."""
 
 
@@ -44,7 +44,7 @@ class PositionSettings(ControllerSettings):
     """Carry the hand's weight by feed-forward."""
     inverse_dynamics: bool = False
     """Feed forward what the motion needs by the hand's own file: inertia, damping, friction, cables, at its delay."""
-    gravity: Vector3 | None = None
+    gravity: Gravity | None = None
     """m/s² in the palm frame; default: what the hand reports."""
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from allegro_twin.control.time_scaling import linear
-from allegro_twin.control.trajectory import FASTEST, SLOWEST, Moves, Profile, Trajectory, Waypoint
+from allegro_twin.control.trajectory import FASTEST, SLOWEST, Moves, Profile, Trajectory, Waypoint, number
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen
 
@@ -35,7 +35,7 @@ class TaughtMotion:
     def path(self, speed: float = 1.0) -> Trajectory:
         """The motion from its first position on, `speed` times as fast as it was shown. Raises ConfigError unless that
         is positive, and neither slower nor faster than a hand can be asked to move."""
-        if not speed > 0.0:
+        if not number(speed, "speed") > 0.0:
             raise ConfigError(f"speed must be positive, as a multiple of the one it was shown at; it is {speed}")
         fastest = float(np.abs(np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]).max())
         if fastest > STILL and not SLOWEST <= speed * fastest <= FASTEST:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias, get_args
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 
 Profile: TypeAlias = Literal["linear", "minimum_jerk", "time_optimal"]
 # Peak over mean speed: 1 for a straight line, 15/8 for the minimum-jerk polynomial.
@@ -36,7 +36,10 @@ def minimum_jerk_curvature(s: float) -> float:
 
 def leg_timing(profile: Profile, distance: float, speed: float, acceleration: float) -> tuple[float, TimeScaling]:
     """Seconds that a joint takes for a distance (rad), and its time scaling: with `speed` (rad/s) as its peak and,
-    where the profile is `time_optimal`, at most `acceleration` (rad/s²). Raises ConfigError without its library."""
+    where the profile is `time_optimal`, at most `acceleration` (rad/s²). Raises ConfigError without its library, and
+    for a profile that there is not."""
+    if profile not in get_args(Profile):
+        raise ConfigError(unknown("profile", str(profile), get_args(Profile)))
     if profile == "time_optimal":
         return _time_optimal(distance, speed, acceleration)
     return distance * _PEAK[profile] / speed, linear if profile == "linear" else minimum_jerk

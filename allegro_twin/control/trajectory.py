@@ -141,7 +141,19 @@ def travel_time(start: Vector, waypoint: Waypoint) -> float:
     return _leg(start, waypoint)[0]
 
 
+def number(value: float, what: str) -> float:
+    """What was given as a number. Raises ConfigError for anything else."""
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{what} is a number; not {value!r}") from None
+
+
 def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, TimeScaling]:
+    number(waypoint.speed, "speed, in rad/s,")
+    number(waypoint.acceleration, "acceleration, in rad/s²,")
     if not SLOWEST <= waypoint.speed <= FASTEST:
         raise ConfigError(
             f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is "
@@ -149,7 +161,7 @@ def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, TimeScaling]:
         )
     if not waypoint.acceleration > 0.0:
         raise ConfigError(f"acceleration must be positive, in rad/s²; it is {waypoint.acceleration}")
-    if waypoint.seconds is not None and not waypoint.seconds > 0.0:
+    if waypoint.seconds is not None and not number(waypoint.seconds, "the time of a move, in s,") > 0.0:
         raise ConfigError(f"a move must take a positive time, not {waypoint.seconds} s")
     furthest = float(np.abs(waypoint.posture - start).max())
     seconds, shape = leg_timing(waypoint.profile, furthest, waypoint.speed, waypoint.acceleration)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import math
 import textwrap
 from collections.abc import Callable, Iterator
 from difflib import get_close_matches
@@ -11,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
@@ -26,6 +27,22 @@ Positive = Annotated[float, Field(gt=0)]
 Seed = Annotated[int, Field(ge=0)]
 """Of random numbers; NumPy takes none below 0."""
 Vector3 = tuple[float, float, float]
+MOST_GRAVITY = 30.0
+"""m/s². The most on a planet is Jupiter's, 24.8."""
+
+
+def check_gravity(vector: Vector3) -> Vector3:
+    """Raises ValueError for a gravity, m/s², that no planet has, as one in mm/s²."""
+    if (size := math.hypot(*vector)) > MOST_GRAVITY:
+        raise ValueError(
+            f"gravity {list(vector)} is {size:g} m/s² strong, and on no planet it is more than {MOST_GRAVITY:g} "
+            "(Earth: 9.81): give it in m/s²"
+        )
+    return vector
+
+
+Gravity = Annotated[Vector3, AfterValidator(check_gravity)]
+"""m/s²."""
 Probability = Annotated[float, Field(ge=0, le=1)]
 
 

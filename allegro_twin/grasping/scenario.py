@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
-from allegro_twin.files.schema import Positive, Settings, Vector3, load_settings
+from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load_settings
 from allegro_twin.grasping.interchange.grasps import FARTHEST
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
@@ -101,7 +101,7 @@ class PhysicsSettings(Settings):
     cone: Cone | None = None
     integrator: Integrator | None = None
     solver: Solver | None = None
-    gravity: Vector3 | None = None
+    gravity: Gravity | None = None
     """World, m/s²."""
     friction: Positive = 1.0
     """Factor on the scenario's sliding friction."""

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from allegro_twin.files.schema import PerJoint, Settings
 from allegro_twin.spec import Side
+
+FASTEST_LIMIT = 60.0
+"""rad/s. No joint of a hand is so fast: a guard that allows more guards nothing."""
+
+
+def _rad_per_second(limit: PerJoint) -> PerJoint:
+    for value in limit if isinstance(limit, list) else [limit]:
+        if not 0.0 < value <= FASTEST_LIMIT:
+            raise ValueError(f"{value:g} rad/s limits no joint: it must be above 0 and at most {FASTEST_LIMIT:g}")
+    return limit
 
 
 class HandSettings(Settings):
@@ -51,7 +61,7 @@ class LimitSettings(Settings):
 
     torque: PerJoint | None = None
     """N·m; default: the hand's own clip, which is also the highest possible."""
-    velocity: PerJoint = 12.0
+    velocity: Annotated[PerJoint, AfterValidator(_rad_per_second)] = 12.0
     """rad/s; of an arm, at most what its maker allows."""
     margin: Annotated[float, Field(ge=-0.6)] = 0.0
     """Soft stops this far inside the joint limits, rad; negative: outside, to look for the real ones."""

@@ -108,7 +108,7 @@ class _File:
         except OSError:
             _log.debug("close failed after an error that was already reported")
         why = error.strerror or error
-        self._error = f"cannot go on recording to {self._path}: {why}; what was written is readable"
+        self._error = f"cannot go on recording to {self._path}: {why}"
         return RecordingError(self._error)
 
 
@@ -161,15 +161,26 @@ class SharedFile:
             return
         row = [pa.array([name]), pa.array([number]), pa.array([memoryview(message).tobytes()], pa.large_binary())]
         batch = pa.record_batch(row, schema=TRACKS).serialize()
-        self._done = _Done(self._file.write(size, batch), {**counts, name: number})
+        try:
+            self._done = _Done(self._file.write(size, batch), {**counts, name: number})
+        except RecordingError as error:
+            raise self._with_rest(error) from error.__cause__
 
     def close(self) -> None:
         """Write the end of the file. Idempotent. Raises RecordingError."""
         if self._ended:
             return
-        self._file.write(self._done.size, END)
+        try:
+            self._file.write(self._done.size, END)
+        except RecordingError as error:
+            raise self._with_rest(error) from error.__cause__
         self._ended = True
         self._file.close()
+
+    def _with_rest(self, error: RecordingError) -> RecordingError:
+        rows = any(count > 1 for count in self._done.counts.values())  # The first message of a track has no row.
+        rest = "the rows before are readable: --partial" if rows else "no row of it is whole"
+        return RecordingError(f"{error}; {rest}")
 
 
 class _Track:

@@ -29,7 +29,7 @@ class Journal:
     """Writes events of one kind to a track. `fields`: type of each field, by name; an event that lacks a field has
     None.
 
-    Raises RecordingError when the disk is full; what was written stays readable.
+    Raises RecordingError when the disk is full; the events before stay readable.
     """
 
     def __init__(self, sink: Sink, fields: Mapping[str, FieldKind], meta: Mapping[str, Any] | None = None) -> None:

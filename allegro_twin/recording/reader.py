@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +13,10 @@ import pyarrow.compute as pc
 
 from allegro_twin.errors import RecordingError, unknown
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.recording.arrow_writer import END, FORMAT, SHARED
+from allegro_twin.recording.arrow_writer import END, SHARED
 from allegro_twin.recording.journal import FieldKind, unpack_event
 from allegro_twin.recording.spec_json import spec_from_json
+from allegro_twin.recording.validation import check_recording, stream_metadata
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -28,6 +28,8 @@ class ArrowStream(NamedTuple):
     meta: dict[str, Any]
     cut: bool
     """The stream ends inside a batch."""
+    rest: int
+    """Bytes after the end of the stream."""
     ended: bool
     """The end-of-stream marker was written."""
 
@@ -46,13 +48,14 @@ def read_stream(path: Path) -> ArrowStream:
                     f"{_file_kind(path)}"
                 ) from error
             table, cut = _whole_batches(reader)
+            rest = 0 if cut else source.size() - source.tell()
     except FileNotFoundError as error:
         raise RecordingError(f"no recording at {path}") from error
     except RecordingError:
         raise
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-    return ArrowStream(table, _meta(str(path), table.schema), cut, not cut and _ended(path))
+    return ArrowStream(table, stream_metadata(str(path), table.schema), cut, rest, not cut and _ended(path))
 
 
 def parse_stream(content: bytes, name: str) -> ArrowStream:
@@ -61,7 +64,7 @@ def parse_stream(content: bytes, name: str) -> ArrowStream:
         table, cut = _whole_batches(pa.ipc.open_stream(content))
     except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
         raise RecordingError(f"{name} is damaged: {str(error).splitlines()[0]}") from error
-    return ArrowStream(table, _meta(name, table.schema), cut, content.endswith(END))
+    return ArrowStream(table, stream_metadata(name, table.schema), cut, 0, content.endswith(END))
 
 
 def numpy_column(column: pa.ChunkedArray) -> Array:
@@ -84,18 +87,6 @@ def _whole_batches(reader: Any) -> tuple[pa.Table, bool]:
     except (pa.ArrowInvalid, OSError):
         cut = True
     return pa.Table.from_batches(batches, reader.schema), cut
-
-
-def _meta(name: str, schema: pa.Schema) -> dict[str, Any]:
-    text = (schema.metadata or {}).get(b"allegro_twin")
-    meta = json.loads(text) if text else {}
-    if meta.get("format") != FORMAT:
-        raise RecordingError(f"{name} is an Arrow stream of something else: its schema has no {FORMAT!r} metadata")
-    if meta["version"] > SHARED:
-        raise RecordingError(
-            f"{name} has format version {meta['version']}; this program reads up to {SHARED}: upgrade it"
-        )
-    return dict(meta)
 
 
 def _file_kind(path: Path) -> str:
@@ -200,8 +191,8 @@ def load(path: str | Path, *, partial: bool = False, track: str | None = None) -
         return found.device(track)
     if track is not None:
         raise RecordingError(f"{path} is of one device and has no track {track!r}: leave it out")
-    if stream.cut and not partial:
-        raise _cut_error(path, stream, "whole rows")
+    if not partial:
+        _check_whole(path, stream, "whole rows")
     return _recording(path, stream, stream.ended, str(path))
 
 
@@ -220,8 +211,8 @@ def is_cell_recording(path: Path) -> bool:
 
 
 def _tracks(path: Path, stream: ArrowStream, *, partial: bool) -> CellRecording:
-    if stream.cut and not partial:
-        raise _cut_error(path, stream, "whole batches")
+    if not partial:
+        _check_whole(path, stream, "whole batches")
     found: dict[str, RecordingTrack] = {}
     for name in pc.unique(stream.table.column("track")).to_pylist():
         rows = stream.table.filter(pc.equal(stream.table.column("track"), name))
@@ -235,11 +226,18 @@ def _recording(path: Path, stream: ArrowStream, complete: bool, name: str) -> Re
     if stream.table.num_rows == 0:
         raise RecordingError(f"{name} has no rows: nothing was recorded before the process ended")
     columns = {each: numpy_column(stream.table.column(each)) for each in stream.table.column_names}
+    check_recording(name.removesuffix(","), stream.meta, columns)
     return Recording(path, stream.meta, columns, complete=complete)
 
 
-def _cut_error(path: Path, stream: ArrowStream, what: str) -> RecordingError:
-    return RecordingError(
-        f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view`, "
-        "`mirror` and `export` pass --partial to use them; a config says `partial: true`"
+def _check_whole(path: Path, stream: ArrowStream, what: str) -> None:
+    rows = stream.table.num_rows
+    if stream.cut:
+        said = f"{path} is cut short after {rows} {what}"
+    elif stream.rest:
+        said = f"{path} goes on after its end: {stream.rest} bytes, as of a second file, after {rows} {what}"
+    else:
+        return
+    raise RecordingError(
+        f"{said}; with `run`, `view`, `mirror` and `export` pass --partial to use them; a config says `partial: true`"
     )

@@ -38,11 +38,12 @@ class Recorder:
     """Writes samples to a file or a track, one batch at a time. `extras` adds columns of one axis each, by name. A
     signal may interrupt any line (`recording.arrow_writer`).
 
-    Raises RecordingError when the file cannot be made or the disk is full; what was written stays readable.
+    Raises RecordingError when the file cannot be made or the disk is full; the message says how many rows are readable
+    then: those of whole batches.
     """
 
     def __init__(
-        self, place: Path | Sink, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None
+        self, place: str | Path | Sink, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None
     ) -> None:
         self._rows, self._done, self._ended = 0, _Written(0, 0), False
         self._meta = {
@@ -55,7 +56,8 @@ class Recorder:
         pa.array(np.zeros(1))  # The first call imports a part of NumPy: not during a motion.
         self._buffers: dict[str, Array] = {}
         self._schema: pa.Schema | None = None
-        self._sink = FileSink(place) if isinstance(place, Path) else place
+        self._own = isinstance(place, str | Path)
+        self._sink: Sink = FileSink(Path(place)) if isinstance(place, str | Path) else place
 
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
         """Add one row. The first row fixes the columns."""
@@ -119,9 +121,13 @@ class Recorder:
         """Write after what is done, wherever an earlier attempt ended."""
         try:
             self._sink.put(self._done.messages + 1, message)
-        except RecordingError:
+        except RecordingError as error:
+            rows = self._done.rows
             self._schema, self._done, self._ended = None, self._done._replace(rows=self._rows), True
-            raise
+            if not self._own:
+                raise
+            rest = f"its first {rows} rows are readable: --partial" if rows else "no row of it is whole"
+            raise RecordingError(f"{error}; {rest}") from error.__cause__
 
 
 def command_columns(command: Command) -> dict[str, Array]:
@@ -151,14 +157,14 @@ def recorded_command(columns: Mapping[str, Array], row: int) -> Command:
 
 def record(
     samples: Iterable[Sample],
-    place: Path | Sink,
+    place: str | Path | Sink,
     spec: HandSpec,
     period: float,
     *,
     meta: Mapping[str, Any] | None = None,
     extras: ExtraColumns | None = None,
 ) -> Iterator[Sample]:
-    """Write every sample before it is passed on (a stage)."""
+    """Write every sample before it is passed on (a stage), to a file or a track."""
     recorder = Recorder(place, spec, period, meta)
     with closing_noted(recorder), closing_noted(recorder):  # A signal may interrupt the first call.
         for sample in samples:

@@ -212,6 +212,37 @@ def wrong_commands_are_refused(make: Make) -> None:
             raise ContractViolation(f"{what} is taken; call `backend.torque_of` or `position_of`")
 
 
+def a_refused_command_has_no_effect(make: Make) -> None:
+    """After a CommandError the hand goes on under its last command, and takes the next one; a guard in front of it
+    leaves it limp until `reset`."""
+    runs: list[list[HandState]] = []
+    for refused in (True, False):
+        with opened(make) as backend:
+            states = drive(backend, 5)
+            if refused:
+                try:
+                    backend.write(TorqueCommand(np.zeros(backend.spec.n_actuators + 1)))
+                except CommandError:
+                    pass
+                else:
+                    raise ContractViolation("a command of another length is taken")
+            try:
+                states += [backend.read() for _ in range(5)]
+                backend.write(small_command(backend.spec, 5))
+                states.append(backend.read())
+            except HandError as error:
+                guarded = innermost(backend) is not backend
+                require(
+                    guarded and refused, f"after a refused command it raises {type(error).__name__}: {error}; it must "
+                    "hold the last one"
+                )  # fmt: skip
+                return
+            runs.append(states)
+            if device_of(backend).live:
+                return
+    _require_equal(runs[1], runs[0], "a hand that has refused a command")
+
+
 def parts_that_it_does_not_take_are_refused(make: Make) -> None:
     """A duration or an effort that the spec's `commands` do not have is a CommandError."""
     with opened(make) as backend:
@@ -308,6 +339,7 @@ RULES: tuple[Rule, ...] = (
     a_session_is_repeatable,
     an_instance_repeats_another,
     wrong_commands_are_refused,
+    a_refused_command_has_no_effect,
     parts_that_it_does_not_take_are_refused,
     the_limp_command_ends_all_torque,
     closing_twice_is_harmless,

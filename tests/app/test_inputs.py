@@ -12,8 +12,11 @@ from typing import Any
 
 import pytest
 
+from allegro_twin.app.config import RunConfig
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.fingerprints import reached_sources
+from allegro_twin.files.schema import parse_settings
 from tests.app.files import grasps
 from tests.app.test_campaign import BLOCK
 
@@ -154,3 +157,19 @@ def test_every_module_that_trials_load_is_among_the_sources_that_count() -> None
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) <= reached_sources("allegro_twin.grasping.batch.trials").keys()
+
+
+@pytest.mark.parametrize(
+    ("blocks", "said"),
+    [
+        ({"backend": {"kind": "can", "version": "v4", "interface": "allegro-virtual", "gravity": [0, 0, 9810]}},
+         r"gravity \[0\.0, 0\.0, 9810\.0\] is 9810 m/s² strong, and on no planet it is more than 30"),
+        ({"controller": {"kind": "gravity", "gravity": [0, 0, -98]}}, "is 98 m/s² strong"),
+        ({"limits": {"velocity": 1000}}, "1000 rad/s limits no joint: it must be above 0 and at most 60"),
+        ({"limits": {"velocity": [12.0] * 15 + [0.0]}}, "0 rad/s limits no joint"),
+    ],
+)  # fmt: skip
+def test_a_gravity_or_a_limit_in_another_unit_is_refused(blocks: dict[str, Any], said: str) -> None:
+    content = {"backend": {"kind": "sim"}, "controller": {"kind": "pd"}} | blocks
+    with pytest.raises(ConfigError, match=said):
+        parse_settings(RunConfig, content, "config")

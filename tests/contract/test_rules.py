@@ -11,7 +11,7 @@ import pytest
 
 from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.device import device_of
-from allegro_twin.errors import EndOfRecording, HandFault
+from allegro_twin.errors import CommandError, EndOfRecording, HandFault
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
@@ -102,6 +102,32 @@ class Drifting(Good):
         return replace(state, position=frozen(state.position + Drifting.count))
 
 
+class LimpAfterRefusal(Good):
+    """A wrong command drops what it holds."""
+
+    def write(self, command: Command) -> None:
+        self.command = limp_of(self.spec)
+        super().write(command)
+
+
+class EndsAfterRefusal(Good):
+    """A wrong command ends the session."""
+
+    refused: CommandError | None = None
+
+    def write(self, command: Command) -> None:
+        try:
+            super().write(command)
+        except CommandError as error:
+            self.refused = error
+            raise
+
+    def read(self) -> HandState:
+        if self.refused is not None:
+            raise self.refused
+        return super().read()
+
+
 class LiveWithoutEnd(Good):
     live = True
 
@@ -146,6 +172,9 @@ BAD: list[tuple[rules.Rule, type[Good], str]] = [
     (rules.an_instance_repeats_another, Drifting, "a second backend has another position"),
     (rules.wrong_commands_are_refused, changed(write=lambda self, command: None),
      "a TorqueCommand of 15 values.* is taken"),
+    (rules.a_refused_command_has_no_effect, LimpAfterRefusal, "a hand that has refused a command has another"),
+    (rules.a_refused_command_has_no_effect, EndsAfterRefusal, "after a refused command it raises CommandError"),
+    (rules.a_refused_command_has_no_effect, changed(write=lambda self, command: None), "of another length is taken"),
     (rules.the_limp_command_ends_all_torque, changed(torque=lambda self: np.full(16, 0.1)), "after the limp command"),
     (rules.closing_twice_is_harmless, changed(close=lost), "close raises OSError: no such port"),
     (rules.reset_leads_out, LiveWithoutEnd, "write after close is taken"),
@@ -173,6 +202,19 @@ def test_a_hand_that_takes_parts_its_spec_does_not_have_is_told() -> None:
 
 def test_every_rule_has_been_seen_to_say_no() -> None:
     assert {rule for rule, _, _ in BAD} | {rules.parts_that_it_does_not_take_are_refused} == set(RULES)
+
+
+def test_behind_a_guard_a_refused_command_leaves_the_hand_limp_until_reset() -> None:
+    spec = load_spec()
+    limits = Limits(spec.actuation.torque_limit, np.full(16, 12.0), spec.lower, spec.upper)
+    inner = Good()
+    guard = Guard(inner, limits)
+    rules.a_refused_command_has_no_effect(lambda: guard)
+    with pytest.raises(CommandError):
+        guard.read()
+    assert not inner.torque().any()
+    guard.reset()
+    guard.read()
 
 
 def test_a_good_backend_keeps_every_rule_that_applies() -> None:

@@ -220,11 +220,40 @@ except RecordingError as error:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.startswith(f"cannot go on recording to {path}")
     assert done.stdout.count("\n") == 1
+    rows = int(done.stdout.split("its first ")[1].split(" rows are readable: --partial")[0])
     with pytest.raises(RecordingError, match="cut short after"):
         load(path)
     recording = load(path, partial=True)
-    assert len(recording) >= 4 * BATCH
+    assert len(recording) == rows >= 4 * BATCH
     np.testing.assert_array_equal(recording.columns["tick"], np.arange(len(recording)))
+
+
+@pytest.mark.parametrize("size", [0, 1000, 20_000])  # Nothing, a piece of the head, a piece of the first batch.
+def test_a_full_disk_without_a_whole_batch_says_that_no_row_is_readable(
+    size: int, tmp_path: Path, spec: HandSpec
+) -> None:
+    path = tmp_path / "full.arrow"
+    with full_disk(size), pytest.raises(RecordingError, match=r"cannot go on recording to .*; no row of it is whole$"):
+        record(path, spec, 5 * BATCH)
+    if path.exists():
+        with pytest.raises(RecordingError):
+            load(path, partial=True)
+
+
+def test_a_full_disk_without_a_whole_batch_of_any_track_says_so(tmp_path: Path, spec: HandSpec) -> None:
+    path = tmp_path / "full.arrow"
+    file = SharedFile(path, {})
+    hand = Recorder(file.track("hand"), spec, 0.003)
+    with full_disk(20_000), pytest.raises(RecordingError, match="; no row of it is whole$"):
+        for tick in range(BATCH):
+            hand.add(sample(tick))
+    assert load_cell(path, partial=True).devices == ()
+
+
+def test_a_place_may_be_a_text(tmp_path: Path, spec: HandSpec) -> None:
+    path = str(tmp_path / "r.arrow")
+    assert len(list(recorder_module.record(iter([sample(0), sample(1)]), path, spec, 0.003))) == 2
+    assert len(load(path)) == 2
 
 
 def test_on_a_full_disk_the_other_tracks_of_a_file_end_with_the_same_error(tmp_path: Path, spec: HandSpec) -> None:
@@ -243,6 +272,7 @@ def test_on_a_full_disk_the_other_tracks_of_a_file_end_with_the_same_error(tmp_p
             with pytest.raises(RecordingError) as then:
                 each.close()
             assert str(then.value) == str(first.value)
+        assert str(first.value).endswith("; the rows before are readable: --partial")
     (event,) = load_cell(path, partial=True).events("states")
     assert event["t"] == 0.0
 

@@ -15,9 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of their own.
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector
+
+try:
+    from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of their own.
+except ImportError as error:
+    raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'") from error
 
 SAME = 1e-4
 """Share of its variances by which a period may change them where they count as steady."""

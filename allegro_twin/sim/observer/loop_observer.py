@@ -14,7 +14,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm  # type: ignore[import-untyped]  # Its types are a package of its own.
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.servos import ONE, Servos
@@ -27,6 +26,11 @@ from allegro_twin.sim.observer.observer import CREEP, Estimate, push_into_stop
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.types import Array, PositionCommand, Vector
+
+try:
+    from scipy.linalg import expm  # type: ignore[import-untyped]  # Its types are a package of its own.
+except ImportError as error:
+    raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'") from error
 
 STEP = 0.001  # s, at most, of the simulation.
 NOISE = 4.4e-4  # rad, of a reported position: a count of 4096 a turn, evenly spread.

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import typer
 
-from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled
+from allegro_twin.errors import HandError, HandFault, LinkError, MotionInterrupted, MotionStalled
 from allegro_twin.files.first_error import message_of
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
@@ -43,10 +43,10 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
 
 
 def exit_code(error: HandError) -> int:
-    """3 for a link error, 4 for a fault or a blocked motion, 2 for everything the user can correct."""
+    """3 for a link error, 4 for a fault or a motion that did not reach its end, 2 for what the user can correct."""
     if isinstance(error, LinkError):
         return 3
-    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2
+    return 4 if isinstance(error, (HandFault, MotionStalled, MotionInterrupted)) else 2
 
 
 def usage_error(error: Any) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.control.trajectory import FASTEST, Moves, Waypoint
+from allegro_twin.control.trajectory import FASTEST, Moves, Waypoint, number
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.finger import FingerKinematics
@@ -66,7 +66,7 @@ def straight_line_motion(
     distance to the nearest point within it; for an orientation that the tip cannot have there, with the nearest; and
     for a line that leaves the reach on its way.
     """
-    if not speed >= _SLOWEST:
+    if not number(speed, "speed, in m/s,") >= _SLOWEST:
         raise ConfigError(f"speed must be positive, in m/s, and at least {_SLOWEST:g}; it is {speed}")
     if loose := [name for name in euler or {} if name not in targets]:
         raise ConfigError(f"euler is given for {loose[0]}, which has no target position")

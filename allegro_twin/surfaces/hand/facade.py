@@ -31,7 +31,7 @@ from allegro_twin.surfaces.hand.cartesian import straight_line_motion
 from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.grasps import GraspOutcome, begin, chosen, grasp_outcome
 from allegro_twin.surfaces.hand.live_control import LiveControl
-from allegro_twin.surfaces.hand.motion import FirstController, Kind, MotionControl
+from allegro_twin.surfaces.hand.motion import FirstController, Kind, MotionControl, MotionRequest
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 if TYPE_CHECKING:
@@ -170,13 +170,9 @@ class Hand:
     ) -> None:
         """Go to a posture: the joint that travels furthest peaks at `speed` (rad/s), all arrive together; finger by
         finger where they would meet on the way. From torque or gravity compensation the hand changes to PID. Raises
-        ConfigError before anything moves, SelfCollision among them; MotionStalled, at once or to whoever waits."""
-        mover, what = self._mover, posture if isinstance(posture, str) else "the posture"
-        wish = Waypoint(self._posture(posture), speed=speed, profile=profile)
-        legs = mover.planned(lambda start: mover.ways.legs(start, wish, self.limits, what))
-        mover.follow(mover.position_kind, Moves(legs), what)
-        if wait:
-            self.wait()
+        ConfigError before anything moves, SelfCollision among them; MotionStalled, at once or to whoever waits;
+        MotionInterrupted when another thread stops it, or asks for something else, before its end."""
+        self._go(posture, speed, profile, wait)
 
     def fingertips(self) -> dict[str, Pose]:
         """Position (m) and rotation of every fingertip in the palm frame."""
@@ -194,13 +190,14 @@ class Hand:
         those of `euler` to roll, pitch, yaw, (3,), rad; the one that travels furthest peaks at `speed`, m/s. Raises as
         `move_to` does."""
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
+        request = mover.request(what)
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
         moves = straight_line_motion(mover.model, start, targets, speed, euler)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
-        mover.follow(mover.position_kind, moves, what)
+        mover.follow(mover.position_kind, moves, what, request)
         if wait:
-            self.wait()
+            mover.wait(request=request)
 
     def grasp(
         self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True,
@@ -212,11 +209,12 @@ class Hand:
         hand feels at its end, or, without waiting, now; with a width also whether nothing as wide is there. Raises as
         `move_to`, but what stops it once it closes."""
         mover, stored = self._mover, chosen(name, object_width, self._mover.model, self.spec)
+        request = mover.request(f"grasp {name}")
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
-        begin(stored, mover, self.spec, self.limits, force, self.mirror if by_mirror else None)
+        begin(stored, mover, self.spec, self.limits, force, request, self.mirror if by_mirror else None)
         if wait:
-            self.wait()
+            mover.wait(request=request)
         now = self.state
         weight = mover.model.gravity_torque(now.position, self.gravity)
         met = mover.ways.touching(now.position, NEARLY)
@@ -224,7 +222,8 @@ class Hand:
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled
-        (0.02 rad, or half a second at most). Raises MotionStalled, once, for a motion that met something."""
+        (0.02 rad, or half a second at most). Raises MotionStalled, once, for a motion that met something;
+        MotionInterrupted when it is stopped, or another is asked for, while this waits for its end."""
         return self._mover.wait(seconds)
 
     @property
@@ -233,7 +232,8 @@ class Hand:
         return self._mover.stalled
 
     def stop(self) -> None:
-        """Stay here: PID at the present position, or the firmware's own loop."""
+        """Stay here: PID at the present position, or the firmware's own loop. Any thread may call it; a call that waits
+        for a motion then raises MotionInterrupted."""
         self._mover.hold(self._mover.still_kind)
 
     @contextmanager
@@ -253,11 +253,11 @@ class Hand:
             motion = load_trajectory(motion, self.spec)
         what = motion.name or "the motion"
         motion = replace(motion, positions=np.array([self._posture(row, what) for row in motion.positions]))
-        path = motion.path(speed)
-        self.move_to(motion.positions[0], approach)
-        self._mover.follow(self._mover.still_kind, KnownPath(path), what)
+        path, mover = motion.path(speed), self._mover
+        request = self._go(motion.positions[0], approach, "minimum_jerk", True)
+        mover.follow(mover.still_kind, KnownPath(path), what, request)
         if wait:
-            self.wait()
+            mover.wait(request=request)
 
     def listen(self, listener: Callable[[Sample], None]) -> None:
         """Call somebody with every sample from now on."""
@@ -266,6 +266,15 @@ class Hand:
     def listening(self, listener: Callable[[Sample], None]) -> AbstractContextManager[None]:
         """Call somebody with every sample for a while: a plot, a scripted guide."""
         return self._mover.listening(listener)
+
+    def _go(self, posture: Posture, speed: float, profile: Profile, wait: bool) -> MotionRequest:
+        mover, what = self._mover, posture if isinstance(posture, str) else "the posture"
+        wish, request = Waypoint(self._posture(posture), speed=speed, profile=profile), mover.request(what)
+        legs = mover.planned(lambda start: mover.ways.legs(start, wish, self.limits, what), request)
+        mover.follow(mover.position_kind, Moves(legs), what, request)
+        if wait:
+            mover.wait(request=request)
+        return request
 
     def _posture(self, posture: Posture, what: str = "the posture") -> Vector:
         if isinstance(posture, str):

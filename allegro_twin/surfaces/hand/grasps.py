@@ -17,7 +17,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.motion import Goal, MotionControl
+from allegro_twin.surfaces.hand.motion import Goal, MotionControl, MotionRequest
 from allegro_twin.types import HandState, Vector
 
 SQUEEZE = 0.5  # s.
@@ -32,7 +32,7 @@ class GraspOutcome:
 
     name: str
     touching: tuple[str, ...]
-    """Fingers that were stopped on their way."""
+    """Fingers that were stopped on their way: by an object, or by each other (`met`)."""
     force: dict[str, float]
     """What each of their tips presses with, estimated from the joint torques, N."""
     width: float
@@ -64,12 +64,13 @@ def begin(
     spec: HandSpec,
     limits: tuple[Vector, Vector],
     force: float | None,
+    request: MotionRequest,
     touched: ContactSource | None = None,
 ) -> None:
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
     wish, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
-    approach = mover.planned(lambda start: mover.ways.legs(start, wish, limits, what))
+    approach = mover.planned(lambda start: mover.ways.legs(start, wish, limits, what), request)
     state = mover.state
     motion = timed(grasp, state.position, approach)
     controller: Controller[Any]
@@ -84,7 +85,7 @@ def begin(
     else:
         controller = PositionControl(motion.moves)
     path = motion.moves.begin(state.position)
-    mover.drive(what, controller, Goal(path, mover.soon, path.seconds, what, motion.close_at))
+    mover.drive(what, controller, Goal(path, mover.soon, path.seconds, what, motion.close_at), request)
 
 
 def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> TimedGrasp:

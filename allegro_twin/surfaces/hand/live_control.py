@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
 from allegro_twin.control.path_planning import postures_on_line
-from allegro_twin.control.trajectory import FASTEST, SLOWEST
+from allegro_twin.control.trajectory import FASTEST, SLOWEST, number
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.surfaces.hand.bounds import JointBounds
@@ -67,7 +67,7 @@ class LiveControl:
         """Head straight for a posture, (n,), rad, from whatever the hand is doing for the wish before, without a stop
         between; the joint that travels furthest peaks at about `speed`, rad/s. Raises ConfigError for a posture beyond
         the limits, SelfCollision where fingers would meet on the straight line: then the hand does what it did."""
-        if not SLOWEST <= speed <= FASTEST:
+        if not SLOWEST <= number(speed, "speed, in rad/s,") <= FASTEST:
             raise ConfigError(f"speed must be from {SLOWEST:g} to {FASTEST:g} rad/s; it is {speed:g}")
         spec, mover = self._rig.spec, self._mover
         goal = self._bounds.admit(posture, what)

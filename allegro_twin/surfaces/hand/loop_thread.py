@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 
-from allegro_twin.errors import HandError, HandFault
+from allegro_twin.errors import ConfigError, HandError, HandFault
 from allegro_twin.types import Sample
 
 Condition = Callable[[Sample], bool]
+_CLOSING = 1.0  # s that a period may still take, and what a listener that closes the hand waits for in vain.
 
 
 class LoopThread:
@@ -24,6 +25,7 @@ class LoopThread:
         self._latest = next(samples)
         self._error: BaseException | None = None
         self._stopped = False
+        self._advancing = threading.Lock()
         self._thread: threading.Thread | None = None
         if background:
             self._thread = threading.Thread(target=self._turn, name="allegro_twin", daemon=True)
@@ -42,12 +44,15 @@ class LoopThread:
         return self._error
 
     def wait(self, condition: Condition) -> Sample:
-        """Let time pass until a sample fulfils the condition. Raises what ended the loop."""
+        """Let time pass until a sample fulfils the condition. Raises what ended the loop; ConfigError to whoever cannot
+        wait: a listener, and in the foreground a second thread."""
         if self._thread is None:
             while not condition(self._latest):
                 self._check()
                 self._advance()
             return self._latest
+        if self._thread is threading.current_thread():
+            raise ConfigError("a listener cannot wait: time passes after it has returned; ask with wait=False")
         with self._news:
             while not condition(self._latest):
                 self._check()
@@ -60,10 +65,20 @@ class LoopThread:
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(timeout=5.0)
         close = getattr(self._samples, "close", None)
-        if close is not None and (self._thread is None or not self._thread.is_alive()):
-            close()
+        if close is None or (self._thread is not None and self._thread.is_alive()):
+            return
+        if self._advancing.acquire(timeout=_CLOSING):  # Whoever waits in the foreground ends at the next period.
+            try:
+                close()
+            finally:
+                self._advancing.release()
 
     def _advance(self) -> None:
+        if not self._advancing.acquire(blocking=False):
+            raise ConfigError(
+                "another call waits for this hand already: one thread at a time lets its time pass, and no listener "
+                "does; open it with background=True for several threads"
+            )
         try:
             self._latest = next(self._samples)
         except StopIteration:
@@ -72,6 +87,8 @@ class LoopThread:
         except HandError as error:
             self._error = error
             raise
+        finally:
+            self._advancing.release()
 
     def _turn(self) -> None:
         while not self._stopped:

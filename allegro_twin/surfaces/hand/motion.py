@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -27,8 +27,9 @@ from allegro_twin.control.controllers import (
 )
 from allegro_twin.control.motion_feedforward import MotionFeedforward
 from allegro_twin.control.setpoint_filter import SmoothSetpoint
-from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference
-from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
+from allegro_twin.control.trajectory import Hold, KnownPath, Path, Reference, number
+from allegro_twin.errors import CommandError, ConfigError, MotionInterrupted, MotionStalled, unknown
+from allegro_twin.files.schema import check_gravity
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import STANDARD_GRAVITY
 from allegro_twin.loop import paced, run
@@ -67,6 +68,10 @@ class MotionMonitor:
     def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, sag: Vector | float = 0.0) -> None:
         """`sag`: how far the hand's own weight may keep a soft servo from its set-point, (n,), rad."""
         self.goal, self.arrived = goal, False
+        self.interrupted = ""
+        """What ended it before it had arrived, if somebody did; for messages."""
+        self.successor: MotionMonitor | None = None
+        """Of a motion whose goal was moved: what follows it since."""
         self._spec, self._over = spec, goal.began + goal.seconds
         # What dry friction and weight alone keep from its place is not stuck.
         friction = 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9)
@@ -133,6 +138,18 @@ class FirstController(NamedTuple):
     controller: Any
 
 
+@dataclass(slots=True, eq=False)
+class MotionRequest:
+    """One motion that somebody asks for, from when its planning begins: what else drives the hand since ends it."""
+
+    what: str
+    """For messages."""
+    turn: int
+    """`MotionControl` counts what drives the hand; this is the count that the request goes on from."""
+    watch: MotionMonitor | None = None
+    """What follows its motion, once that has begun."""
+
+
 _DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
 
 
@@ -149,6 +166,7 @@ class MotionControl:
         self.stalled: MotionStalled | None = None
         """What stopped the last motion, if anything did."""
         self._told, self._changing, self._cut = True, threading.Lock(), False
+        self._turn, self._last = 0, ""  # How often something else began to drive the hand, and what that did.
         self._watch: MotionMonitor | None = None
         self._sag = servo_sag(rig.spec, self.model)
         self._gravity = GravityFeedforward(self.model.gravity_torque)
@@ -195,20 +213,47 @@ class MotionControl:
             vector = frozen(vector)
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
+            try:
+                check_gravity((float(vector[0]), float(vector[1]), float(vector[2])))
+            except ValueError as error:
+                raise ConfigError(str(error)) from error
         self._gravity = GravityFeedforward(self.model.gravity_torque, vector)
         self._relay.amend(lambda c: replace(c, gravity=self._gravity) if getattr(c, "gravity", None) is not None else c)
 
     def given_gravity(self) -> Vector | None:
         return self._gravity.vector
 
-    def drive(self, kind: Kind | str, controller: Any, goal: Goal | None = None) -> None:
-        """Hand over to a controller; `goal` says what its motion is, for those who wait. Raises CommandError while the
-        hand is cut off."""
+    def request(self, what: str) -> MotionRequest:
+        """Begin to ask for a motion; `what` it is stands in messages."""
+        return MotionRequest(what, self._turn)
+
+    def drive(
+        self,
+        kind: Kind | str,
+        controller: Any,
+        goal: Goal | None = None,
+        request: MotionRequest | None = None,
+        did: str = "",
+    ) -> None:
+        """Hand over to a controller; `goal` says what its motion is, for those who wait, `did` what that does to the
+        motion before it. Raises CommandError while the hand is cut off, MotionInterrupted for a request that something
+        else has overtaken."""
+        name = f"the controller {kind}" if goal is None else goal.what
         with self._changing:
             if self._cut:
                 raise CommandError("the hand was stopped and is limp: release the stop first")
+            if request is not None and request.turn != self._turn:
+                raise MotionInterrupted(f"{request.what} {self._last} before it began")
+            self._interrupt(did or f"was replaced by {name}")
             self.kind, self.stalled, self._watch = kind, None, self._watched(goal)
             self._relay.switch(controller)
+            if request is not None:
+                request.turn, request.watch = self._turn, self._watch
+
+    def _interrupt(self, did: str) -> None:
+        self._turn, self._last = self._turn + 1, did
+        if self._watch is not None and not self._watch.arrived:
+            self._watch.interrupted = did
 
     def turn_to(self, kind: Kind, torque: Vector) -> None:
         """Another controller: the torques, (n,), N·m; gravity compensation; or stay here. Raises ConfigError."""
@@ -221,7 +266,7 @@ class MotionControl:
         elif kind == "gravity":
             self.drive("gravity", GravityCompensation(self.gravity))
         else:
-            self.hold(kind)
+            self.hold(kind, f"was replaced by the controller {kind}")
 
     @property
     def cut(self) -> bool:
@@ -233,6 +278,7 @@ class MotionControl:
         with self._changing:
             self._cut = on
             if on:
+                self._interrupt("was stopped, and the hand is limp,")
                 self.kind, self.stalled, self._watch = self.kinds[0], None, None
                 self._relay.cut(self._limp)
 
@@ -248,41 +294,58 @@ class MotionControl:
             path, began = watch.goal.path, watch.goal.began
             assert isinstance(path, SmoothSetpoint)
             seconds = path.head_for(max(self.state.t - began, 0.0), posture, speed)
-            self._watch = self._watched(Goal(path, began, seconds, what))
+            self._watch = watch.successor = self._watched(Goal(path, began, seconds, what))
 
-    def hold(self, kind: Kind) -> None:
-        """Stay where the hand is."""
-        self.follow(kind, Hold(self.state.position))
+    def hold(self, kind: Kind, did: str = "was stopped", request: MotionRequest | None = None) -> None:
+        """Stay where the hand is; `did`: what that does to the motion before, for messages."""
+        self.follow(kind, Hold(self.state.position), "the stop", request, did)
 
-    def follow(self, kind: Kind, reference: Reference, what: str = "the motion") -> None:
+    def follow(
+        self,
+        kind: Kind,
+        reference: Reference,
+        what: str = "the motion",
+        request: MotionRequest | None = None,
+        did: str = "",
+    ) -> None:
         """Let PD or PID follow a reference from the present state on; `what` it is stands in messages."""
         controller, state = self._position(kind, reference), self.state
         path = reference.begin(state.position)
         seconds = float(getattr(path, "seconds", 0.0))
-        self.drive(kind, controller, Goal(path, self.soon, seconds, what, math.inf if seconds else 0.0))
+        goal = Goal(path, self.soon, seconds, what, math.inf if seconds else 0.0)
+        self.drive(kind, controller, goal, request, did)
 
-    def planned(self, plan: Callable[[Vector], T]) -> T:
+    def planned(self, plan: Callable[[Vector], T], request: MotionRequest) -> T:
         """What is planned from where the joints are, (n,), rad. A hand that moved on meanwhile stops first."""
         start = self.state.position
         found = plan(start)
         if np.abs(self.state.position - start).max() <= _DRIFT:
             return found
-        self.hold(self.position_kind)
-        return plan(self.wait().position)
+        self.hold(self.position_kind, request=request)
+        return plan(self.wait(request=request).position)
 
-    def wait(self, seconds: float | None = None) -> HandState:
-        """For a time, s, or until the motion is over and the joints have settled. Raises MotionStalled if it was
-        stopped and nobody was told yet; ConfigError for a time that never ends."""
-        if seconds is not None and not 0.0 <= seconds < math.inf:
+    def wait(self, seconds: float | None = None, *, request: MotionRequest | None = None) -> HandState:
+        """For a time, s, or until the motion, that of the request or the present one, is over and the joints have
+        settled. Raises MotionStalled if it was stopped and nobody was told yet; MotionInterrupted if something else
+        drives the hand before its end; ConfigError for a time that never ends."""
+        if seconds is not None and not 0.0 <= (seconds := number(seconds, "a time to wait")) < math.inf:
             raise ConfigError(f"a time to wait is finite and not negative, s; not {seconds}")
-        watch, end = self._watch, None if seconds is None else self.state.t + seconds - 1e-9
+        watch, end = self._watch if request is None else request.watch, None
+        if seconds is not None:
+            watch, end = None, self.state.t + seconds - 1e-9
 
         def over(sample: Sample) -> bool:
+            nonlocal watch
             if end is not None:
                 return sample.state.t >= end
+            while watch is not None and watch.successor is not None:
+                watch = watch.successor
             return watch is None or watch.arrived or self._watch is not watch
 
         state = self.driver.wait(over).state
+        if watch is not None and watch.interrupted:
+            what = watch.goal.what if request is None else request.what
+            raise MotionInterrupted(f"{what} {watch.interrupted} before its end")
         if self.stalled is not None and not self._told:
             self._told = True
             raise self.stalled

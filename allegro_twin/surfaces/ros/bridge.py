@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple, TypeAlias
 from uuid import UUID
 
-from allegro_twin.errors import ConfigError, HandError, MotionStalled
+from allegro_twin.errors import ConfigError, HandError, MotionInterrupted, MotionStalled
 from allegro_twin.recording.events import SessionEvent
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node_api import Received, RosNode, RosTopic
@@ -166,7 +166,7 @@ class RosBridge:
             seconds = topics.execute(topic, data, sender)
             if seconds:
                 self._lock.extend(sender, now, seconds)
-        except (ConfigError, MotionStalled) as error:
+        except (ConfigError, MotionStalled, MotionInterrupted) as error:
             self._refuse(topic, str(error))
 
     def _refuse(self, topic: str, why: str) -> None:

@@ -27,6 +27,7 @@ from allegro_twin.twin.identify.motions.limits import (
     TORQUE,
     EncoderOffsets,
     FoundLimits,
+    check_both_ends,
     encoder_offsets,
     limit_sweep,
     limits_in_samples,
@@ -134,9 +135,12 @@ def refuse_another_hand(path: Path, settings: RunConfig, config: str, codec: Cod
             )
 
 
-def store_limits(path: Path, found: FoundLimits, note: str) -> None:
-    """Write the limits, with a comment above them, into the hand's own file; the rest of it stays. Raises
-    RecordingError."""
+def store_limits(path: Path, found: FoundLimits, model: HandSpec, note: str) -> None:
+    """Write the limits, with a comment above them, into the hand's own file; the rest of it stays. Raises ConfigError
+    for a joint that was not brought to both its ends, RecordingError.
+
+    `model` has the joint limits of the description."""
+    check_both_ends(found, model)
     with lock_file(path):
         write_text(path, _with_limits(*_read(path), found, path, note))
 

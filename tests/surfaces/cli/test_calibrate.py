@@ -24,8 +24,9 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.twin.identify import joint_ends
 from allegro_twin.twin.identify.joint_ends import refuse_another_hand, store_limits
-from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, encoder_offsets
+from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, check_both_ends, encoder_offsets
 from allegro_twin.types import frozen
 from tests.surfaces.cli.conftest import Run
 
@@ -137,14 +138,45 @@ def test_what_is_written_reads_the_middle_of_what_was_found_as_the_models(versio
 def test_a_joint_that_was_not_at_both_its_ends_gets_no_offset(spec: HandSpec) -> None:
     upper = spec.upper.copy()
     upper[1] = spec.lower[1] + 0.3
-    with pytest.raises(
-        ConfigError, match=r"index_1 was seen from -0\.196 to \+0\.104 rad, which are not both its ends"
-    ):
+    with pytest.raises(ConfigError, match=r"index_1 was seen from -0\.196 to \+0\.104 rad, the model's ends are"):
         encoder_offsets(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
     upper = spec.upper.copy()
     upper[6] += BEYOND  # No stop: it went as far as it was sent.
     with pytest.raises(ConfigError, match="middle_2 was seen"):
         encoder_offsets(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
+
+
+def test_a_stuck_joint_is_refused_by_name_and_nothing_is_written(
+    command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec, target = load_spec(), tmp_path / "mine.yaml"
+    lower, upper = spec.lower.copy(), spec.upper.copy()
+    lower[5], upper[5] = 0.2, 0.2016
+    upper[8] = lower[8] + 0.6  # Of 0.94 rad: something is in its way.
+    found = FoundLimits(frozen(lower), frozen(upper))
+    monkeypatch.setattr(joint_ends, "find_limits", lambda *_: (spec, found))
+    for arguments in ([], ["--into", target]):
+        code, shown, errors = command("calibrate", "limits", *arguments)
+        assert (code, errors.count("\n")) == (2, 1)
+        assert "middle_1 was seen from +0.200 to +0.202 rad" in errors
+        assert "ring_0 was seen" in errors
+        assert "+0.202" in shown
+        assert "Next:" not in shown
+    assert not target.exists()
+    with pytest.raises(ConfigError, match="not at both ends: middle_1 .*ring_0"):
+        joint_ends.store_limits(target, found, spec, ", today")
+    assert not target.exists()
+
+
+def test_limits_may_differ_from_the_models_as_those_of_published_hands_do(spec: HandSpec) -> None:
+    spare = np.minimum(BEYOND, 0.25 * (spec.upper - spec.lower)) - 1e-9
+    check_both_ends(FoundLimits(frozen(spec.lower + spare), spec.upper), spec)
+    check_both_ends(FoundLimits(spec.lower, frozen(spec.upper - spare)), spec)
+    check_both_ends(FoundLimits(frozen(spec.lower + 0.3), frozen(spec.upper + 0.3)), spec)  # Encoders that are off.
+    with pytest.raises(ConfigError, match="index_2 was seen .*; nor were index_3, middle_0, .*thumb_3. Free it"):
+        check_both_ends(FoundLimits(spec.rest, spec.rest), spec)
+    with pytest.raises(ConfigError, match="thumb_3 was seen"):
+        check_both_ends(FoundLimits(spec.lower, frozen([*spec.upper[:-1], np.nan])), spec)
 
 
 @pytest.mark.parametrize("arguments", [["--offsets"], ["--offsets", "--into", "mine.yaml"]])
@@ -179,7 +211,7 @@ def test_a_file_of_comments_keeps_them(start: str, spec: HandSpec, tmp_path: Pat
     target = tmp_path / "mine.yaml"
     target.write_bytes(start.encode())
     for _ in range(2):  # The second time there is more than comments.
-        store_limits(target, FoundLimits(spec.lower, spec.upper), ", today")
+        store_limits(target, FoundLimits(spec.lower, spec.upper), spec, ", today")
         text = target.read_bytes().decode()
         assert all(line in text for line in start.splitlines() if "#" in line)
         assert text.count("# Measured by `allegro-twin calibrate limits`, today; rad") == 1

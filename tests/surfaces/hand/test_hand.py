@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -136,6 +137,8 @@ def test_without_gravity_from_the_hand_it_must_be_given_and_may_be_replaced(hand
     for bad in ([1.0, 2.0], [0.0, np.nan, 0.0]):
         with pytest.raises(ConfigError, match="gravity needs three finite numbers"):
             hand.gravity = bad
+    with pytest.raises(ConfigError, match=r"is 98 m/s² strong, and on no planet it is more than 30 .*give it in m/s²"):
+        hand.gravity = [0, 0, -98]
 
 
 def test_a_gravity_that_is_set_while_compensating_takes_effect_at_once(hand: Hand) -> None:
@@ -163,6 +166,28 @@ def test_a_bad_posture_is_refused_before_anything_moves(hand: Hand, posture: obj
     with pytest.raises(ConfigError, match="speed must be positive"):
         hand.move_to("home", speed=-1.0)
     assert hand.controller == "torque"
+
+
+@pytest.mark.parametrize(
+    ("wish", "message"),
+    [
+        (
+            lambda hand: hand.move_to("home", profile="cubic"),
+            "no profile named 'cubic'; there are: linear, minimum_jerk",
+        ),
+        (lambda hand: hand.move_to("home", speed="fast"), "speed, in rad/s, is a number; not 'fast'"),
+        (lambda hand: hand.move_to("home", speed=None), "speed, in rad/s, is a number; not None"),
+        (lambda hand: hand.move_fingertips({}, speed="fast"), "speed, in m/s, is a number; not 'fast'"),
+        (lambda hand: hand.play("ripple", speed="fast"), "speed is a number; not 'fast'"),
+        (lambda hand: hand.direct.steer(hand.state.position, speed="fast"), "speed, in rad/s, is a number"),
+        (lambda hand: hand.wait("long"), "a time to wait is a number; not 'long'"),
+    ],
+)
+def test_a_speed_or_a_profile_that_is_none_is_refused_in_a_line(wish: Callable[[Any], object], message: str) -> None:
+    with Hand.open(config()) as hand:
+        with pytest.raises(ConfigError, match=message):
+            wish(hand)
+        assert hand.state.t == 0.0
 
 
 def test_a_margin_keeps_away_from_the_limits_and_can_be_turned_off(hand: Hand) -> None:

@@ -51,7 +51,7 @@ def calibrate_limits(
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.cli.twin.identification import today
     from allegro_twin.twin.identify import joint_ends as calibration
-    from allegro_twin.twin.identify.motions.limits import encoder_offsets
+    from allegro_twin.twin.identify.motions.limits import check_both_ends, encoder_offsets
 
     if offsets and into is None:
         raise ConfigError("--offsets are written into the hand's own file: name it with --into")
@@ -65,12 +65,13 @@ def calibrate_limits(
             settings, by_hand, lambda t, total: bar.update(task, completed=t, total=total)
         )
     console.console.print(console.limits(model, found))
+    check_both_ends(found, model)
     if into is None:
         console.hint("Next: --into FILE writes these limits into the hand's own file")
     else:
         note = calibration.note(config if other is None else f"{config} --hand {other}", by_hand, today())
         if codec is None:
-            calibration.store_limits(into, found, note)
+            calibration.store_limits(into, found, model, note)
         else:
             calibration.store_offsets(into, encoder_offsets(found, model, codec), model, codec, note)
         what = "Limits" if codec is None else "Limits and encoder offsets"

@@ -181,6 +181,11 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
                 if ran.outcome.missed and not cut:
                     done = False
                     console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
+                elif ran.outcome.missed:
+                    console.warn(
+                        f"{job.name}, {ran.spec.side} hand: --seconds ended the motion at {ran.outcome.last.t:.1f} s; "
+                        f"it takes {ran.outcome.motion:.1f} s"
+                    )
             else:
                 reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
     _print_verdicts(reports, grasps)

@@ -13,13 +13,18 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
 from allegro_twin.sim.drivetrain.lugre_friction import followed_deflection
 from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
+
+try:
+    from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
+except ImportError as error:
+    raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'") from error
 
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.
 DELAYS = np.arange(0.0, 0.0125, 0.0005)  # s

@@ -17,6 +17,8 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, Vector, frozen
 
 _MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
+_SHORT = 0.25  # Of the model's range. The shortest, 0.94 rad, may not lose 0.35 rad.
+_TOLD = 3  # Joints with their ranges in a message; the others by name.
 _NOTHING = bytes(32)  # A report of sixteen positions; any one will do.
 
 BEYOND = (
@@ -94,7 +96,7 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
     `model` has the joint limits of the description, not those that were measured. Raises ConfigError for a joint that
     was not brought to both its ends.
     """
-    _check(found, model)
+    check_both_ends(found, model)
     old = codec.calibration.encoder_offset
     more = replace(codec.calibration, encoder_offset=tuple(count + 1 for count in old))
     # Change of a position by one count of offset, rad; each version has its own.
@@ -105,12 +107,24 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
     return EncoderOffsets(tuple(count + int(more) for count, more in zip(old, counts, strict=True)), limits)
 
 
-def _check(found: FoundLimits, model: HandSpec) -> None:
-    for k, name in enumerate(model.joint_labels):
-        low, high = found.lower[k], found.upper[k]
-        short = model.upper[k] - model.lower[k] - (high - low)
-        if short > BEYOND or min(low - model.lower[k], model.upper[k] - high) < _MET - BEYOND:
-            raise ConfigError(
-                f"no encoder offsets: {name} was seen from {low:+.3f} to {high:+.3f} rad, which are not both its ends "
-                f"(the model's are {model.lower[k]:+.3f} and {model.upper[k]:+.3f}); bring it there: --by-hand SECONDS"
-            )
+def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
+    """Raise ConfigError naming every joint that was not brought to both its ends.
+
+    `model` has the joint limits of the description, not those that were measured. A range may be as much smaller than
+    the model's as those of published hands are, `BEYOND`, but not by more than a quarter of it: a joint that is stuck,
+    or stopped by something on its way, is not at its ends. A range that ends where the sweep ends has no stop.
+    """
+    low, high, wanted = found.lower, found.upper, model.upper - model.lower
+    whole = wanted - (high - low) <= np.minimum(BEYOND, _SHORT * wanted)
+    stopped = np.minimum(low - model.lower, model.upper - high) >= _MET - BEYOND
+    missed = np.flatnonzero(~(whole & stopped))  # NaN is neither.
+    if not len(missed):
+        return
+    seen = [
+        f"{model.joint_labels[k]} was seen from {low[k]:+.3f} to {high[k]:+.3f} rad, the model's ends are "
+        f"{model.lower[k]:+.3f} and {model.upper[k]:+.3f}"
+        for k in missed[:_TOLD]
+    ]
+    if len(missed) > _TOLD:
+        seen.append(f"nor were {', '.join(model.joint_labels[k] for k in missed[_TOLD:])}")
+    raise ConfigError(f"not at both ends: {'; '.join(seen)}. Free it, or bring it there yourself: --by-hand SECONDS")

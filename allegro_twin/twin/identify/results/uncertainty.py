@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t  # type: ignore[import-untyped]  # Its types are a package of its own.
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.extra_terms import EXTRA
 from allegro_twin.twin.identify.fitting.fit import DriveFit
@@ -19,6 +19,11 @@ from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.spread import Spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
+
+try:
+    from scipy.stats import t  # type: ignore[import-untyped]  # Its types are a package of its own.
+except ImportError as error:
+    raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'") from error
 
 BELIEVED = 1.1  # Times the noise that long pieces may leave. A converged fit leaves 0.9 to 1.1 (ours).
 NORMAL = 1.96  # Standard deviations on either side of 95 %.

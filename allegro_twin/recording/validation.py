@@ -1,0 +1,113 @@
+"""Checks of a recording that is read: its metadata, its columns and the order of its rows."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, get_args
+
+import numpy as np
+import pyarrow as pa
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.recording.arrow_writer import FORMAT, SHARED, TRACKS
+from allegro_twin.recording.spec_json import spec_from_json
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import Array
+
+_ROWS = ("position", "velocity", "torque", "temperature")
+_COMMANDS = (("command_torque",), ("command_position", "command_effort", "command_duration"))
+
+
+def stream_metadata(name: str, schema: pa.Schema) -> dict[str, Any]:
+    """The metadata of a stream; `name` stands for it in error messages. Raises RecordingError for a stream of something
+    else, of a version that this program does not know, and for metadata that are damaged."""
+    text = (schema.metadata or {}).get(b"allegro_twin")
+    try:
+        meta = json.loads(text) if text else {}
+    except ValueError as error:  # Also of bytes that are no text.
+        raise RecordingError(f"{name}: its metadata are no JSON: {error}") from error
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+        raise RecordingError(f"{name} is an Arrow stream of something else: its schema has no {FORMAT!r} metadata")
+    version = meta.get("version")
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise RecordingError(f"{name}: metadata: version is {version!r}, not a whole number from 1")
+    if version > SHARED:
+        raise RecordingError(f"{name} has format version {version}; this program reads up to {SHARED}: upgrade it")
+    if version == SHARED and schema.remove_metadata() != TRACKS:
+        raise RecordingError(f"{name} is of a cell and has not the columns {', '.join(TRACKS.names)}")
+    return meta
+
+
+def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> None:
+    """Raise RecordingError, which names the metadata, or the column and the row, unless a recording of a device can be
+    replayed: all columns of a state and of a command, as wide as its hand, numbers; positions are finite; `t` and
+    `tick` increase. Rows count from 0. Other columns may have NaN, and ticks may jump."""
+    spec = _check_metadata(name, meta)
+    n = spec.n_joints
+    widths: dict[str, int | None] = {"t": None, "tick": None, **dict.fromkeys(_ROWS, n), "gravity": 3}
+    command = next((each for each in _COMMANDS if each[0] in columns), _COMMANDS["torque" not in spec.commands])
+    for each in command:
+        widths[each] = 1 if each == "command_duration" else spec.n_actuators
+    for each, width in widths.items():
+        _check_column(name, columns, each, width)
+    for each in ("t", "position", command[0]):
+        bad = ~np.isfinite(columns[each])
+        if bad.any():
+            row, *place = (int(k) for k in np.argwhere(bad)[0])
+            what = f"{each}[{place[0]}]" if place else each
+            raise RecordingError(f"{name}: row {row}: {what} is {columns[each][row, *place]}, not a finite number")
+    for each in ("tick", "t"):
+        bad = np.diff(columns[each]) <= 0
+        if bad.any():
+            row = int(np.argmax(bad)) + 1
+            before, now = columns[each][row - 1], columns[each][row]
+            raise RecordingError(
+                f"{name}: row {row}: {each} is {now:g} after {before:g}; it must increase: rows were repeated or moved"
+            )
+
+
+def _check_metadata(name: str, meta: Mapping[str, Any]) -> HandSpec:
+    period = meta.get("period")
+    if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period < math.inf:
+        raise RecordingError(f"{name}: metadata: period is {period!r}, not a number of seconds above 0")
+    if not isinstance(meta.get("hand"), dict):
+        raise RecordingError(f"{name}: metadata: hand is {meta.get('hand')!r}, not the description of a hand")
+    try:
+        spec = spec_from_json(meta["hand"])
+    except KeyError as error:
+        raise RecordingError(f"{name}: metadata: hand has no {error.args[0]}") from error
+    except (TypeError, ValueError, AttributeError, LookupError) as error:
+        raise RecordingError(f"{name}: metadata: hand is damaged: {error}") from error
+    n = spec.n_joints
+    if not n or not all(isinstance(each, str) for each in (*spec.joints, *spec.aliases, *spec.commands)):
+        raise RecordingError(f"{name}: metadata: hand.joints is {list(spec.joints)!r}, not the names of joints")
+    for each in ("model", "side", "serial", "card"):
+        if not isinstance(getattr(spec, each), str):
+            raise RecordingError(f"{name}: metadata: hand.{each} is {getattr(spec, each)!r}, not a text")
+    if spec.side not in get_args(Side):
+        raise RecordingError(f"{name}: metadata: hand.side is {spec.side!r}, not {' or '.join(get_args(Side))}")
+    if not all(isinstance(k, int) and 0 <= k < n for k in spec.mirror_flips):
+        raise RecordingError(f"{name}: metadata: hand.mirror_flips is {list(spec.mirror_flips)}, not numbers of joints")
+    for each, row in (("lower", spec.lower), ("upper", spec.upper)):
+        if row.shape != (n,) or not np.isfinite(row).all():
+            raise RecordingError(f"{name}: metadata: hand.{each} is {row.tolist()}, not {n} finite numbers")
+    for finger in spec.fingers:
+        if not all(isinstance(k, int) and 0 <= k < n for k in finger.joints):
+            raise RecordingError(f"{name}: metadata: hand.fingers: {finger.name} has joints {list(finger.joints)}")
+    if np.ndim(spec.actuation.torque_limit) != 1 or (spec.aliases and len(spec.aliases) != n):
+        what = "actuation.torque_limit" if np.ndim(spec.actuation.torque_limit) != 1 else "aliases"
+        raise RecordingError(f"{name}: metadata: hand.{what} is not a row of as many values as joints")
+    return spec
+
+
+def _check_column(name: str, columns: Mapping[str, Array], column: str, width: int | None) -> None:
+    if column not in columns:
+        raise RecordingError(f"{name} has no column {column}")
+    values = columns[column]
+    if not np.issubdtype(values.dtype, np.number):
+        raise RecordingError(f"{name}: column {column} has {values.dtype}, not numbers")
+    if values.shape[1:] != (() if width is None else (width,)):
+        wanted = "one number" if width is None else f"{width} numbers"
+        raise RecordingError(f"{name}: column {column} has {values.shape[1:] or 'one number'} a row, not {wanted}")

@@ -1,0 +1,143 @@
+"""A recording that somebody edited is refused on load, in a line that names the column and the row, or the metadata."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.arrow_writer import arrow_column
+from allegro_twin.recording.reader import load, load_cell, read_stream
+from allegro_twin.recording.recorder import Recorder
+from allegro_twin.spec import HandSpec
+from tests.recording.test_cell_recording import path as cell  # noqa: F401  # A fixture.
+from tests.recording.test_recording import record, sample
+
+ROWS = 230
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "r.arrow"
+    record(path, load_spec(), ROWS)
+    return path
+
+
+def write(path: Path, table: pa.Table, meta: Any = None) -> Path:
+    if meta is not None:
+        text = meta if isinstance(meta, str | bytes) else json.dumps(meta)
+        table = table.replace_schema_metadata({"allegro_twin": text})
+    with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_stream(sink, table.schema) as writer:
+        writer.write_table(table)
+    return path
+
+
+def changed(table: pa.Table, column: str, place: Any, value: float) -> pa.Table:
+    """The table with other values at a place of a column."""
+    chunk = table.column(column).combine_chunks()
+    flat = chunk.flatten() if pa.types.is_fixed_size_list(chunk.type) else chunk
+    values = flat.to_numpy().copy().reshape(len(table), -1)
+    values[place] = value
+    values = values if pa.types.is_fixed_size_list(chunk.type) else values[:, 0]
+    return table.set_column(table.schema.get_field_index(column), column, arrow_column(values))
+
+
+Edit = Callable[[pa.Table], pa.Table]
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda table: table.take(list(range(ROWS))[::-1]), r"row 1: tick is 228 after 229; it must increase"),
+        (lambda table: pa.concat_tables([table.slice(0, 100), table.slice(99)]), r"row 100: tick is 99 after 99"),
+        (lambda table: changed(table, "tick", slice(None), 5), r"row 1: tick is 5 after 5"),
+        (lambda table: changed(table, "t", 50, np.nan), r"row 50: t is nan, not a finite number"),
+        (lambda table: changed(table, "t", 50, 0.0), r"row 50: t is 0 after 0\.147"),
+        (lambda table: changed(table, "position", (50, 3), np.nan), r"row 50: position\[3\] is nan"),
+        (lambda table: changed(table, "command_torque", (7, 15), np.inf), r"row 7: command_torque\[15\] is inf"),
+        (lambda table: table.drop_columns(["torque"]), "has no column torque"),
+        (lambda table: table.drop_columns(["command_torque"]), "has no column command_torque"),
+        (lambda table: table.drop_columns(["t"]), "has no column t"),
+        (lambda table: table.set_column(2, "position", arrow_column(np.zeros((ROWS, 4)))), r"position has \(4,\)"),
+        (lambda table: table.set_column(0, "t", pa.array(["0"] * ROWS)), "column t has object, not numbers"),
+    ],
+)  # fmt: skip
+def test_rows_and_columns_that_a_hand_cannot_have_given_are_refused(
+    edit: Edit, said: str, written: Path, tmp_path: Path
+) -> None:
+    stream = read_stream(written)
+    path = write(tmp_path / "e.arrow", edit(stream.table), stream.meta)
+    for partial in (False, True):
+        with pytest.raises(RecordingError, match=said) as caught:
+            load(path, partial=partial)
+        assert str(caught.value).startswith(str(path))
+        assert "\n" not in str(caught.value)
+
+
+METADATA: list[tuple[tuple[str, ...], Any, str]] = [
+    (("period",), -1, "metadata: period is -1, not a number of seconds above 0"),
+    (("period",), float("nan"), "metadata: period is nan"),
+    (("period",), None, "metadata: period is None"),
+    (("version",), float("nan"), "metadata: version is nan, not a whole number from 1"),
+    (("version",), "x", "metadata: version is 'x'"),
+    (("version",), 2, "is of a cell and has not the columns track, number, data"),
+    (("hand",), None, "metadata: hand is None, not the description of a hand"),
+    (("hand",), {}, "metadata: hand has no joints|metadata: hand has no model"),
+    (("hand", "lower"), None, r"metadata: hand.lower is nan, not 16 finite numbers"),
+    (("hand", "joints"), [], r"metadata: hand.joints is \[\], not the names of joints"),
+    (("hand", "joints"), 5, "metadata: hand is damaged"),
+    (("hand", "fingers"), "x", "metadata: hand is damaged"),
+    (("hand", "actuation"), [], "metadata: hand is damaged"),
+    (("hand", "side"), "x", "metadata: hand.side is 'x', not right or left"),
+    (("hand", "serial"), None, "metadata: hand.serial is None, not a text"),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "said"), METADATA)
+def test_metadata_that_no_program_wrote_are_refused(
+    place: tuple[str, ...], value: Any, said: str, written: Path, tmp_path: Path
+) -> None:
+    stream = read_stream(written)
+    meta = json.loads(json.dumps(stream.meta))
+    (meta if len(place) == 1 else meta[place[0]])[place[-1]] = value
+    with pytest.raises(RecordingError, match=said):
+        load(write(tmp_path / "e.arrow", stream.table, meta))
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '"a"', b"\xff", "5"])
+def test_metadata_that_are_no_object_are_refused(text: str | bytes, written: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no JSON|something else"):
+        load(write(tmp_path / "e.arrow", read_stream(written).table, text))
+
+
+def test_a_second_file_behind_the_end_of_the_first_is_told(written: Path, tmp_path: Path) -> None:
+    path = tmp_path / "two.arrow"
+    path.write_bytes(written.read_bytes() * 2)
+    with pytest.raises(RecordingError, match=rf"goes on after its end: {written.stat().st_size} bytes.*--partial"):
+        load(path)
+    assert len(load(path, partial=True)) == ROWS
+
+
+def test_two_cells_in_a_file_are_told(cell: Path, tmp_path: Path) -> None:  # noqa: F811  # The fixture.
+    path = tmp_path / "two.arrow"
+    path.write_bytes(cell.read_bytes() * 2)
+    with pytest.raises(RecordingError, match="goes on after its end"):
+        load_cell(path)
+
+
+def test_ticks_may_jump_and_what_a_hand_does_not_report_may_be_unknown(tmp_path: Path, spec: HandSpec) -> None:
+    recorder = Recorder(tmp_path / "r.arrow", spec, 0.003)
+    for tick in (0, 1, 5, 9):
+        given = sample(tick)
+        nothing = np.full(16, np.nan)
+        recorder.add(given._replace(state=type(given.state)(given.state.t, tick, given.state.position, nothing, nothing,
+                                                            nothing, nothing[:3])))  # fmt: skip
+    recorder.close()
+    assert load(tmp_path / "r.arrow").columns["tick"].tolist() == [0, 1, 5, 9]
