@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf, take_out_gears
+from allegro_twin.sim.hand_import.couplings import couplings, reachable_range
 from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gains
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
 from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf
@@ -110,10 +112,17 @@ def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> fl
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
 _SMALLEST, _LARGEST = 0.02, 1.0  # m. From the palm to the end of a finger, of any hand.
+_IMMOVABLE = 1e3  # kg·m² or kg, of a joint that is held.
 _STEP = 0.01  # rad or m, by which a joint is moved to measure its servo.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _TOGETHER = 0.65  # Of the ways of all tips: what is left over where fingers close to one side; less: on each other.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_TIPS = {
+    "shape": "guesses, the middle of the pad at the far end of the last link's shape",
+    "nothing": "unknown, for the last link has no shape, and are put where it begins",
+    "site": "where the file has sites called FINGER_tip",
+}
+"""What says where fingertips are, in words; an empty body at a finger's end needs none."""
 
 
 class ExploredHand(NamedTuple):
@@ -173,6 +182,10 @@ def explore_hand(
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
         raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
+    for motor in motors:
+        if motor.joint is not None:
+            motor.lower, motor.upper, note = reachable_range(model, motor.joint, motor.lower, motor.upper, path)
+            notes += [note] if note else []
     moves = _moved(model, motors)
     drives = [_driven_joints(model, motor) for motor in motors]
     ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
@@ -250,9 +263,8 @@ def _driven_joints(model: mujoco.MjModel, motor: ImportedMotor) -> set[int]:
     else:
         assert motor.tendon is not None
         found = _wrapped(model, motor.tendon)
-    links = [(int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) for k in range(model.neq)
-             if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0]  # fmt: skip
-    while more := {a for a, b in links if b in found} - found:
+    links = [(int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) for k in couplings(model)]
+    while more := {a for pair in links for a, b in (pair, pair[::-1]) if b in found} - found:
         found |= more
     return found
 
@@ -306,6 +318,9 @@ def _notes(
         notes.append(
             f"fingers and their names are guesses, by what hangs on {palm}: {guessed}; --finger NAME=BODY says another"
         )
+    for source, words in _TIPS.items():
+        if tips := [finger.name for finger in structure.fingers if finger.tip_by == source]:
+            notes.append(f"fingertips are {words}: {', '.join(tips)}; `tip` in the card says another place")
     if structure.root == WORLD:
         notes.append("the fingers hang on the world itself: it is taken for the palm")
     reach = _reach(model, structure)
@@ -345,37 +360,51 @@ def _reach(model: mujoco.MjModel, structure: HandStructure) -> float:
 
 
 def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
-    """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq)."""
+    """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq).
+
+    A position servo goes there. A joint with a torque motor is put there, and stands as if nothing could move it."""
+    model = copy.copy(model)
     model.opt.gravity[:] = 0.0
     # Light links on stiff tendons: a file that says nothing of steps means them as our scenes take them.
     model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 0.001
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    held = [int(model.jnt_dofadr[motor.joint]) for motor in motors if motor.torque]
+    model.dof_armature[held] = _IMMOVABLE
+    model.dof_frictionloss[:] *= not held  # It would keep followers short of their places.
     found = np.empty((len(motors), _POINTS, model.nq))
     for k, motor in enumerate(motors):
         data = mujoco.MjData(model)
         for place, position in enumerate(np.linspace(motor.lower, motor.upper, _POINTS)):
+            _rest(model, data, motors)
             if motor.torque:
                 data.qpos[model.jnt_qposadr[motor.joint]] = position
             else:
-                _rest(model, data, motors)
                 data.ctrl[k] = motor.told(position)
-                _settle(model, data)
+            if len(held) < model.nv:
+                _settle(model, data, held)
             found[k, place] = data.qpos
     return found
 
 
-def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    end = data.time + _LONGEST
+def _settle(model: mujoco.MjModel, data: mujoco.MjData, held: list[int]) -> None:
+    """Until nothing moves. `held`: degrees of freedom that stand where they are."""
+    end, places = data.time + _LONGEST, model.jnt_qposadr[model.dof_jntid[held]]
+    there = data.qpos[places]
     while data.time < end:
         mujoco.mj_step(model, data, round(_LOOKS / model.opt.timestep))
+        data.qpos[places], data.qvel[held] = there, 0.0
         if np.abs(data.qvel).max() < _STILL:
             return
 
 
 def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor]) -> None:
-    """Every servo is told to stay as near to zero as it can be."""
+    """Every servo is told to stay as near to zero as it can be, and every joint with a torque motor stands there."""
     for each in motors:
-        data.ctrl[each.number] = each.told(min(max(0.0, each.lower), each.upper))
+        place = min(max(0.0, each.lower), each.upper)
+        if each.torque:
+            data.qpos[model.jnt_qposadr[each.joint]] = place
+        else:
+            data.ctrl[each.number] = each.told(place)
 
 
 def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandStructure) -> Array:
@@ -394,8 +423,10 @@ def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandS
 def _followers(
     model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Joints without a motor: after which they go, and how far; and those that go after none."""
+    """Joints without a motor: after which they go, and how far; and those that go after none and that nothing fixes."""
     own = {motor.joint for motor in motors}
+    fixed = {int(model.eq_obj1id[k]) for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
+             and model.eq_obj2id[k] < 0 and model.eq_active0[k]}  # fmt: skip
     followers, free = [], []
     for joint in range(model.njnt):
         if joint in own or int(model.jnt_type[joint]) not in _JOINTS:
@@ -404,7 +435,7 @@ def _followers(
         motor = int(np.argmax(np.ptp(rows, axis=1)))
         name = model.joint(joint).name
         if np.ptp(rows[motor]) < _MOVES:
-            free.append(name)
+            free += [] if joint in fixed else [name]
             continue
         followers.append({"name": name, "follows": motors[motor].name, "positions": rows[motor].round(5).tolist()})
     return followers, free

@@ -286,7 +286,7 @@ def _hide_collisions(spec: mujoco.MjSpec) -> None:
 
 def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
     """`mimic` as an equality of joints: q = multiplier · q_master + offset. A joint that mimics one that mimics
-    follows the first."""
+    follows the first. One without a range has what it is led through."""
     laws = {}
     for joint in robot.findall("joint"):
         mimic = joint.find("mimic")
@@ -309,8 +309,8 @@ def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
         equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=master)
         equality.data[:5] = [offset, factor, 0.0, 0.0, 0.0]
         follower, driven = spec.joint(name), spec.joint(master)
-        ends = [offset + factor * end for end in driven.range]
-        follower.range = [min(follower.range[0], *ends), max(follower.range[1], *ends)]
+        if follower.range[0] >= follower.range[1]:
+            follower.range = sorted(offset + factor * end for end in driven.range)
 
 
 def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, shaped: list[str], notes: list[str]) -> None:
