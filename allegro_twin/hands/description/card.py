@@ -112,6 +112,8 @@ class HandCard(Settings):
     """Gains by name, `default` among them, of a hand that takes torques."""
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
+    touching: tuple[tuple[str, str], ...] = ()
+    """Pairs of bodies of the MJCF that touch at rest, and are let through each other in simulation."""
     servos: dict[str, Any] | None = None
     """Settings of a hand of servos on a serial line; docs/reference/dynamixel.md."""
     line: dict[str, Any] | None = None
@@ -177,6 +179,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         foreign=ForeignModel(
             str(mjcf), card.root, tuple(each.actuator for each in card.driven),
             {name: each.tip for name, each in card.fingers.items()}, _turn(card.palm, path), keeps=True,
+            touching=card.touching,
         ),
         commands=card.commands,
         apart=card.apart,

@@ -176,6 +176,11 @@ def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
         raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
     for follower in spec.followers:
         _get(theirs.joints, follower.name, "joint", foreign.mjcf)
+    for pair in foreign.touching:
+        first, second = (
+            "palm_link" if name == WORLD else _get(theirs.bodies, name, "body", foreign.mjcf).name for name in pair
+        )
+        theirs.add_exclude(bodyname1=first, bodyname2=second)
     root.name = "palm_link"
     _follow(theirs, {foreign.root: "palm_link"})
     if foreign.palm is not None:
@@ -244,7 +249,9 @@ def _add_tips(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> Non
         body_name, offset = foreign.tips[finger.name]
         body = _get(hand.bodies, body_name, "body", foreign.mjcf)
         if any(site.name == finger.tip for site in hand.sites):
-            raise ConfigError(f"{foreign.mjcf}: a site is called {finger.tip} already: call it, or the finger, otherwise")
+            raise ConfigError(
+                f"{foreign.mjcf}: a site is called {finger.tip} already: call it, or the finger, otherwise"
+            )
         body.add_site(name=finger.tip, pos=offset)
         name = f"{finger.name}_touch"
         for theirs in hand.sensors:

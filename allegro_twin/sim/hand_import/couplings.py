@@ -16,8 +16,8 @@ _ROUNDING = 2e-3  # rad or m. By less a follower passes its stop where numbers o
 
 def couplings(model: mujoco.MjModel) -> list[int]:
     """Equalities that couple one joint to another, by number; those that are switched off are left out."""
-    return [k for k in range(model.neq)
-            if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0 and model.eq_active0[k]]  # fmt: skip
+    of_joints = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id >= 0)
+    return [int(k) for k in np.flatnonzero(of_joints & model.eq_active0.astype(bool))]
 
 
 def coupled_positions(model: mujoco.MjModel, joint: int, positions: Array) -> dict[int, Array]:

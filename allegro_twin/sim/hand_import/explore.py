@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model,
 from allegro_twin.sim.hand_import.couplings import couplings, reachable_range
 from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gains
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
-from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf
+from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf, touching_note, touching_pairs
 from allegro_twin.types import Array
 
 UNKNOWN = "unknown"
@@ -113,6 +114,10 @@ _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that ar
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
 _SMALLEST, _LARGEST = 0.02, 1.0  # m. From the palm to the end of a finger, of any hand.
 _IMMOVABLE = 1e3  # kg·m² or kg, of a joint that is held.
+_UNITS = (
+    'Lengths are in metres: a mesh takes scale="0.001 0.001 0.001" for mm, and all other lengths of the file are to be '
+    "written in metres"
+)
 _STEP = 0.01  # rad or m, by which a joint is moved to measure its servo.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _TOGETHER = 0.65  # Of the ways of all tips: what is left over where fingers close to one side; less: on each other.
@@ -190,7 +195,10 @@ def explore_hand(
     drives = [_driven_joints(model, motor) for motor in motors]
     ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
     followers, free = _followers(model, motors, moves)
-    notes += _notes(model, structure, motors, free)
+    notes += _notes(model, structure, motors, free, path)
+    touching = _touching(model, structure)
+    if touching:
+        notes.append(touching_note(touching))
     torque = commands == {"torque"}
     card: dict[str, Any] = {
         "mjcf": str(path),
@@ -211,7 +219,9 @@ def explore_hand(
     if structure.wrist:
         names = [motor.name for motor, own in zip(motors, drives, strict=True) if own & set(structure.wrist)]
         card["wrist"] = {"joints": names, "palm": model.body(structure.palm).name}
-    return ExploredHand(card | ({"followers": followers} if followers else {}), notes, spec, structure, path)
+    card |= {"followers": followers} if followers else {}
+    card |= {"touching": [list(pair) for pair in touching]} if touching else {}
+    return ExploredHand(card, notes, spec, structure, path)
 
 
 def _check_names(model: mujoco.MjModel, structure: HandStructure, path: Path) -> None:
@@ -307,8 +317,9 @@ def _finger_row(
 
 
 def _notes(
-    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str]
+    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str], path: Path
 ) -> list[str]:
+    """Raises ConfigError for a hand of more than a metre."""
     if not structure.fingers:
         return ["no finger was found: nothing that moves hangs on the palm"]
     guessed = ", ".join(finger.name for finger in structure.fingers if finger.guessed)
@@ -324,15 +335,19 @@ def _notes(
     if structure.root == WORLD:
         notes.append("the fingers hang on the world itself: it is taken for the palm")
     reach = _reach(model, structure)
-    if not _SMALLEST <= reach <= _LARGEST:
-        notes.append(
-            f"it reaches {reach:.3g} m from the palm to the end of a finger: is it in mm, or in inches? A mesh takes "
-            'scale="0.001 0.001 0.001"; all other lengths are in m'
-        )
-    turning = [motor.name for motor in motors if motor.joint is not None and max(-motor.lower, motor.upper) > 2 * np.pi
+    size = f"it reaches {reach:.3g} m from the palm to the end of a finger"
+    if reach > _LARGEST:
+        raise ConfigError(f"{path}: {size}: is it in mm, or in inches? {_UNITS}")
+    if reach < _SMALLEST:
+        notes.append(f"{size}: is it in another unit? {_UNITS}")
+    turning = [f"{motor.name} {motor.lower:g} … {motor.upper:g}" for motor in motors
+               if motor.joint is not None and motor.upper - motor.lower > 2 * np.pi + 1e-3
                and model.jnt_type[motor.joint] == mujoco.mjtJoint.mjJNT_HINGE]  # fmt: skip
     if turning:
-        notes.append(f"ranges beyond a whole turn: {', '.join(turning)}: are they in degrees?")
+        notes.append(f"ranges of more than a whole turn, rad: {', '.join(turning)}: are they in degrees?")
+    called = re.split(r"[^a-z]+", path.stem.lower())
+    if "left" in called and "right" not in called:
+        notes.append("the file's name says that it is a left hand; `--side left` makes it one, and without it is right")
     if structure.wrist:
         names = ", ".join(model.joint(joint).name for joint in structure.wrist)
         notes.append(f"a wrist: {names}, between {structure.root} and {model.body(structure.palm).name}")
@@ -343,6 +358,14 @@ def _notes(
                      "share of a limit can be said; write the maker's into the card")  # fmt: skip
     notes += [f"{name}: nobody drives this joint, and it follows none; it swings freely" for name in free]
     return notes
+
+
+def _touching(model: mujoco.MjModel, structure: HandStructure) -> list[tuple[str, str]]:
+    """Pairs of named bodies of the hand whose shapes are inside each other at rest. MuJoCo lets a link and the next one
+    through each other, but not the links on a palm that stands still."""
+    root = 0 if structure.root == WORLD else model.body(structure.root).id
+    return [pair for pair in touching_pairs(model) if all(pair)
+            and all(not root or int(model.body_rootid[model.body(name).id]) == root for name in pair)]  # fmt: skip
 
 
 def _reach(model: mujoco.MjModel, structure: HandStructure) -> float:

@@ -29,10 +29,10 @@ class MotorJoint(NamedTuple):
 def motor_gains(model: mujoco.MjModel, motors: list[MotorJoint]) -> dict[str, list[float]]:
     """kp, kd, ki and clamp of each motor, in their order: critically damped.
 
-    kp = ω²I and kd = 2ωI − d, of inertia I of a joint at rest with the joints that follow it and all others held, its
-    armature included, and of their damping d. ω is `BANDWIDTH`, lower where 2ω times the largest eigenvalue of M⁻¹ diag(I) is above `FASTEST`, and
-    of a joint lower where the motor's effort is reached before `ANGLE` rad or `WAY` m. ki = `WINDUP` kp, up to kp times
-    that angle or way.
+    kp = ω²I and kd = 2ωI − d, of inertia I of a joint at rest with the joints that follow it and all others held, their
+    armature included, and of their damping d. ω is `BANDWIDTH`, lower where 2ω times the largest eigenvalue of
+    M⁻¹ diag(I) is above `FASTEST`, and of a joint lower where the motor's effort is reached before `ANGLE` rad or `WAY`
+    m. ki = `WINDUP` kp, up to kp times that angle or way.
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
