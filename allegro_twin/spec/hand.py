@@ -68,6 +68,8 @@ class ForeignModel:
     """How the palm's frame is turned in the root's, quaternion w x y z; None: as it is."""
     keeps: bool = False
     """Its actuators, ranges and frictions are the hand's; else they give way to torque motors with the spec's."""
+    touching: tuple[tuple[str, str], ...] = ()
+    """Pairs of its bodies that are let through each other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -204,7 +204,7 @@ def test_a_mesh_of_a_package_is_looked_for_above_the_urdf_and_where_ros_looks(
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(package.parent))
     with pytest.raises(ConfigError, match="the package my_hand has no meshes/box.obj; put it there"):
         explore_hand(hand(tmp_path, finger=finger))
-    corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    corners = [f"v {x} {y} {z}" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
     sides = [int(number) + 1 for number in SIDES.split()]
     faces = [f"f {a} {b} {c}" for a, b, c in zip(sides[::3], sides[1::3], sides[2::3], strict=True)]
     (package / "meshes" / "box.obj").write_text("\n".join([*corners, *faces]) + "\n")

@@ -181,14 +181,49 @@ def test_masses_that_a_urdf_does_not_have_are_listed_in_the_terminal_and_on_the_
     assert words in Path("mine/two.md").read_text()
 
 
-@pytest.mark.parametrize(("size", "reach"), [("50", "it reaches 2"), ("0.0005", None)])
-def test_a_hand_of_the_wrong_size_is_asked_for_its_unit(size: str, reach: str | None, tmp_path: Path) -> None:
-    found = explore_hand(urdf(tmp_path, ('length="0.05"', f'length="{size}"')))
-    assert any(note.startswith(reach or "it reaches") for note in found.notes) == (reach is not None)
+def test_a_hand_of_more_than_a_metre_is_refused_and_one_of_less_than_2_cm_is_asked_for_its_unit(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"it reaches 25.1 m .*: is it in mm, or in inches\? .* scale=") as raised:
+        explore_hand(urdf(tmp_path, ('length="0.05"', 'length="50"')))
+    assert "\n" not in str(raised.value)
     assert not any("it reaches" in note for note in explore_hand(urdf(tmp_path)).notes)
     small = mjcf(tmp_path, SERVO).read_text().replace("0.03", "0.003").replace("0.05", "0.005").replace("0.04", "0.004")
     Path("small.xml").write_text(small.replace("0.008", "0.0008").replace("0.007", "0.0007"))
-    assert any("it reaches 0.0" in note and "in mm" in note for note in explore_hand(Path("small.xml")).notes)
+    assert any("it reaches 0.0" in note and "another unit" in note for note in explore_hand(Path("small.xml")).notes)
+
+
+def test_a_range_of_more_than_a_whole_turn_is_asked_whether_it_is_in_degrees(tmp_path: Path) -> None:
+    found = explore_hand(urdf(tmp_path, ('lower="-0.3" upper="1.4"', 'lower="-6" upper="6"')))
+    assert any("more than a whole turn, rad: one_joint -6 … 6" in note and "degrees" in note for note in found.notes)
+    assert not any("turn" in note for note in explore_hand(urdf(tmp_path)).notes)
+
+
+def test_a_file_that_is_called_left_is_asked_for_its_side(tmp_path: Path) -> None:
+    path = mjcf(tmp_path, SERVO, "two_hand_left")
+    assert any("`--side left`" in note for note in explore_hand(path).notes)
+    assert not any("--side" in note for note in explore_hand(mjcf(tmp_path, SERVO, "cleft")).notes)
+
+
+def test_links_of_an_mjcf_that_touch_at_rest_are_let_through_each_other_and_its_postures_are_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = mjcf(tmp_path, SERVO)
+    path.write_text(path.read_text().replace('pos="0.04 0 0.03"', 'pos="0.04 0 0.02"').replace(
+        'pos="-0.04 0 0.03"', 'pos="-0.04 0 0.02"'))  # fmt: skip
+    command("hand", "new", str(path), "--no-film")
+    words = "2 pairs of links touch at rest and are let through each other: palm and f1_base, palm and f2_base"
+    assert words in capsys.readouterr().out
+    assert words in Path("mine/two.md").read_text()
+    card = yaml.safe_load(Path("mine/two.yaml").read_text())
+    assert card["touching"] == [["palm", "f1_base"], ["palm", "f2_base"]]
+    with Hand.open("mine/sim_two.yaml") as hand:
+        for name in ("home", "open", "flat"):
+            hand.move_to(name, speed=2.0)
+            hand.wait(0.3)
+            assert hand.state.position == pytest.approx(card["postures"][name], abs=2e-2)
+    card["touching"] = [["palm", "f3_base"]]
+    write_settings(Path("mine/two.yaml"), card, "two")
+    with pytest.raises(ConfigError, match="no body named 'f3_base'"):
+        hand_spec(load_spec("mine/two.yaml"))
 
 
 @pytest.mark.parametrize("root", [None, "palm"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -111,6 +112,8 @@ class HandCard(Settings):
     """Gains by name, `default` among them, of a hand that takes torques."""
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
+    touching: tuple[tuple[str, str], ...] = ()
+    """Pairs of bodies of the MJCF that touch at rest, and are let through each other in simulation."""
     servos: dict[str, Any] | None = None
     """Settings of a hand of servos on a serial line; docs/reference/dynamixel.md."""
     line: dict[str, Any] | None = None
@@ -157,11 +160,12 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
     if card.side != side:
         raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}")
     names = tuple(each.name for each in card.driven)
+    mjcf = card.mjcf if card.mjcf.is_absolute() else path.parent / card.mjcf
+    taken = _frames(mjcf)
     fingers = tuple(
-        Finger(name, tuple(names.index(joint) for joint in each.joints), _tip_name(name, each.tip[0]))
+        Finger(name, tuple(names.index(joint) for joint in each.joints), _tip_name(name, taken))
         for name, each in card.fingers.items()
     )
-    mjcf = card.mjcf if card.mjcf.is_absolute() else path.parent / card.mjcf
     return HandSpec(
         model=model,
         side=side,
@@ -175,6 +179,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         foreign=ForeignModel(
             str(mjcf), card.root, tuple(each.actuator for each in card.driven),
             {name: each.tip for name, each in card.fingers.items()}, _turn(card.palm, path), keeps=True,
+            touching=card.touching,
         ),
         commands=card.commands,
         apart=card.apart,
@@ -190,9 +195,23 @@ def card_gains(path: Path) -> dict[str, dict[str, tuple[float, ...]]]:
     return {name: dict(gains) for name, gains in load_settings(HandCard, path).gains.items()}
 
 
-def _tip_name(finger: str, body: str) -> str:
-    """The frame of a fingertip, of a name that its body does not have already."""
-    return f"{finger}_tip" if body != f"{finger}_tip" else f"{finger}_tip_centre"
+def _tip_name(finger: str, taken: set[str]) -> str:
+    """The frame of a fingertip, of a name that no body or site of the file has already."""
+    return f"{finger}_tip" if f"{finger}_tip" not in taken else f"{finger}_tip_centre"
+
+
+def _frames(mjcf: Path, seen: frozenset[Path] = frozenset()) -> set[str]:
+    """Names of bodies and sites in an MJCF and in what it includes; none of a file that cannot be read, which the
+    simulation says."""
+    if mjcf in seen:
+        return set()
+    try:
+        elements = list(ElementTree.parse(mjcf).getroot().iter())
+    except (OSError, ElementTree.ParseError):
+        return set()
+    names = {each.get("name", "") for each in elements if each.tag in ("body", "site")}
+    included = [mjcf.parent / each.get("file", "") for each in elements if each.tag == "include"]
+    return names.union(*(_frames(each, seen | {mjcf}) for each in included))
 
 
 def _actuation(card: HandCard) -> Actuation:

@@ -176,6 +176,11 @@ def adapt_hand(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
         raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
     for follower in spec.followers:
         _get(theirs.joints, follower.name, "joint", foreign.mjcf)
+    for pair in foreign.touching:
+        first, second = (
+            "palm_link" if name == WORLD else _get(theirs.bodies, name, "body", foreign.mjcf).name for name in pair
+        )
+        theirs.add_exclude(bodyname1=first, bodyname2=second)
     root.name = "palm_link"
     _follow(theirs, {foreign.root: "palm_link"})
     if foreign.palm is not None:
@@ -238,18 +243,24 @@ def rename_parts(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
 
 
 def _add_tips(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
-    """A site and a contact sensor at each fingertip that has none."""
+    """A site and a contact sensor at each fingertip, where the card has it. Raises ConfigError for a site that has the
+    tip's name already."""
     for finger in spec.fingers:
         body_name, offset = foreign.tips[finger.name]
         body = _get(hand.bodies, body_name, "body", foreign.mjcf)
-        if not any(site.name == finger.tip for site in hand.sites):
-            body.add_site(name=finger.tip, pos=offset)
+        if any(site.name == finger.tip for site in hand.sites):
+            raise ConfigError(
+                f"{foreign.mjcf}: a site is called {finger.tip} already: call it, or the finger, otherwise"
+            )
+        body.add_site(name=finger.tip, pos=offset)
         name = f"{finger.name}_touch"
-        if not any(sensor.name == name for sensor in hand.sensors):
-            sensor = hand.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT)
-            sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
-            sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
-            sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
+        for theirs in hand.sensors:
+            if theirs.name == name:
+                theirs.name = f"{name}_of_the_file"
+        sensor = hand.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT)
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
+        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
+        sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
 
 
 def _follow(hand: mujoco.MjSpec, renamed: dict[str, str]) -> None:

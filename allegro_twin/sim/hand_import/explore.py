@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,9 +14,10 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf, take_out_gears
+from allegro_twin.sim.hand_import.couplings import couplings, reachable_range
 from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gains
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
-from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf
+from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf, touching_note, touching_pairs
 from allegro_twin.types import Array
 
 UNKNOWN = "unknown"
@@ -110,10 +113,21 @@ def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> fl
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
 _SMALLEST, _LARGEST = 0.02, 1.0  # m. From the palm to the end of a finger, of any hand.
+_IMMOVABLE = 1e3  # kg·m² or kg, of a joint that is held.
+_UNITS = (
+    'Lengths are in metres: a mesh takes scale="0.001 0.001 0.001" for mm, and all other lengths of the file are to be '
+    "written in metres"
+)
 _STEP = 0.01  # rad or m, by which a joint is moved to measure its servo.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _TOGETHER = 0.65  # Of the ways of all tips: what is left over where fingers close to one side; less: on each other.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_TIPS = {
+    "shape": "guesses, the middle of the pad at the far end of the last link's shape",
+    "nothing": "unknown, for the last link has no shape, and are put where it begins",
+    "site": "where the file has sites called FINGER_tip",
+}
+"""What says where fingertips are, in words; an empty body at a finger's end needs none."""
 
 
 class ExploredHand(NamedTuple):
@@ -173,11 +187,18 @@ def explore_hand(
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
         raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
+    for motor in motors:
+        if motor.joint is not None:
+            motor.lower, motor.upper, note = reachable_range(model, motor.joint, motor.lower, motor.upper, path)
+            notes += [note] if note else []
     moves = _moved(model, motors)
     drives = [_driven_joints(model, motor) for motor in motors]
     ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
     followers, free = _followers(model, motors, moves)
-    notes += _notes(model, structure, motors, free)
+    notes += _notes(model, structure, motors, free, path)
+    touching = _touching(model, structure)
+    if touching:
+        notes.append(touching_note(touching))
     torque = commands == {"torque"}
     card: dict[str, Any] = {
         "mjcf": str(path),
@@ -198,7 +219,9 @@ def explore_hand(
     if structure.wrist:
         names = [motor.name for motor, own in zip(motors, drives, strict=True) if own & set(structure.wrist)]
         card["wrist"] = {"joints": names, "palm": model.body(structure.palm).name}
-    return ExploredHand(card | ({"followers": followers} if followers else {}), notes, spec, structure, path)
+    card |= {"followers": followers} if followers else {}
+    card |= {"touching": [list(pair) for pair in touching]} if touching else {}
+    return ExploredHand(card, notes, spec, structure, path)
 
 
 def _check_names(model: mujoco.MjModel, structure: HandStructure, path: Path) -> None:
@@ -250,9 +273,8 @@ def _driven_joints(model: mujoco.MjModel, motor: ImportedMotor) -> set[int]:
     else:
         assert motor.tendon is not None
         found = _wrapped(model, motor.tendon)
-    links = [(int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) for k in range(model.neq)
-             if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0]  # fmt: skip
-    while more := {a for a, b in links if b in found} - found:
+    links = [(int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) for k in couplings(model)]
+    while more := {a for pair in links for a, b in (pair, pair[::-1]) if b in found} - found:
         found |= more
     return found
 
@@ -295,8 +317,9 @@ def _finger_row(
 
 
 def _notes(
-    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str]
+    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str], path: Path
 ) -> list[str]:
+    """Raises ConfigError for a hand of more than a metre."""
     if not structure.fingers:
         return ["no finger was found: nothing that moves hangs on the palm"]
     guessed = ", ".join(finger.name for finger in structure.fingers if finger.guessed)
@@ -306,18 +329,25 @@ def _notes(
         notes.append(
             f"fingers and their names are guesses, by what hangs on {palm}: {guessed}; --finger NAME=BODY says another"
         )
+    for source, words in _TIPS.items():
+        if tips := [finger.name for finger in structure.fingers if finger.tip_by == source]:
+            notes.append(f"fingertips are {words}: {', '.join(tips)}; `tip` in the card says another place")
     if structure.root == WORLD:
         notes.append("the fingers hang on the world itself: it is taken for the palm")
     reach = _reach(model, structure)
-    if not _SMALLEST <= reach <= _LARGEST:
-        notes.append(
-            f"it reaches {reach:.3g} m from the palm to the end of a finger: is it in mm, or in inches? A mesh takes "
-            'scale="0.001 0.001 0.001"; all other lengths are in m'
-        )
-    turning = [motor.name for motor in motors if motor.joint is not None and max(-motor.lower, motor.upper) > 2 * np.pi
+    size = f"it reaches {reach:.3g} m from the palm to the end of a finger"
+    if reach > _LARGEST:
+        raise ConfigError(f"{path}: {size}: is it in mm, or in inches? {_UNITS}")
+    if reach < _SMALLEST:
+        notes.append(f"{size}: is it in another unit? {_UNITS}")
+    turning = [f"{motor.name} {motor.lower:g} … {motor.upper:g}" for motor in motors
+               if motor.joint is not None and motor.upper - motor.lower > 2 * np.pi + 1e-3
                and model.jnt_type[motor.joint] == mujoco.mjtJoint.mjJNT_HINGE]  # fmt: skip
     if turning:
-        notes.append(f"ranges beyond a whole turn: {', '.join(turning)}: are they in degrees?")
+        notes.append(f"ranges of more than a whole turn, rad: {', '.join(turning)}: are they in degrees?")
+    called = re.split(r"[^a-z]+", path.stem.lower())
+    if "left" in called and "right" not in called:
+        notes.append("the file's name says that it is a left hand; `--side left` makes it one, and without it is right")
     if structure.wrist:
         names = ", ".join(model.joint(joint).name for joint in structure.wrist)
         notes.append(f"a wrist: {names}, between {structure.root} and {model.body(structure.palm).name}")
@@ -328,6 +358,14 @@ def _notes(
                      "share of a limit can be said; write the maker's into the card")  # fmt: skip
     notes += [f"{name}: nobody drives this joint, and it follows none; it swings freely" for name in free]
     return notes
+
+
+def _touching(model: mujoco.MjModel, structure: HandStructure) -> list[tuple[str, str]]:
+    """Pairs of named bodies of the hand whose shapes are inside each other at rest. MuJoCo lets a link and the next one
+    through each other, but not the links on a palm that stands still."""
+    root = 0 if structure.root == WORLD else model.body(structure.root).id
+    return [pair for pair in touching_pairs(model) if all(pair)
+            and all(not root or int(model.body_rootid[model.body(name).id]) == root for name in pair)]  # fmt: skip
 
 
 def _reach(model: mujoco.MjModel, structure: HandStructure) -> float:
@@ -345,37 +383,51 @@ def _reach(model: mujoco.MjModel, structure: HandStructure) -> float:
 
 
 def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
-    """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq)."""
+    """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq).
+
+    A position servo goes there. A joint with a torque motor is put there, and stands as if nothing could move it."""
+    model = copy.copy(model)
     model.opt.gravity[:] = 0.0
     # Light links on stiff tendons: a file that says nothing of steps means them as our scenes take them.
     model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 0.001
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    held = [int(model.jnt_dofadr[motor.joint]) for motor in motors if motor.torque]
+    model.dof_armature[held] = _IMMOVABLE
+    model.dof_frictionloss[:] *= not held  # It would keep followers short of their places.
     found = np.empty((len(motors), _POINTS, model.nq))
     for k, motor in enumerate(motors):
         data = mujoco.MjData(model)
         for place, position in enumerate(np.linspace(motor.lower, motor.upper, _POINTS)):
+            _rest(model, data, motors)
             if motor.torque:
                 data.qpos[model.jnt_qposadr[motor.joint]] = position
             else:
-                _rest(model, data, motors)
                 data.ctrl[k] = motor.told(position)
-                _settle(model, data)
+            if len(held) < model.nv:
+                _settle(model, data, held)
             found[k, place] = data.qpos
     return found
 
 
-def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    end = data.time + _LONGEST
+def _settle(model: mujoco.MjModel, data: mujoco.MjData, held: list[int]) -> None:
+    """Until nothing moves. `held`: degrees of freedom that stand where they are."""
+    end, places = data.time + _LONGEST, model.jnt_qposadr[model.dof_jntid[held]]
+    there = data.qpos[places]
     while data.time < end:
         mujoco.mj_step(model, data, round(_LOOKS / model.opt.timestep))
+        data.qpos[places], data.qvel[held] = there, 0.0
         if np.abs(data.qvel).max() < _STILL:
             return
 
 
 def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor]) -> None:
-    """Every servo is told to stay as near to zero as it can be."""
+    """Every servo is told to stay as near to zero as it can be, and every joint with a torque motor stands there."""
     for each in motors:
-        data.ctrl[each.number] = each.told(min(max(0.0, each.lower), each.upper))
+        place = min(max(0.0, each.lower), each.upper)
+        if each.torque:
+            data.qpos[model.jnt_qposadr[each.joint]] = place
+        else:
+            data.ctrl[each.number] = each.told(place)
 
 
 def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandStructure) -> Array:
@@ -394,8 +446,10 @@ def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandS
 def _followers(
     model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Joints without a motor: after which they go, and how far; and those that go after none."""
+    """Joints without a motor: after which they go, and how far; and those that go after none and that nothing fixes."""
     own = {motor.joint for motor in motors}
+    fixed = {int(model.eq_obj1id[k]) for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
+             and model.eq_obj2id[k] < 0 and model.eq_active0[k]}  # fmt: skip
     followers, free = [], []
     for joint in range(model.njnt):
         if joint in own or int(model.jnt_type[joint]) not in _JOINTS:
@@ -404,7 +458,7 @@ def _followers(
         motor = int(np.argmax(np.ptp(rows, axis=1)))
         name = model.joint(joint).name
         if np.ptp(rows[motor]) < _MOVES:
-            free.append(name)
+            free += [] if joint in fixed else [name]
             continue
         followers.append({"name": name, "follows": motors[motor].name, "positions": rows[motor].round(5).tolist()})
     return followers, free

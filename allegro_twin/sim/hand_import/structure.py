@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -24,6 +25,8 @@ _WORDS = {
 """Fingers, and what they are called in names of bodies and joints."""
 _PARTS = re.compile(r"(j?\d+|tip|dist|prox|mid|knuck|base|meta|hub|mcp|pip|dip|rot|axl).*")
 """What may follow a finger's initials in a word."""
+TipSource = Literal["site", "frame", "shape", "nothing"]
+"""A site that is called after the finger, an empty body at its end, the shape of its last link, or nothing of these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,8 @@ class FingerStructure:
     """The body that ends it."""
     centre: Array
     """The fingertip's centre in that body's frame, (3,), m."""
+    tip_by: TipSource
+    """What says where the fingertip is."""
     guessed: bool
     """Whether its name is a guess."""
 
@@ -235,10 +240,10 @@ def _leaf(links: _Links, leaves: Sequence[int], link: int) -> int | None:
 
 
 def _loops(model: mujoco.MjModel) -> Iterable[tuple[int, int]]:
-    """Pairs of bodies that `connect` or `weld` holds together."""
+    """Pairs of bodies that `connect` or `weld` holds together, where it is not switched off."""
     kinds = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
     for k in range(model.neq):
-        if int(model.eq_type[k]) in kinds:
+        if int(model.eq_type[k]) in kinds and model.eq_active0[k]:
             if int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE):
                 yield int(model.site_bodyid[model.eq_obj1id[k]]), int(model.site_bodyid[model.eq_obj2id[k]])
             else:
@@ -248,16 +253,19 @@ def _loops(model: mujoco.MjModel) -> Iterable[tuple[int, int]]:
 def _named(
     model: mujoco.MjModel, links: _Links, palm: int, ends: Sequence[tuple[str, list[int]]]
 ) -> tuple[FingerStructure, ...]:
-    found = []
+    found: list[tuple[str, tuple[int, ...], int, bool]] = []
     for given, leaves in ends:
         joints = sorted({joint for leaf in leaves for joint in links.joints_between(palm, leaf)},
                         key=lambda joint: (links.depth[links.of(int(model.jnt_bodyid[joint]))], joint))  # fmt: skip
         last = max(leaves, key=lambda leaf: (_tip_rank(model, links, leaf), leaf))
-        body, centre = _tip(model, links, last)
-        found.append((given or _word(model, links, palm, leaves), tuple(joints), body, centre, not given))
+        found.append((given or _word(model, links, palm, leaves), tuple(joints), last, not given))
     names = _unique([each[0] for each in found])
-    order = sorted(range(len(found)), key=lambda k: (_rank(names[k]), k))
-    return tuple(FingerStructure(names[k], *found[k][1:]) for k in order)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return tuple(
+        FingerStructure(names[k], found[k][1], *_tip(model, data, links, found[k][2], names[k]), found[k][3])
+        for k in sorted(range(len(found)), key=lambda k: (_rank(names[k]), k))
+    )
 
 
 def _tip_rank(model: mujoco.MjModel, links: _Links, leaf: int) -> tuple[int, float]:
@@ -265,45 +273,96 @@ def _tip_rank(model: mujoco.MjModel, links: _Links, leaf: int) -> tuple[int, flo
     return links.depth[leaf], float(np.linalg.norm(model.body_pos[leaf]))
 
 
-def _tip(model: mujoco.MjModel, links: _Links, link: int) -> tuple[int, Array]:
-    """The body that ends a link, and the middle of what it touches with: an empty frame at its end, else its furthest
-    shape."""
+def _tip(
+    model: mujoco.MjModel, data: mujoco.MjData, links: _Links, link: int, finger: str
+) -> tuple[int, Array, TipSource]:
+    """The body that ends a link, the middle of what it touches with in that body's frame, and what says so."""
     bodies = links.bodies[link]
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{finger}_tip")
+    if site >= 0 and int(model.site_bodyid[site]) in bodies:
+        return int(model.site_bodyid[site]), np.array(model.site_pos[site]), "site"
     deepest = bodies[-1]
     if deepest != link and not model.body_geomnum[deepest]:
-        return deepest, np.zeros(3)
-    solid = {body: shape for body in bodies if (shape := _furthest(model, body)) is not None}
-    if not solid:
-        return deepest, np.zeros(3)
-    places = {body: _offset(model, link, body) + centre for body, centre in solid.items()}
-    best = max(places, key=lambda body: float(np.linalg.norm(places[body])))
-    return best, solid[best]
+        return deepest, np.zeros(3), "frame"
+    shapes = [geom for body in bodies for geom in _shapes(model, body)]
+    if not shapes:
+        return deepest, np.zeros(3), "nothing"
+    joints = links.joints(link)
+    start = data.xanchor[joints[-1]] if joints else data.xpos[link]
+    furthest = max(shapes, key=lambda geom: float(np.linalg.norm(data.geom_xpos[geom] - start)))
+    body, along = int(model.geom_bodyid[furthest]), data.geom_xpos[furthest] - start
+    if joints and model.jnt_type[joints[-1]] == mujoco.mjtJoint.mjJNT_HINGE:
+        across = along - data.xaxis[joints[-1]] * (along @ data.xaxis[joints[-1]])
+        along = across if np.linalg.norm(across) > 0.5 * np.linalg.norm(along) else along
+    last = max(_shapes(model, body), key=lambda geom: _support(model, data, geom, along))
+    place = data.geom_xpos[last] + data.geom_xmat[last].reshape(3, 3) @ _pad(model, data, last, along)
+    return body, data.xmat[body].reshape(3, 3).T @ (place - data.xpos[body]), "shape"
 
 
-def _furthest(model: mujoco.MjModel, body: int) -> Array | None:
-    """The middle of a body's shape that is furthest from its frame; shapes that touch come before those that do not."""
+def _shapes(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body's shapes that touch; where none does, all."""
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     geoms = list(range(first, first + count))
-    touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
-    if not geoms:
-        return None
-    places = model.geom_pos[touching or geoms]
-    return np.array(places[int(np.argmax(np.linalg.norm(places, axis=1)))])
+    return [geom for geom in geoms if model.geom_contype[geom] or model.geom_conaffinity[geom]] or geoms
 
 
-def _offset(model: mujoco.MjModel, link: int, body: int) -> Array:
-    """Where a body is in the frame of its link's first body, as it stands at rest, m."""
-    place = np.zeros(3)
-    while body != link:
-        place = np.array(model.body_pos[body]) + _rotated(model.body_quat[body], place)
-        body = int(model.body_parentid[body])
+def _support(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: Array) -> float:
+    """How far a shape goes along a direction, of any length, in the world's frame."""
+    local, size = np.abs(data.geom_xmat[geom].reshape(3, 3).T @ along), model.geom_size[geom]
+    match int(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            own = float((_vertices(model, geom) @ (data.geom_xmat[geom].reshape(3, 3).T @ along)).max())
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            own = float(size @ local)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            own = float(np.linalg.norm(size * local))
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            own = float(size[1] * local[2] + size[0] * np.hypot(local[0], local[1]))
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            own = float(size[1] * local[2] + size[0] * np.linalg.norm(along))
+        case _:
+            own = float(size[0] * np.linalg.norm(along))
+    return own + float(data.geom_xpos[geom] @ along)
+
+
+def _pad(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: Array) -> Array:
+    """The middle of a shape's last part along a direction, in the shape's frame, (3,), m: before its end by half of its
+    thickness, as a sphere's middle is."""
+    local, size = data.geom_xmat[geom].reshape(3, 3).T @ along, np.array(model.geom_size[geom])
+    place, axis = np.zeros(3), int(np.argmax(np.abs(local)))
+    match int(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return _mesh_pad(_vertices(model, geom), local) if local.any() else place
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            place[2] = np.sign(local[2]) * size[1]
+        case mujoco.mjtGeom.mjGEOM_BOX | mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            place[axis] = np.sign(local[axis]) * (size[axis] - size.min())
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            size = size[[0, 0, 1]]
+            place[axis] = np.sign(local[axis]) * (size[axis] - size.min())
     return place
 
 
-def _rotated(quaternion: Array, vector: Array) -> Array:
-    result = np.empty(3)
-    mujoco.mju_rotVecQuat(result, vector, quaternion)
-    return result
+def _mesh_pad(vertices: Array, along: Array) -> Array:
+    """That of a mesh: the part that counts is about as long as half of its own thickness."""
+    along = along / np.linalg.norm(along)
+    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    first /= np.linalg.norm(first)
+    second, turns = np.cross(along, first), np.linspace(0.0, np.pi, 36, endpoint=False)
+    across = np.outer(np.cos(turns), first) + np.outer(np.sin(turns), second)  # (36, 3)
+    places = vertices @ along
+    half = 0.5 * float(np.ptp(places))
+    for _ in range(2):
+        last = vertices[places >= places.max() - half]
+        half = min(half, 0.5 * float(np.ptp(last @ across.T, axis=0).min()))
+    middle = [0.5 * float((last @ each).min() + (last @ each).max()) for each in (first, second)]
+    return np.asarray((places.max() - half) * along + middle[0] * first + middle[1] * second)
+
+
+def _vertices(model: mujoco.MjModel, geom: int) -> Array:
+    mesh = int(model.geom_dataid[geom])
+    first = int(model.mesh_vertadr[mesh])
+    return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], float)
 
 
 def _word(model: mujoco.MjModel, links: _Links, palm: int, leaves: Sequence[int]) -> str:

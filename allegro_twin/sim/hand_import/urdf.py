@@ -286,7 +286,7 @@ def _hide_collisions(spec: mujoco.MjSpec) -> None:
 
 def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
     """`mimic` as an equality of joints: q = multiplier · q_master + offset. A joint that mimics one that mimics
-    follows the first."""
+    follows the first. One without a range has what it is led through."""
     laws = {}
     for joint in robot.findall("joint"):
         mimic = joint.find("mimic")
@@ -309,8 +309,8 @@ def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
         equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=master)
         equality.data[:5] = [offset, factor, 0.0, 0.0, 0.0]
         follower, driven = spec.joint(name), spec.joint(master)
-        ends = [offset + factor * end for end in driven.range]
-        follower.range = [min(follower.range[0], *ends), max(follower.range[1], *ends)]
+        if follower.range[0] >= follower.range[1]:
+            follower.range = sorted(offset + factor * end for end in driven.range)
 
 
 def _drive(spec: mujoco.MjSpec, robot: Element, path: Path, shaped: list[str], notes: list[str]) -> None:
@@ -365,12 +365,27 @@ def _exclude_touching(spec: mujoco.MjSpec, path: Path, notes: list[str]) -> None
         model = compile_model(spec)
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
+    pairs = touching_pairs(model)
+    for first, second in pairs:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+    if pairs:
+        notes.append(touching_note(pairs))
+
+
+def touching_pairs(model: mujoco.MjModel) -> list[tuple[str, str]]:
+    """Names of the bodies whose shapes touch where a model has them at rest, each pair once."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     pairs = {tuple(sorted(int(model.geom_bodyid[geom]) for geom in contact.geom)) for contact in data.contact}
-    for first, second in sorted(pairs):
-        spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
-    if pairs:
-        shown = ", ".join(f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs)[:3])
-        notes.append(f"{len(pairs)} pairs of links touch at rest and are let through each other: {shown}"
-                     f"{' …' if len(pairs) > 3 else ''}")  # fmt: skip
+    return [(model.body(first).name, model.body(second).name) for first, second in sorted(pairs)]
+
+
+def touching_note(pairs: list[tuple[str, str]]) -> str:
+    """In words."""
+    shown = ", ".join(f"{first} and {second}" for first, second in pairs[:3])
+    what = (
+        "1 pair of links touches at rest and is"
+        if len(pairs) == 1
+        else f"{len(pairs)} pairs of links touch at rest and are"
+    )
+    return f"{what} let through each other: {shown}{' …' if len(pairs) > 3 else ''}"
