@@ -82,7 +82,7 @@ ENOUGH = 22.0  # s of free motion that contain this many at 3 ms, after a mirror
 
 
 class LinkWeights(NamedTuple):
-    """Gravity and friction of a hand's links in one posture."""
+    """Gravity of a hand's links in one posture."""
 
     pull: Array
     """Torque on each joint of a kilogram at each link's centre of mass, (links, n), N·m."""
