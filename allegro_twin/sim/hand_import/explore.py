@@ -347,7 +347,7 @@ def _notes(
         notes.append(f"ranges of more than a whole turn, rad: {', '.join(turning)}: are they in degrees?")
     called = re.split(r"[^a-z]+", path.stem.lower())
     if "left" in called and "right" not in called:
-        notes.append("the file's name says that it is a left hand; `--side left` makes it one, and without it is right")
+        notes.append("the file's name says left: with `--side left` the card is a left hand's, else a right one's")
     if structure.wrist:
         names = ", ".join(model.joint(joint).name for joint in structure.wrist)
         notes.append(f"a wrist: {names}, between {structure.root} and {model.body(structure.palm).name}")
