@@ -73,9 +73,9 @@ class TrainingLog:
         self._seconds, self._steps = seconds, steps
         self._add({"steps": steps, "seconds": seconds, "episodes": number, **found, **values, **rate})
 
-    def add_evaluation(self, steps: int, seconds: float, rate: float, values: Mapping[str, float]) -> None:
+    def add_evaluation(self, steps: int, seconds: float, rate: float) -> None:
         """Add a row with a success rate that was evaluated without noise on the actions."""
-        self._add({"steps": steps, "seconds": seconds, "evaluated": rate, **values})
+        self._add({"steps": steps, "seconds": seconds, "evaluated": rate})
 
     def _add(self, row: Mapping[str, float | int]) -> None:
         known = {name: value for name, value in row.items() if not math.isnan(value)}

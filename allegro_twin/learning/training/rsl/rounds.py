@@ -89,7 +89,7 @@ def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Adv
             to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": training_note(recipe, progress)}))
         settings = recipe.environment.model_copy(update={"device": "cpu"})
         rate = evaluate(load_policy(policy).policy, recipe.task, settings, recipe.trials, seed=EVALUATION).rate
-        log.add_evaluation(progress.steps, progress.seconds, rate, {})
+        log.add_evaluation(progress.steps, progress.seconds, rate)
     with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     return TrainingResult(policy, progress, rate)

@@ -61,7 +61,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
             policy = _deterministic(model)
             rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
             progress = TrainingProgress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
-            log.add_evaluation(progress.steps, progress.seconds, rate, _losses(model))
+            log.add_evaluation(progress.steps, progress.seconds, rate)
             model.logger.dump(progress.steps)  # The next round begins without values of this one.
             _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
     if rate != rate:  # Nothing was left to do.
@@ -144,6 +144,8 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
         self._began = monotonic() - seconds
         self._episodes: list[tuple[float, int, bool]] = []
         self._seen: Any = None
+        self._collected: tuple[int, float, float, float] | None = None
+        """Episodes of the rollout that is being learned from."""
 
     @property
     def seconds(self) -> float:
@@ -158,6 +160,7 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
     def _on_rollout_start(self) -> None:
         """Update the normalisation here only: an observation must mean the same while it is acted on and learned
         from."""
+        self._log_update()
         self._learn()
 
     def _on_rollout_end(self) -> None:
@@ -165,14 +168,21 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
         if not float(self.model.policy.pi_features_extractor.count):
             self._learn()  # Nothing is known yet; the first update is better with it.
         found = np.array(self._episodes, float).mean(axis=0) if self._episodes else np.full(3, np.nan)
-        steps, (mean, length, share) = int(self.num_timesteps), found.tolist()
-        values = _losses(self.model) | self.training_env.take_terms()
-        self._log.add_update(steps, self.seconds, (len(self._episodes), mean, length, share), values)
-        self._advance(steps, float(found[0]), float(found[2]))
+        mean, length, share = found.tolist()
+        self._collected = (len(self._episodes), mean, length, share)
+        self._advance(int(self.num_timesteps), mean, share)
         self._episodes.clear()
 
     def _on_training_end(self) -> None:
+        self._log_update()
         self._learn()
+
+    def _log_update(self) -> None:
+        """Write the row of an update, with its own losses, after it."""
+        if self._collected is not None:
+            values = _losses(self.model) | self.training_env.take_terms()
+            self._log.add_update(int(self.num_timesteps), self.seconds, self._collected, values)
+            self._collected = None
 
     def _learn(self) -> None:
         if self._seen is not None:
