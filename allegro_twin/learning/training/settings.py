@@ -115,6 +115,11 @@ class Recipe(Settings):
         return max(round(self.steps / self.round_steps), 1)
 
     @property
+    def total(self) -> int:
+        """Actions that are trained in all: whole rounds."""
+        return self.rounds * self.round_steps
+
+    @property
     def round_steps(self) -> int:
         """Actions in a round: whole updates."""
         return -(-min(self.round, self.steps) // self.update) * self.update

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from pathlib import Path
@@ -33,8 +34,10 @@ from allegro_twin.learning.training.progress import (
     checkpoint_content,
     goal_distance,
     learning_rate,
+    round_length,
     round_seed,
     training_note,
+    write_recipe,
 )
 from allegro_twin.learning.training.sb3.env import Sb3VecEnv
 from allegro_twin.learning.training.sb3.network import AsymmetricPolicy, NormalisedFeatures, policy_network
@@ -55,7 +58,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     model.set_logger(Logger(None, []))
     rate = float("nan")
     with TrainingLog(recipe, folder, progress.steps) as log:
-        while progress.rounds < recipe.rounds:
+        while progress.steps < recipe.total:
             watching = TrainingCallback(log, progress.seconds, advance)
             _round(model, stable, recipe, progress, watching)
             policy = _deterministic(model)
@@ -69,8 +72,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     to_onnx(
         policy_network(model), folder / "policy.onnx", card.model_copy(update={"note": training_note(recipe, progress)})
     )
-    with atomic_file(folder / "recipe.json") as temporary:
-        temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
+    write_recipe(folder, recipe)
     stable.close()
     return TrainingResult(folder / "policy.onnx", progress, rate)
 
@@ -114,7 +116,7 @@ def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgres
     set_random_seed(seed)
     env.seed(seed)
     model._last_obs = None  # So that `learn` begins with new episodes.
-    model.learn(recipe.round_steps, callback=watching, reset_num_timesteps=False)
+    model.learn(round_length(recipe, progress), callback=watching, reset_num_timesteps=False)
 
 
 _NAMES = {"train/approx_kl": "train/kl", "train/policy_gradient_loss": "train/surrogate_loss"}
@@ -198,10 +200,12 @@ MEMBER = "training.json"
 def _save(model: Any, path: Path, recipe: Recipe, card: PolicyCard, progress: TrainingProgress) -> None:
     """Write a checkpoint: the model with its optimiser, the policy's card and the progress, in one file that is whole
     or not there. It is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
+    whole = io.BytesIO()  # What PyTorch cannot write, it does not say why.
+    model.save(whole)
+    with zipfile.ZipFile(whole, "a") as archive:
+        archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))
     with atomic_file(path) as temporary:
-        model.save(str(temporary))
-        with zipfile.ZipFile(temporary, "a") as archive:
-            archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))
+        temporary.write_bytes(whole.getbuffer())
         write_card(temporary, card)
 
 
