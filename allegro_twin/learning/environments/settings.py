@@ -165,9 +165,21 @@ class ResetOptions(Settings):
     """m."""
 
 
+_ELSEWHERE = {
+    "seed": "it goes to reset(seed=…)",
+    "threads": "it is of many simulations, gymnasium.make_vec or HandVectorEnv",
+    "num_envs": "it is of many simulations, gymnasium.make_vec or HandVectorEnv",
+    "autoreset_mode": "it is of many simulations, gymnasium.make_vec or HandVectorEnv",
+    "max_episode_steps": "it is of gymnasium.make, gymnasium.make_vec and HandVectorEnv",
+}
+
+
 def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
     """Read keyword arguments; `of_side` is the side in an id. Raises ConfigError with the nearest keyword."""
     values = dict(kwargs)
+    for name, where in _ELSEWHERE.items():
+        if name in values:
+            raise ConfigError(f"{name} {values[name]!r} is no keyword of an environment: {where}")
     side = values.pop("of_side", None)
     if side is not None and values.setdefault("side", side) != side:
         raise ConfigError(f"this id is the {side} hand's, and side is {values['side']!r}: take the id without a side")

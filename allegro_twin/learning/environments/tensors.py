@@ -10,7 +10,7 @@ from allegro_twin.array_api import tensor_namespace
 from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.snapshot import restore_snapshot, take_snapshot
-from allegro_twin.learning.environments.spaces import action_space, observation_space
+from allegro_twin.learning.environments.spaces import action_space, episode_length, observation_space
 
 
 class TensorVectorEnv:
@@ -27,7 +27,7 @@ class TensorVectorEnv:
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
         self.xp = tensor_namespace("cpu") if self._own is np else self._own
-        self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
+        self.limit = episode_length(max_episode_steps, self.engine.limit)
         self.single_action_space = action_space(self.engine.task)
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self._all = self._own.arange(num_envs)

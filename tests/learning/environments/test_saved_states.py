@@ -256,6 +256,20 @@ def test_what_an_option_changed_since_is_as_it_was() -> None:
     np.testing.assert_array_equal(np.concatenate(first), np.concatenate(played(env, 1, 6)))
 
 
+def test_an_episode_longer_than_the_task_s_is_refused_or_warned_of_and_the_specification_is_true() -> None:
+    with pytest.raises(ConfigError, match="max_episode_steps is 300, and an episode of this task ends after 51 action"):
+        gymnasium.make_vec("AllegroTwin/Reach-v0", 2, max_episode_steps=300)
+    env = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=300)  # Which the environment is not told.
+    with pytest.warns(UserWarning, match="max_episode_steps is 300, and an episode of AllegroTwin/Reach-v0 ends after"):
+        spec = env.spec
+    assert spec is not None
+    assert spec.max_episode_steps == 51
+    again = gymnasium.make(spec)
+    assert again.spec is not None
+    assert again.spec.max_episode_steps == 51
+    assert pickle.loads(pickle.dumps(spec)).max_episode_steps == 51
+
+
 def test_the_length_of_an_episode_is_in_gymnasiums_specification() -> None:
     for decimation, steps in ((13, 51), (26, 26)):
         env = gymnasium.make("AllegroTwin/Reach-v0", decimation=decimation)
@@ -271,7 +285,9 @@ def test_the_length_of_an_episode_is_in_gymnasiums_specification() -> None:
     short = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=5)
     assert short.spec is not None
     assert short.spec.max_episode_steps == 5
-    assert HandVectorEnv("Reach", 2, max_episode_steps=200).limit == 51, "a task's episode is no longer than it is"
+    free = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=-1)
+    assert free.spec is not None
+    assert free.spec.max_episode_steps == 51, "the task's own"
     envs = gymnasium.make_vec("AllegroTwin/Reach-v0", 2, autoreset_mode=AutoresetMode.SAME_STEP)
     assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert envs.spec is not None
