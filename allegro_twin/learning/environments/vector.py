@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
-from allegro_twin.learning.environments.spaces import action_space, episode_length, observation_space, with_episode_length
+from allegro_twin.learning.environments.spaces import (
+    action_space,
+    episode_length,
+    observation_space,
+    with_episode_length,
+)
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.viewing.batch import BatchCamera
 from allegro_twin.viewing.views import check_edges

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -222,12 +223,12 @@ def test_a_full_disk_is_one_line_and_the_same_command_goes_on(
 def test_a_log_that_finds_the_disk_full_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    from tensorboard.summary.writer.record_writer import RecordWriter
+    record_writer = pytest.importorskip("tensorboard.summary.writer.record_writer")
 
     def full(*given: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(RecordWriter, "write", full)
+    monkeypatch.setattr(record_writer.RecordWriter, "write", full)
     with pytest.raises(RecordingError, match="is full: make room there, and the same command begins anew"):
         train(recipe(log=("tensorboard",)), tmp_path)
     assert "Traceback" not in capfd.readouterr().err
@@ -292,6 +293,30 @@ def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() 
     assert load_recipe("Lift", side="left").environment.side == "left"
     with pytest.raises(ConfigError, match="no task or recipe named 'Grap'; did you mean 'Grasp'"):
         load_recipe("Grap")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"steps": 0}, "--steps: steps: input should be greater than or equal to 1, not 0"),
+        ({"envs": 0}, "--envs: envs: input should be greater than or equal to 1, not 0"),
+        ({"log": ["tensorbord"]}, r"--log: log\.0: input should be 'tensorboard', 'csv' or 'wandb', not 'tensorbord'"),
+        ({"side": "middle"}, r"--side: environment\.side: input should be 'right' or 'left', not 'middle'"),
+    ],
+)
+def test_a_wrong_option_is_named_and_not_the_recipe(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        load_recipe("Reach", **changes)
+
+
+def test_a_mini_batch_is_at_most_an_update_and_nothing_is_warned_of(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        train(recipe(batch=1024, steps=128, log=()), tmp_path / "large")
+        train(recipe(batch=100, steps=128, log=()), tmp_path / "odd")
+    train(recipe(batch=128, steps=128, log=()), tmp_path / "whole")
+    same(weights(tmp_path / "large"), weights(tmp_path / "whole"))
 
 
 def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
 import zipfile
 from pathlib import Path
 from time import monotonic
@@ -89,21 +90,24 @@ def _model(recipe: Recipe, env: Sb3VecEnv) -> Any:
         "activation_fn": {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation],
         "log_std_init": recipe.log_spread,
     }
-    return PPO(
-        AsymmetricPolicy if critic else "MultiInputPolicy" if parts else "MlpPolicy",
-        env,
-        learning_rate=recipe.learning_rate,
-        n_steps=recipe.rollout,
-        batch_size=recipe.batch,
-        n_epochs=recipe.epochs,
-        gamma=recipe.discount,
-        gae_lambda=recipe.trace,
-        clip_range=recipe.clip,
-        ent_coef=recipe.entropy,
-        policy_kwargs=chosen,
-        seed=recipe.seed,
-        device="cpu",
-    )
+    with warnings.catch_warnings():
+        # A smaller mini-batch at the end of an update is what the recipe says.
+        warnings.filterwarnings("ignore", "You have specified a mini-batch size")
+        return PPO(
+            AsymmetricPolicy if critic else "MultiInputPolicy" if parts else "MlpPolicy",
+            env,
+            learning_rate=recipe.learning_rate,
+            n_steps=recipe.rollout,
+            batch_size=min(recipe.batch, recipe.update),
+            n_epochs=recipe.epochs,
+            gamma=recipe.discount,
+            gae_lambda=recipe.trace,
+            clip_range=recipe.clip,
+            ent_coef=recipe.entropy,
+            policy_kwargs=chosen,
+            seed=recipe.seed,
+            device="cpu",
+        )
 
 
 def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgress, watching: TrainingCallback) -> None:
