@@ -28,12 +28,28 @@ def _positive(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
+def _friction(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] <= 0.0 or value[1] > LARGEST_FRICTION:
+        raise ValueError(f"more than 0, and at most {LARGEST_FRICTION:g}")
+    return value
+
+
+def _mass(value: tuple[float, float]) -> tuple[float, float]:
+    if value[1] > HEAVIEST:
+        raise ValueError(f"at most {HEAVIEST:g} times its mass: give the object another mass")
+    return value
+
+
 def _short(value: tuple[int, int]) -> tuple[int, int]:
     if value[1] > LONGEST_DELAY:
         raise ValueError(f"at most {LONGEST_DELAY}")
     return value
 
 
+LARGEST_FRICTION = 1.0
+"""Sliding friction of contacts, in an option as in a range."""
+HEAVIEST = 10.0
+"""Factor on an object's mass."""
 LONGEST_DELAY = 4  # Periods: 12 ms, twice the default. No measured one is published.
 Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
 Factor = Annotated[tuple[float, float], AfterValidator(_ordered), AfterValidator(_positive)]
@@ -46,11 +62,11 @@ class Randomise(Settings):
     twin: str | None = None
     """The file of one hand, as `identify` writes it: its drive is drawn for every joint from the values and intervals
     there."""
-    mass: Factor | None = None
+    mass: Annotated[Factor, AfterValidator(_mass)] | None = None
     """Factor on the object's mass."""
     size: Factor | None = None
     """Factor on the object's size."""
-    friction: Range | None = None
+    friction: Annotated[Range, AfterValidator(_friction)] | None = None
     """Sliding friction of every contact."""
     gains: Range | None = None
     """Factors on kp and kd, one each: of the control law, or of the loop that the hand closes itself."""

@@ -13,7 +13,7 @@ from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
-from allegro_twin.learning.environments.randomise import Randomise, parse_randomise
+from allegro_twin.learning.environments.randomise import LARGEST_FRICTION, Randomise, parse_randomise
 from allegro_twin.learning.policy.interface import Mode
 from allegro_twin.sim.batch.warp import SimDevice
 from allegro_twin.spec import SIDES, HandSpec, Side
@@ -155,7 +155,7 @@ class ResetOptions(Settings):
     """Name in the catalogue."""
     size: Positive | None = None
     """Factor on the object's size."""
-    friction: Annotated[float, Field(gt=0, le=1.0)] | None = None
+    friction: Annotated[float, Field(gt=0, le=LARGEST_FRICTION)] | None = None
     """Sliding friction of every contact."""
     grasp: str | None = None
     """Grasp of the library, instead of the one in the object's scenario."""
@@ -165,9 +165,21 @@ class ResetOptions(Settings):
     """m."""
 
 
+_ELSEWHERE = {
+    "seed": "it goes to reset(seed=…)",
+    "threads": "it is of many simulations, gymnasium.make_vec or HandVectorEnv",
+    "num_envs": "it is of many simulations, gymnasium.make_vec or HandVectorEnv",
+    "autoreset_mode": "it is of many simulations, gymnasium.make_vec or HandVectorEnv",
+    "max_episode_steps": "it is of gymnasium.make, gymnasium.make_vec and HandVectorEnv",
+}
+
+
 def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
     """Read keyword arguments; `of_side` is the side in an id. Raises ConfigError with the nearest keyword."""
     values = dict(kwargs)
+    for name, where in _ELSEWHERE.items():
+        if name in values:
+            raise ConfigError(f"{name} {values[name]!r} is no keyword of an environment: {where}")
     side = values.pop("of_side", None)
     if side is not None and values.setdefault("side", side) != side:
         raise ConfigError(f"this id is the {side} hand's, and side is {values['side']!r}: take the id without a side")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import warnings
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
 from allegro_twin.learning.tasks.base import Task
@@ -57,6 +58,40 @@ def describe_space(space: spaces.Space[Any]) -> str:
     return f"{space.shape[0]} in [{space.low.min():g}, {space.high.max():g}]"
 
 
+class EpisodeSpec(EnvSpec):
+    """Gymnasium's specification, whose `max_episode_steps` is at most the task's own, `limit`, and always said.
+
+    `gymnasium.make` tells an environment no limit that was asked for: it writes it here, later. A longer one warns.
+    """
+
+    limit: int
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "max_episode_steps" and isinstance(value, int) and value > self.limit:
+            warnings.warn(f"max_episode_steps is {value}, and an episode of {self.id} ends after {self.limit} actions: "
+                          "give fewer, or leave it out", stacklevel=3)  # fmt: skip
+            value = self.limit
+        super().__setattr__(name, value)
+
+
 def with_episode_length(spec: EnvSpec | None, limit: int) -> EnvSpec | None:
     """A specification that says how many actions an episode has; Gymnasium only knows a limit that was asked for."""
-    return spec if spec is None or spec.max_episode_steps is not None else replace(spec, max_episode_steps=limit)
+    if spec is None:
+        return None
+    found: EpisodeSpec = object.__new__(EpisodeSpec)
+    found.__dict__.update(vars(spec) | {"limit": limit, "max_episode_steps": limit})
+    if spec.max_episode_steps is not None:
+        found.max_episode_steps = spec.max_episode_steps
+    return found
+
+
+def episode_length(asked: int | None, usual: int) -> int:
+    """Actions of an episode: as the task says, or fewer. Raises ConfigError."""
+    if asked is None or asked == -1:  # Gymnasium's word for no limit of one's own.
+        return usual
+    if not isinstance(asked, int | np.integer) or isinstance(asked, bool) or asked < 1:
+        raise ConfigError(f"max_episode_steps is a whole number from 1 on, not {asked!r}; an episode has {usual}")
+    if asked > usual:
+        raise ConfigError(f"max_episode_steps is {asked}, and an episode of this task ends after {usual} actions: give "
+                          "fewer, or leave it out")  # fmt: skip
+    return int(asked)

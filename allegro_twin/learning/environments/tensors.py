@@ -10,7 +10,7 @@ from allegro_twin.array_api import tensor_namespace
 from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.snapshot import restore_snapshot, take_snapshot
-from allegro_twin.learning.environments.spaces import action_space, observation_space
+from allegro_twin.learning.environments.spaces import action_space, episode_length, observation_space
 
 
 class TensorVectorEnv:
@@ -27,7 +27,7 @@ class TensorVectorEnv:
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
         self.xp = tensor_namespace("cpu") if self._own is np else self._own
-        self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
+        self.limit = episode_length(max_episode_steps, self.engine.limit)
         self.single_action_space = action_space(self.engine.task)
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self._all = self._own.arange(num_envs)
@@ -64,17 +64,19 @@ class TensorVectorEnv:
         self._as_tensors(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
 
     def state_dict(self) -> dict[str, Any] | None:
-        """Everything that decides how the simulations continue, as tensors and numbers. None on a Warp device, whose
-        runs are not reproducible."""
+        """Everything that decides how the simulations continue, as tensors, numbers and strings. None on a
+        Warp device, whose runs are not reproducible."""
         if self._own is not np:
             return None
-        torch = self.xp.torch
-        return {
-            path: torch.from_numpy(part.view(np.int64) if part.dtype == np.uint64 else part)
-            if isinstance(part, np.ndarray)
-            else part
-            for path, part in take_snapshot(self).items()
-        }
+
+        def convert(part: Any) -> Any:
+            if isinstance(part, tuple | list):
+                return type(part)(map(convert, part))
+            if not isinstance(part, np.ndarray):
+                return part
+            return self.xp.torch.from_numpy(part.view(np.int64) if part.dtype == np.uint64 else part)
+
+        return {path: convert(part) for path, part in take_snapshot(self).items()}
 
     def load(self, content: dict[str, Any] | None) -> bool:
         """Continue from a `state_dict` of the same settings, on processors. Returns False where that is not possible,
@@ -100,4 +102,6 @@ class TensorVectorEnv:
 
 
 def _array(part: Any) -> Any:
+    if isinstance(part, tuple | list):
+        return type(part)(map(_array, part))
     return part.cpu().numpy() if hasattr(part, "numpy") else part

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
-from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
+from allegro_twin.learning.environments.spaces import (
+    action_space,
+    episode_length,
+    observation_space,
+    with_episode_length,
+)
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.viewing.batch import BatchCamera
 from allegro_twin.viewing.views import check_edges
@@ -63,7 +68,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         check_edges(width, height)
         self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
-        self.limit = _episode_length(max_episode_steps, self.engine.limit)
+        self.limit = episode_length(max_episode_steps, self.engine.limit)
         self.single_action_space = action_space(self.engine.task)
         self.single_observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -217,12 +222,3 @@ def _masked(values: dict[str, NDArray[Any]], *masks: NDArray[np.bool_]) -> dict[
         key: part for name, value in values.items()
         for key, part in ((name, np.where(mask, value, np.zeros(1, value.dtype))), (f"_{name}", mask.copy()))
     }  # fmt: skip
-
-
-def _episode_length(asked: int | None, usual: int) -> int:
-    """Actions of an episode: as the task says, or fewer. Raises ConfigError."""
-    if asked is None or asked == -1:  # Gymnasium's word for no limit of one's own.
-        return usual
-    if not isinstance(asked, int | np.integer) or isinstance(asked, bool) or asked < 1:
-        raise ConfigError(f"max_episode_steps is a whole number from 1 on, not {asked!r}; an episode has {usual}")
-    return min(int(asked), usual)

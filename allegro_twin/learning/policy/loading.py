@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.errors import CommandError, ConfigError, unknown
 from allegro_twin.files.assets import find_file
 from allegro_twin.learning.policy.card import PolicyCard, onnx_session, read_card
 from allegro_twin.learning.policy.controller import Policy, PolicyController
@@ -66,15 +67,15 @@ class _Onnx:
 
     def __init__(self, path: Path, card: PolicyCard) -> None:
         self._session = onnx_session(path)
-        self._inputs = [entry.name for entry in self._session.get_inputs()]
-        sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
-        found = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
+        self._path = path
+        self._sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
+        found = (self._sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
         _check_sizes(path, found, card)
 
     def __call__(self, observation: Observation) -> Floats:
-        parts = observation if isinstance(observation, dict) else {"observation": observation}
+        parts = _checked_parts(self._path, observation, self._sizes)
         single = parts["observation"].ndim == 1
-        feed = {name: np.atleast_2d(parts[name]) for name in self._inputs}
+        feed = {name: np.atleast_2d(parts[name]) for name in self._sizes}
         action: Floats = self._session.run(None, feed)[0]
         return action[0] if single else action
 
@@ -92,11 +93,16 @@ class _Baselines:
             raise ConfigError(f"{path}: {unknown('algorithm', card.algorithm, stable_baselines3.__all__)}")
         self._model = getattr(stable_baselines3, card.algorithm).load(str(path), device="cpu")
         space = self._model.observation_space
-        part = space["observation"] if hasattr(space, "spaces") else space
+        spaces = dict(space.spaces) if hasattr(space, "spaces") else {"observation": space}
+        self._path, self._whole = path, hasattr(space, "spaces")
+        self._sizes = {name: each.shape[-1] for name, each in spaces.items()}
+        part = spaces["observation"]
         _check_sizes(path, (part.shape[-1], self._model.action_space.shape[-1]), card)
 
     def __call__(self, observation: Observation) -> Floats:
-        action: Floats = self._model.predict(observation, deterministic=True)[0]
+        parts = _checked_parts(self._path, observation, self._sizes)
+        seen = parts if self._whole else parts["observation"]
+        action: Floats = self._model.predict(seen, deterministic=True)[0]
         return action
 
 
@@ -105,3 +111,21 @@ def _check_sizes(path: Path, sizes: tuple[object, object], card: PolicyCard) -> 
     for size, expected, what in zip(sizes, (card.observation, card.action), ("sees", "gives"), strict=True):
         if isinstance(size, int) and size != expected:
             raise ConfigError(f"{path}: the network {what} {size} numbers; its card says {expected}, for {card.task}")
+
+
+def _checked_parts(path: Path, observation: Observation, sizes: Mapping[str, object]) -> dict[str, Floats]:
+    """The parts of an observation that a policy takes, each (numbers,) or (n, numbers). Raises CommandError for other
+    parts, other sizes, and for what is not finite."""
+    given = observation if isinstance(observation, dict) else {"observation": observation}
+    found: dict[str, Floats] = {}
+    for name, size in sizes.items():
+        if name not in given:
+            raise CommandError(f"policy {path.name} takes {', '.join(sizes)}; the observation has {', '.join(given)}")
+        part = np.asarray(given[name], np.float32)
+        if part.ndim not in (1, 2) or (isinstance(size, int) and part.shape[-1] != size):
+            raise CommandError(f"policy {path.name} takes {size} numbers of {name}, not an array of shape {part.shape}")
+        if not np.isfinite(part).all():
+            at = np.argwhere(~np.isfinite(part))[0]
+            raise CommandError(f"policy {path.name}: {name} is not finite: {part[tuple(at)]} at {at[-1]}")
+        found[name] = part
+    return found

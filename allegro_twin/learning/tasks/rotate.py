@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Observation
@@ -36,6 +37,7 @@ class RotateTask(InHandTask):
     }  # fmt: skip
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        _check_tilt(settings.randomise.wrist_tilt)
         super().__init__(settings, n, threads)
         self._sign = 1.0 if settings.side == "right" else -1.0
         xp = self.worlds.xp
@@ -84,3 +86,17 @@ class RotateTask(InHandTask):
         values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & self.contacts.in_contact() & ~lost
         return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))
+
+
+def _check_tilt(drawn: tuple[float, float] | None) -> None:
+    """Raise ConfigError for tilts of the palm about each of its axes, rad, that are a loss by themselves."""
+    if drawn is None:
+        return
+    # About both horizontal axes at once: the same tilt about the diagonal between them.
+    largest = np.sqrt(2.0) * drawn[1]
+    if largest > TOPPLED:
+        raise ConfigError(
+            f"randomise.wrist_tilt up to {drawn[1]:g} rad about each axis leans the palm by up to "
+            f"{np.degrees(largest):.0f}°, and Rotate loses an object that leans by {np.degrees(TOPPLED):.0f}°: "
+            f"at most {np.floor(100.0 * TOPPLED / np.sqrt(2.0)) / 100.0:g} rad"
+        )

@@ -3,12 +3,15 @@ device, and imitation (DAgger)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import errno
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.learning.training.logs import check_logs
 from allegro_twin.learning.training.settings import Recipe, load_recipe
 
@@ -27,11 +30,44 @@ def train(
 ) -> TrainingResult:
     """Train in `folder`, or continue what is there. `advance` is called after every update with the actions taken,
     and the mean return and success rate since. Raises ConfigError without the extra, or for a folder of another
-    training."""
+    training, and RecordingError where the disk is full."""
     check_packages(recipe)
     module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
-    trained: TrainingResult = import_module(f"allegro_twin.learning.training.{module}").learn(recipe, folder, advance)
+    learn = import_module(f"allegro_twin.learning.training.{module}").learn
+    try:
+        with _errors_of_threads():
+            trained: TrainingResult = learn(recipe, folder, advance)
+    except OSError as error:
+        if not _is_full(error):
+            raise
+        rounds = [int(path.stem) for path in folder.glob("checkpoints/[0-9]*.*")]
+        where = f"goes on from checkpoint {max(rounds)}" if rounds else "begins anew"
+        raise RecordingError(f"the disk of {folder} is full: make room there, and the same command {where}") from error
     return trained
+
+
+@contextmanager
+def _errors_of_threads() -> Iterator[None]:
+    """Let what TensorBoard's thread cannot write be an error of whoever writes next, and not a traceback, too."""
+    before = threading.excepthook
+
+    def hook(found: threading.ExceptHookArgs) -> None:
+        if not (isinstance(found.exc_value, OSError) and type(found.thread).__module__.startswith("tensorboard.")):
+            before(found)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+
+
+def _is_full(error: BaseException | None) -> bool:
+    """Whether a full disk is behind an error."""
+    if error is None:
+        return False
+    full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return full or _is_full(error.__cause__ or error.__context__)
 
 
 def check_packages(recipe: Recipe) -> None:

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.atomic_write import atomic_file, write_error
 from allegro_twin.learning.training.settings import Recipe
 
 COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
@@ -73,9 +73,9 @@ class TrainingLog:
         self._seconds, self._steps = seconds, steps
         self._add({"steps": steps, "seconds": seconds, "episodes": number, **found, **values, **rate})
 
-    def add_evaluation(self, steps: int, seconds: float, rate: float, values: Mapping[str, float]) -> None:
+    def add_evaluation(self, steps: int, seconds: float, rate: float) -> None:
         """Add a row with a success rate that was evaluated without noise on the actions."""
-        self._add({"steps": steps, "seconds": seconds, "evaluated": rate, **values})
+        self._add({"steps": steps, "seconds": seconds, "evaluated": rate})
 
     def _add(self, row: Mapping[str, float | int]) -> None:
         known = {name: value for name, value in row.items() if not math.isnan(value)}
@@ -106,8 +106,11 @@ class LearningCurve:
             self._columns += new
             self._write(rows)
         row = {name: value if isinstance(value, int) else f"{value:.6g}" for name, value in values.items()}
-        with self._path.open("a", newline="") as file:
-            csv.DictWriter(file, self._columns, lineterminator="\n").writerow(row)
+        try:
+            with self._path.open("a", newline="") as file:
+                csv.DictWriter(file, self._columns, lineterminator="\n").writerow(row)
+        except OSError as error:
+            raise write_error(self._path, error) from error
 
     def _read(self) -> list[dict[str, str]]:
         if not self._path.is_file():

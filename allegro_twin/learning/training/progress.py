@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -10,6 +11,7 @@ from typing import Any
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description.specs import load_spec
@@ -84,7 +86,13 @@ def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> 
         )
     check_same_recipe(path, content["recipe"], recipe)
     check_same_inputs(path, content.get("made_of", {}), recipe)
-    return TrainingProgress(**content["progress"])
+    progress = TrainingProgress(**content["progress"])
+    if progress.steps > recipe.total:
+        raise ConfigError(
+            f"{path.parent.parent} is a training of {progress.steps} actions already, and steps are {recipe.steps}: "
+            "give more steps, or choose another folder"
+        )
+    return progress
 
 
 def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
@@ -99,8 +107,8 @@ def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> Non
 
 
 def check_same_recipe(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
-    """Raise ConfigError for a checkpoint of another recipe. More steps are a longer training of the same kind, and
-    device and logs may change."""
+    """Raise ConfigError for a checkpoint of another recipe. Other steps are a shorter or longer training of the same
+    kind, and device and logs may change."""
     then, now = (each.model_dump(mode="json") for each in (parse_settings(Recipe, was, str(path)), recipe))
     for each in (then, now):
         each["environment"].pop("device", None)
@@ -131,9 +139,20 @@ def training_note(recipe: Recipe, progress: TrainingProgress) -> str:
     return f"{how}, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
 
 
+def round_length(recipe: Recipe, progress: TrainingProgress) -> int:
+    """Actions of the next round. The last is shorter where a training goes on that has begun with fewer steps."""
+    return min(recipe.round_steps, recipe.total - progress.steps)
+
+
+def write_recipe(folder: Path, recipe: Recipe) -> None:
+    """Write the recipe of the policy in a folder."""
+    with atomic_file(folder / "recipe.json") as temporary:
+        temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
+
+
 def learning_rate(recipe: Recipe, progress: TrainingProgress) -> float:
     """Learning rate of the next round: it falls in a straight line to a tenth."""
-    return recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * progress.rounds / recipe.rounds)
+    return recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * progress.steps / recipe.total)
 
 
 def round_seed(seed: int, rounds: int) -> int:
@@ -146,4 +165,4 @@ def goal_distance(recipe: Recipe, progress: TrainingProgress) -> float | None:
     if recipe.farthest is None:
         return None
     near, far = recipe.farthest
-    return near + (far - near) * progress.rounds / max(recipe.rounds - 1, 1)
+    return near + (far - near) * min(progress.steps / max(recipe.total - recipe.round_steps, 1), 1.0)

@@ -53,6 +53,7 @@ class Recipe(Settings):
     rollout: Count = 16
     """Actions of each simulation between two updates."""
     batch: Count = 1024
+    """Actions in a mini-batch, at most those of an update."""
     epochs: Count = 5
     learning_rate: Positive = 5e-4
     """At the beginning; it falls in a straight line to a tenth."""
@@ -115,6 +116,11 @@ class Recipe(Settings):
         return max(round(self.steps / self.round_steps), 1)
 
     @property
+    def total(self) -> int:
+        """Actions that are trained in all: whole rounds."""
+        return self.rounds * self.round_steps
+
+    @property
     def round_steps(self) -> int:
         """Actions in a round: whole updates."""
         return -(-min(self.round, self.steps) // self.update) * self.update
@@ -125,17 +131,24 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     are left out. Raises ConfigError with the nearest names."""
     given = {key: value for key, value in changes.items() if value is not None}
     own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
+
+    def source(place: tuple[int | str, ...], otherwise: str) -> str:
+        """The option that is wrong, or else the recipe."""
+        key = next((part for part in place if part != "environment"), "")
+        return f"--{key}" if key in (own if place[:1] == ("environment",) else given) else otherwise
+
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
     if name == NO_BATCH:
         raise ConfigError(explain_no_batch())
     # Shipped recipes are for one hand, with its objects: for another hand a task's name means the defaults.
     foreign = name in TASKS and own.get("hand", HAND) != HAND
     if ":" in name or foreign or (name in task_names() and name.lower() not in shipped):
-        return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
+        return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}),
+                              lambda place: source(place, "recipe"))  # fmt: skip
     if "." not in name and "/" not in name and name.lower() not in shipped:
         raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
     path = shipped.get(name.lower()) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
     if own:
         content["environment"] = content.get("environment", {}) | own
-    return parse_settings(Recipe, content | given, str(path))
+    return parse_settings(Recipe, content | given, lambda place: source(place, str(path)))

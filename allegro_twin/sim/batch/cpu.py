@@ -29,6 +29,7 @@ from allegro_twin.sweep.processors import core_count
 from allegro_twin.types import Array
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_FORCES = ("actuator_force", "qfrc_constraint")
 # What setting constants derives, and the labels and looks that no simulation depends on.
 _SKIPPED = {"names_map", "light_poscom0", "qpos_spring"}
 
@@ -77,6 +78,8 @@ class SimBatch:
         self.variant: Rows = self.xp.zeros(self.n, np.int64)
         self._make(threads)
         self._qpos, self._qvel, self._ctrl = (self._bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._outputs = {name: self._bind_output(name) for name in self._output_names()}
+        """What a step computes besides the state, (n, …): bound here, for what is bound later is zero until a step."""
         self.push: Array = self._bind("xfrc_applied")
         """On the centre of mass of every body, force and moment, world, (n, bodies, 6), N and N·m."""
         self._motors = BatchMotors(spec, self.model, alone=shared)
@@ -102,12 +105,30 @@ class SimBatch:
             self.scratch = mujoco.MjData(self.model)
             self._palm = self.model.body("palm_link").id
             self._gravity = np.array([model.opt.gravity for model in self.models])
-            for name in ("actuator_force", "xpos", "xquat", "xmat"):  # What is bound later is zero until a step.
-                self._bind(name)
 
     def _bind(self, name: str) -> Array:
         """A field of all simulations' data, (n, …), live."""
         return self._batch.bind(name)  # type: ignore[no-any-return]  # Its arrays have no type.
+
+    def _output_names(self) -> tuple[str, ...]:
+        sensors = ("sensordata",) if self.model.nsensor else ()
+        return (*_FORCES, "xpos", "xquat", *sensors, *(("xmat",) if self._each else ()))
+
+    def _bind_output(self, name: str) -> Array:
+        """An output, live. It can be written: a new episode has no forces yet, and a restored one those of its last
+        step."""
+        found = self._bind(name)
+        if isinstance(found, np.ndarray):
+            found.flags.writeable = True
+        return found
+
+    def _output(self, name: str) -> Array:
+        """An output to read, live."""
+        found = self._outputs[name]
+        if isinstance(found, np.ndarray):
+            found = found.view()
+            found.flags.writeable = False
+        return found
 
     @property
     def closes_loop(self) -> bool:
@@ -144,7 +165,7 @@ class SimBatch:
         """What the motors gave at the last step, (n, joints), N·m; a copy. Of hands that take torques and share a model
         what they were told, within their limits."""
         if self.closes_loop or self._each:
-            return self.xp.copy(self._bind("actuator_force")[:, self.motors])  # type: ignore[no-any-return]
+            return self.xp.copy(self._outputs["actuator_force"][:, self.motors])  # type: ignore[no-any-return]
         limit = self.xp.asarray(self.spec.actuation.torque_limit)
         found: Array = self.xp.clip(self.control, -limit, limit)
         gain = self._rows.get("actuator_gainprm")
@@ -160,25 +181,25 @@ class SimBatch:
     def external_torque(self) -> Array:
         """What contacts, dry friction and end stops do to what is driven, (n, joints), N·m, as of the last step; where
         a motor moves several joints, by virtual work along the hand's free way."""
-        constraint, columns = self._bind("qfrc_constraint"), self._motors.slices
+        constraint, columns = self._output("qfrc_constraint"), self._motors.slices
         return self._motors.reduce(constraint, self.position) if columns is None else constraint[:, columns[1]]
 
     @property
     def gravity(self) -> Array:
         """In the palm's frame, (n, 3), m/s², where each simulation has a model of its own."""
-        turns = self._bind("xmat")[:, self._palm].reshape(-1, 3, 3)
+        turns = self._output("xmat")[:, self._palm].reshape(-1, 3, 3)
         found: Array = (self._gravity[:, None] @ turns)[:, 0]
         return found
 
     @property
     def body_position(self) -> Array:
         """Of all bodies as they were before the last physics step, (n, bodies, 3), m."""
-        return self._bind("xpos")
+        return self._output("xpos")
 
     @property
     def body_quaternion(self) -> Array:
         """Likewise, (n, bodies, 4), w x y z."""
-        return self._bind("xquat")
+        return self._output("xquat")
 
     def contact_forces(self) -> tuple[tuple[str, ...], Array]:
         """Of scenes with `Stage.sensed`: the links, and the net force of each on the object as of the last step, world,
@@ -186,7 +207,7 @@ class SimBatch:
         found = [self.model.sensor(k) for k in range(self.model.nsensor)]
         sensors = [each for each in found if each.name.startswith(PREFIX)]
         first = int(sensors[0].adr[0])
-        numbers = self._bind("sensordata")[:, first : first + 3 * len(sensors)]
+        numbers = self._output("sensordata")[:, first : first + 3 * len(sensors)]
         return tuple(each.name.removeprefix(PREFIX) for each in sensors), numbers.reshape(self.n, len(sensors), 3)
 
     def free_body(self, name: str) -> FreeBody:
@@ -300,11 +321,13 @@ class SimBatch:
         self._rows[field][...] = self._palette(field)[self.variant]
 
     def choose(self, rows: Rows, variant: Rows) -> None:
-        """Give simulations a variant each, and the state in which it begins."""
+        """Give simulations a variant each, and the state in which it begins, without a force of the episode before."""
         for field, own in self._rows.items():
             own[rows] = self._palette(field)[variant]
         self.variant[rows] = variant
         self._begin(rows, variant)
+        for name in _FORCES:
+            self._outputs[name][rows] = 0.0
 
     def derive(self, rows: Rows) -> None:
         """Recompute what follows from masses, sizes and inertias."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
+import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
@@ -30,6 +32,8 @@ LEMON: dict[str, Any] = {"objects": ("lemon",)}
         ("Lift", {"period": 0.0025}, "period 0.0025 s is not a whole number of physics steps of 0.001 s"),
         ("Reach", {"objects": ("lemon",)}, "Reach has no objects to choose"),
         ("Lift", {"objects": ()}, "objects: tuple should have at least 1 item"),
+        ("Lift", {"randomise": {"mass": (300.0, 300.0)}}, "mass: .*at most 10 times its mass"),
+        ("Lift", {"randomise": {"friction": (5.0, 5.0)}}, "friction: .*more than 0, and at most 1"),
         ("Lift", {"randomise": {"mass": (0.0, 0.0)}}, "both must be greater than 0: a factor"),
         ("Lift", {"randomise": {"sensor_delay": (0, 9)}}, "at most 4"),
         ("Grasp", {"decimation": 2000}, r"2000 periods of 0\.003 s takes 6 s, and an episode of Grasp 4\.3 s"),
@@ -128,6 +132,35 @@ def test_an_action_of_words_is_refused() -> None:
 def test_options_are_a_mapping(options: Any) -> None:
     with pytest.raises(ConfigError, match="options are a mapping such as {'object': …}, not"):
         HandEnv("Lift", **LEMON).reset(options=options)
+
+
+@pytest.mark.parametrize(
+    ("keyword", "message"),
+    [
+        (
+            {"threads": 2},
+            r"threads 2 is no keyword of an environment: it is of many simulations, gymnasium.make_vec or H",
+        ),
+        (
+            {"autoreset_mode": "disabled"},
+            "autoreset_mode 'disabled' is no keyword of an environment: it is of many simu",
+        ),
+        ({"seed": 1}, r"seed 1 is no keyword of an environment: it goes to reset\(seed=…\)"),
+    ],
+)
+def test_a_keyword_that_belongs_elsewhere_says_where(keyword: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        gymnasium.make("AllegroTwin/Rotate-v0", **keyword)
+
+
+def test_a_tilt_of_the_palm_that_loses_the_object_by_itself_is_refused() -> None:
+    for tilt in ((0.0, 1.0), (0.62, 0.62)):
+        with pytest.raises(
+            ConfigError, match=r"wrist_tilt up to .* rad about each axis leans the palm .*: at most 0.61 r"
+        ):
+            HandEnv("Rotate", randomise={"wrist_tilt": tilt}, timestep=0.003)
+    HandEnv("Rotate", randomise={"wrist_tilt": (0.61, 0.61)}, timestep=0.003)
+    HandEnv("Reach", randomise={"wrist_tilt": (0.0, 1.0)}, timestep=0.003)
 
 
 @pytest.mark.parametrize("steps", [0, -3, 2.5, "a", True])

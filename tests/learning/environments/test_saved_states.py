@@ -13,7 +13,10 @@ from gymnasium.vector import AutoresetMode
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.episode import EpisodeBackend
+from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.types import PositionCommand
 
 RANDOM: dict[str, Any] = {"timestep": 0.003, "randomise": "default"}
 N = 3
@@ -60,6 +63,41 @@ def test_the_observation_of_a_restored_state_is_the_one_before_it_was_saved() ->
     state = env.save_state()
     played(env, 1, 5)
     np.testing.assert_array_equal(flat(env.restore_state(state)), flat(seen))
+
+
+@pytest.mark.parametrize("hand", ["allegro", "leap"])
+def test_a_restored_observation_has_the_forces_of_its_last_step(hand: str) -> None:
+    given: dict[str, Any] = {"hand": hand, "timestep": 0.003, "touch": True, "state": True}
+    env, new = (HandEnv("Rotate", **given) for _ in range(2))
+    env.reset(seed=4)
+    seen = [env.step(np.full(16, 0.2, np.float32))[0] for _ in range(4)][-1]
+    state = env.save_state()
+    played(env, 1, 5)
+    np.testing.assert_array_equal(flat(env.restore_state(state)), flat(seen))
+    np.testing.assert_array_equal(flat(new.restore_state(state)), flat(seen))
+
+
+OF_HANDS = [
+    *(("allegro", task) for task in ("Reach", "Grasp", "Lift", "Pinch", "HoldDisturbed", "Reorient", "Rotate")),
+    *(("leap", task) for task in ("Reach", "Lift", "Reorient", "Rotate")),
+    *((hand, "Lift") for hand in ("model_o", "sih", "qb_softhand")),
+]
+
+
+@pytest.mark.parametrize(("hand", "task"), OF_HANDS)
+def test_the_first_episode_of_an_environment_is_its_second_with_the_same_seed(hand: str, task: str) -> None:
+    env = HandEnv(task, hand=hand, timestep=0.003)  # Nothing that it observes reads forces before the first step.
+    first, second = ([flat(env.reset(seed=5)[0]), *played(env, 2, 3)] for _ in range(2))
+    np.testing.assert_array_equal(np.concatenate(first), np.concatenate(second))
+
+
+def test_the_first_state_of_an_episode_has_no_torque_of_the_episode_before() -> None:
+    episode = EpisodeBackend("Rotate", EnvSettings(hand="leap", timestep=0.003), seed=5)
+    first = episode.reset()
+    for _ in range(3):
+        episode.write(PositionCommand(first.position))
+        episode.read()
+    np.testing.assert_array_equal(episode.reset().torque, first.torque)
 
 
 def test_a_batch_goes_on_through_its_resets() -> None:
@@ -218,6 +256,20 @@ def test_what_an_option_changed_since_is_as_it_was() -> None:
     np.testing.assert_array_equal(np.concatenate(first), np.concatenate(played(env, 1, 6)))
 
 
+def test_an_episode_longer_than_the_task_s_is_refused_or_warned_of_and_the_specification_is_true() -> None:
+    with pytest.raises(ConfigError, match="max_episode_steps is 300, and an episode of this task ends after 51 action"):
+        gymnasium.make_vec("AllegroTwin/Reach-v0", 2, max_episode_steps=300)
+    env = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=300)  # Which the environment is not told.
+    with pytest.warns(UserWarning, match="max_episode_steps is 300, and an episode of AllegroTwin/Reach-v0 ends after"):
+        spec = env.spec
+    assert spec is not None
+    assert spec.max_episode_steps == 51
+    again = gymnasium.make(spec)
+    assert again.spec is not None
+    assert again.spec.max_episode_steps == 51
+    assert pickle.loads(pickle.dumps(spec)).max_episode_steps == 51
+
+
 def test_the_length_of_an_episode_is_in_gymnasiums_specification() -> None:
     for decimation, steps in ((13, 51), (26, 26)):
         env = gymnasium.make("AllegroTwin/Reach-v0", decimation=decimation)
@@ -233,7 +285,9 @@ def test_the_length_of_an_episode_is_in_gymnasiums_specification() -> None:
     short = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=5)
     assert short.spec is not None
     assert short.spec.max_episode_steps == 5
-    assert HandVectorEnv("Reach", 2, max_episode_steps=200).limit == 51, "a task's episode is no longer than it is"
+    free = gymnasium.make("AllegroTwin/Reach-v0", max_episode_steps=-1)
+    assert free.spec is not None
+    assert free.spec.max_episode_steps == 51, "the task's own"
     envs = gymnasium.make_vec("AllegroTwin/Reach-v0", 2, autoreset_mode=AutoresetMode.SAME_STEP)
     assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert envs.spec is not None

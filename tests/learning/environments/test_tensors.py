@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,17 @@ def test_what_an_episode_has_come_to_is_in_its_last_info_although_the_next_has_b
     for _ in range(3):
         *_, info = envs.step(envs.xp.torch.full((2, 16), 0.3))
     assert (info["turned"] != 0.0).all()
+
+
+def test_a_checkpoint_without_pickle_has_what_a_user_s_task_keeps(tmp_path: Path) -> None:
+    task, path = "tests.learning.environments.test_task_memory:Remembering", tmp_path / "state.pt"
+    env, new = (TensorVectorEnv(task, N, **FAST) for _ in range(2))
+    env.reset()
+    for k in range(3):
+        env.step(actions(k))
+    torch.save(env.state_dict(), path)
+    first = env.step(actions(4))[4]
+    new.reset()
+    assert new.load(torch.load(path, weights_only=True))
+    for name, value in new.step(actions(4))[4].items():
+        np.testing.assert_array_equal(value, first[name], err_msg=name)

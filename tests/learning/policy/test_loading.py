@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.policy.card import PolicyCard, read_card, write_card
@@ -50,6 +50,24 @@ def test_an_onnx_policy_answers_for_one_hand_and_for_many(onnx_file: Path, card:
     assert answers.shape == (3, 16)
     np.testing.assert_allclose(loaded.policy(many[1]), answers[1], rtol=1e-5)
     assert policy_controller(onnx_file, load_spec(), grasp="tripod_lemon").script == 0
+
+
+def test_an_observation_that_a_policy_cannot_take_is_named(onnx_file: Path, card: PolicyCard) -> None:
+    write_card(onnx_file, card)
+    policy = load_policy(onnx_file).policy
+    double: Any = np.ones(65)
+    np.testing.assert_array_equal(policy(double), policy(np.ones(65, np.float32)))
+    odd = np.ones((2, 65), np.float32)
+    odd[1, 7] = np.nan
+    other: Any = {"joints": np.ones(65)}
+    for observation, words in [
+        (np.zeros(5), r"policy policy\.onnx takes 65 numbers of observation, not an array of shape \(5,\)"),
+        (np.zeros((2, 2, 65)), r"takes 65 numbers of observation, not an array of shape \(2, 2, 65\)"),
+        (odd, "policy policy.onnx: observation is not finite: nan at 7"),
+        (other, "policy policy.onnx takes observation; the observation has joints"),
+    ]:
+        with pytest.raises(CommandError, match=words):
+            policy(observation)
 
 
 WRONG_SIZES = pytest.mark.parametrize(

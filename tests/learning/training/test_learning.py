@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.training import Recipe, load_recipe, train
 from allegro_twin.learning.training.progress import VERSION
@@ -54,7 +57,7 @@ def curve(folder: Path) -> list[dict[str, str]]:
         rows = list(csv.DictReader(file))
     for row in rows:
         row.pop("seconds")
-        row.pop("time/fps")
+        row.pop("time/fps", None)
     return rows
 
 
@@ -175,6 +178,62 @@ def test_nothing_is_left_to_do_for_a_finished_training(whole: Path) -> None:
     same(before, weights(whole))
 
 
+def test_fewer_steps_than_were_trained_are_refused_and_more_go_on(whole: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path / "run")
+    before = (tmp_path / "run" / "recipe.json").read_text()
+    with pytest.raises(
+        ConfigError, match="is a training of 768 actions already, and steps are 300: give more steps, or"
+    ):
+        train(recipe(steps=300), tmp_path / "run")
+    assert (tmp_path / "run" / "recipe.json").read_text() == before
+    assert train(recipe(steps=1024), tmp_path / "run").progress.steps == 1024
+    assert json.loads((tmp_path / "run" / "recipe.json").read_text())["steps"] == 1024
+
+
+def test_a_training_shorter_than_a_round_goes_on_to_the_steps_that_are_asked_for(tmp_path: Path) -> None:
+    assert train(recipe(steps=128), tmp_path).progress.steps == 128
+    trained = train(recipe(steps=256), tmp_path)
+    assert (trained.progress.rounds, trained.progress.steps) == (2, 256)
+    assert [int(row["steps"]) for row in curve(tmp_path) if row["evaluated"]] == [128, 256]
+
+
+def test_a_full_disk_is_one_line_and_the_same_command_goes_on(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = Path.write_bytes
+
+    def full(path: Path, data: Any) -> int:
+        if "00002" in path.name:
+            write(path, bytes(data)[:100])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(RecordingError) as caught:
+            train(recipe(), tmp_path)
+    assert str(caught.value) == (
+        f"the disk of {tmp_path} is full: make room there, and the same command goes on from checkpoint 1"
+    )
+    train(recipe(), tmp_path)
+    same(weights(whole), weights(tmp_path))
+    assert curve(whole) == curve(tmp_path)
+
+
+def test_a_log_that_finds_the_disk_full_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    record_writer = pytest.importorskip("tensorboard.summary.writer.record_writer")
+
+    def full(*given: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(record_writer.RecordWriter, "write", full)
+    with pytest.raises(RecordingError, match="is full: make room there, and the same command begins anew"):
+        train(recipe(log=("tensorboard",)), tmp_path)
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_a_folder_of_another_training_is_refused_with_the_difference(whole: Path) -> None:
     with pytest.raises(ConfigError, match=r"is a training with seed 0, not 1: choose another folder"):
         train(recipe(seed=1), whole)
@@ -234,6 +293,30 @@ def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() 
     assert load_recipe("Lift", side="left").environment.side == "left"
     with pytest.raises(ConfigError, match="no task or recipe named 'Grap'; did you mean 'Grasp'"):
         load_recipe("Grap")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"steps": 0}, "--steps: steps: input should be greater than or equal to 1, not 0"),
+        ({"envs": 0}, "--envs: envs: input should be greater than or equal to 1, not 0"),
+        ({"log": ["tensorbord"]}, r"--log: log\.0: input should be 'tensorboard', 'csv' or 'wandb', not 'tensorbord'"),
+        ({"side": "middle"}, r"--side: environment\.side: input should be 'right' or 'left', not 'middle'"),
+    ],
+)
+def test_a_wrong_option_is_named_and_not_the_recipe(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        load_recipe("Reach", **changes)
+
+
+def test_a_mini_batch_is_at_most_an_update_and_nothing_is_warned_of(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        train(recipe(batch=1024, steps=128, log=()), tmp_path / "large")
+        train(recipe(batch=100, steps=128, log=()), tmp_path / "odd")
+    train(recipe(batch=128, steps=128, log=()), tmp_path / "whole")
+    same(weights(tmp_path / "large"), weights(tmp_path / "whole"))
 
 
 def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

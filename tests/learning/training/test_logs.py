@@ -94,7 +94,10 @@ def test_all_logs_have_the_same_values_and_a_run_goes_on_with_its_training(
         assert written.keys() == found.keys(), name
         for step, value in written.items():
             assert value == pytest.approx(found[step], rel=1e-4, abs=1e-6), name
+        assert len(found) == len(shown.Scalars(name)), f"two values of {name} at one step"
     updates = [row for row in rows if not row["evaluated"]]
+    assert [int(row["steps"]) for row in updates if row["train/value_loss"]] == [32, 64, 96, 128], "each its own losses"
+    assert not [name for name in names if name.startswith("terms/_")]
     for before, after in itertools.pairwise(updates):
         steps, seconds = (float(after[name]) - float(before[name]) for name in ("steps", "seconds"))
         assert float(after["time/fps"]) == pytest.approx(steps / seconds, rel=1e-2)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
@@ -208,6 +209,27 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
     assert used == [SELECTION]
     assert SELECTION != SEED
     assert SEED > 2**31 + 100_000, "trainings have seeds below 2^31, and a simulation's number on top"
+
+
+def test_a_film_that_cannot_be_is_no_error_and_says_all_of_the_way_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from allegro_twin.learning.policy import loading
+    from allegro_twin.learning.training import report
+    from allegro_twin.surfaces.cli.learning import train
+
+    def refuse(*given: object, **more: object) -> None:
+        raise error
+
+    monkeypatch.setattr(report, "compare_policy", lambda *given: [])
+    monkeypatch.setattr(loading, "load_policy", lambda path: SimpleNamespace(policy=None))
+    monkeypatch.setattr(report, "film_policy", refuse)
+    for error in (
+        ConfigError("a film needs PyAV: pip install 'allegro-twin[view]'"),
+        RecordingError(f"cannot write {tmp_path}: No space left on device"),
+    ):
+        train._evaluate_and_film(tmp_path, recipe(), tmp_path, 3, True)
+        assert capfd.readouterr().err == f"no film: {error}\n"
 
 
 @pytest.mark.parametrize(

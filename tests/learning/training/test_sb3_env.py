@@ -116,6 +116,15 @@ def test_rewards_are_scaled_and_returns_are_not() -> None:
     assert told[0][1] == told[1][1] < 0
 
 
+def test_the_terms_of_the_logs_are_those_of_the_task() -> None:
+    env = adapted("Reach")
+    env.reset()
+    *_, info = env.env.step(np.zeros((N, 16), np.float32))
+    env.step(np.zeros((N, 16), np.float32))
+    own = {name for name in info if not name.startswith("_")} - {"is_success"}
+    assert env.take_terms().keys() == {f"terms/{name}" for name in own | {"diverged"}}
+
+
 def test_stable_baselines3_finds_nothing_wrong_with_it() -> None:
     from stable_baselines3.common.vec_env import VecEnv
 

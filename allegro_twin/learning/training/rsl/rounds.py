@@ -6,7 +6,7 @@ PyTorch, NumPy and Python.
 
 from __future__ import annotations
 
-import json
+import io
 import pickle
 import random
 import time
@@ -31,7 +31,9 @@ from allegro_twin.learning.training.progress import (
     TrainingResult,
     checked_progress,
     checkpoint_content,
+    round_length,
     training_note,
+    write_recipe,
 )
 from allegro_twin.learning.training.settings import Recipe
 
@@ -82,16 +84,15 @@ def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Adv
     progress = _read(learner, folder, recipe)
     policy = folder / "policy.onnx"
     with TrainingLog(recipe, folder, progress.steps) as log:
-        while progress.rounds < recipe.rounds:
+        while progress.steps < recipe.total:
             learner.begin(progress)
             progress = _round(learner, recipe, progress, log, advance)
             _write(learner, folder, recipe, progress)
             to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": training_note(recipe, progress)}))
+            write_recipe(folder, recipe)
         settings = recipe.environment.model_copy(update={"device": "cpu"})
         rate = evaluate(load_policy(policy).policy, recipe.task, settings, recipe.trials, seed=EVALUATION).rate
-        log.add_evaluation(progress.steps, progress.seconds, rate, {})
-    with atomic_file(folder / "recipe.json") as temporary:
-        temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
+        log.add_evaluation(progress.steps, progress.seconds, rate)
     return TrainingResult(policy, progress, rate)
 
 
@@ -103,7 +104,7 @@ def _round(
     advance: Advance,
 ) -> TrainingProgress:
     began, steps = time.monotonic() - progress.seconds, progress.steps
-    for _ in range(recipe.round_steps // recipe.update):
+    for _ in range(round_length(recipe, progress) // recipe.update):
         values = learner.update()
         steps += recipe.update
         episodes = learner.episodes()
@@ -115,8 +116,10 @@ def _round(
 
 def _write(learner: Learner, folder: Path, recipe: Recipe, progress: TrainingProgress) -> None:
     content = checkpoint_content(recipe, progress) | {"learner": learner.state_dict(), "random": _generators()}
+    whole = io.BytesIO()  # What PyTorch cannot write, it does not say why.
+    torch.save(content, whole)
     with atomic_file(folder / "checkpoints" / f"{progress.rounds:05d}.pt") as temporary:
-        torch.save(content, temporary)
+        temporary.write_bytes(whole.getbuffer())
 
 
 def _read(learner: Learner, folder: Path, recipe: Recipe) -> TrainingProgress:

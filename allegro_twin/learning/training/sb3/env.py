@@ -53,7 +53,7 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
     def step_wait(self) -> tuple[Observation, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
         observation, reward, terminated, truncated, more = self.env.step(self._actions)
         for name, value in {"diverged": np.zeros(self.num_envs), **more}.items():
-            if name not in NO_TERMS:
+            if name not in NO_TERMS and not name.startswith("_"):  # Those are Gymnasium's masks.
                 self._terms.setdefault(name, []).append(float(value.mean()))
         self._return += reward
         self._age += 1

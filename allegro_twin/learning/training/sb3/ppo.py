@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import warnings
 import zipfile
 from pathlib import Path
 from time import monotonic
@@ -33,8 +35,10 @@ from allegro_twin.learning.training.progress import (
     checkpoint_content,
     goal_distance,
     learning_rate,
+    round_length,
     round_seed,
     training_note,
+    write_recipe,
 )
 from allegro_twin.learning.training.sb3.env import Sb3VecEnv
 from allegro_twin.learning.training.sb3.network import AsymmetricPolicy, NormalisedFeatures, policy_network
@@ -55,13 +59,13 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     model.set_logger(Logger(None, []))
     rate = float("nan")
     with TrainingLog(recipe, folder, progress.steps) as log:
-        while progress.rounds < recipe.rounds:
+        while progress.steps < recipe.total:
             watching = TrainingCallback(log, progress.seconds, advance)
             _round(model, stable, recipe, progress, watching)
             policy = _deterministic(model)
             rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
             progress = TrainingProgress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
-            log.add_evaluation(progress.steps, progress.seconds, rate, _losses(model))
+            log.add_evaluation(progress.steps, progress.seconds, rate)
             model.logger.dump(progress.steps)  # The next round begins without values of this one.
             _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
     if rate != rate:  # Nothing was left to do.
@@ -69,8 +73,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     to_onnx(
         policy_network(model), folder / "policy.onnx", card.model_copy(update={"note": training_note(recipe, progress)})
     )
-    with atomic_file(folder / "recipe.json") as temporary:
-        temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
+    write_recipe(folder, recipe)
     stable.close()
     return TrainingResult(folder / "policy.onnx", progress, rate)
 
@@ -87,21 +90,24 @@ def _model(recipe: Recipe, env: Sb3VecEnv) -> Any:
         "activation_fn": {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation],
         "log_std_init": recipe.log_spread,
     }
-    return PPO(
-        AsymmetricPolicy if critic else "MultiInputPolicy" if parts else "MlpPolicy",
-        env,
-        learning_rate=recipe.learning_rate,
-        n_steps=recipe.rollout,
-        batch_size=recipe.batch,
-        n_epochs=recipe.epochs,
-        gamma=recipe.discount,
-        gae_lambda=recipe.trace,
-        clip_range=recipe.clip,
-        ent_coef=recipe.entropy,
-        policy_kwargs=chosen,
-        seed=recipe.seed,
-        device="cpu",
-    )
+    with warnings.catch_warnings():
+        # A smaller mini-batch at the end of an update is what the recipe says.
+        warnings.filterwarnings("ignore", "You have specified a mini-batch size")
+        return PPO(
+            AsymmetricPolicy if critic else "MultiInputPolicy" if parts else "MlpPolicy",
+            env,
+            learning_rate=recipe.learning_rate,
+            n_steps=recipe.rollout,
+            batch_size=min(recipe.batch, recipe.update),
+            n_epochs=recipe.epochs,
+            gamma=recipe.discount,
+            gae_lambda=recipe.trace,
+            clip_range=recipe.clip,
+            ent_coef=recipe.entropy,
+            policy_kwargs=chosen,
+            seed=recipe.seed,
+            device="cpu",
+        )
 
 
 def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgress, watching: TrainingCallback) -> None:
@@ -114,7 +120,7 @@ def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgres
     set_random_seed(seed)
     env.seed(seed)
     model._last_obs = None  # So that `learn` begins with new episodes.
-    model.learn(recipe.round_steps, callback=watching, reset_num_timesteps=False)
+    model.learn(round_length(recipe, progress), callback=watching, reset_num_timesteps=False)
 
 
 _NAMES = {"train/approx_kl": "train/kl", "train/policy_gradient_loss": "train/surrogate_loss"}
@@ -144,6 +150,8 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
         self._began = monotonic() - seconds
         self._episodes: list[tuple[float, int, bool]] = []
         self._seen: Any = None
+        self._collected: tuple[int, float, float, float] | None = None
+        """Episodes of the rollout that is being learned from."""
 
     @property
     def seconds(self) -> float:
@@ -158,6 +166,7 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
     def _on_rollout_start(self) -> None:
         """Update the normalisation here only: an observation must mean the same while it is acted on and learned
         from."""
+        self._log_update()
         self._learn()
 
     def _on_rollout_end(self) -> None:
@@ -165,14 +174,21 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
         if not float(self.model.policy.pi_features_extractor.count):
             self._learn()  # Nothing is known yet; the first update is better with it.
         found = np.array(self._episodes, float).mean(axis=0) if self._episodes else np.full(3, np.nan)
-        steps, (mean, length, share) = int(self.num_timesteps), found.tolist()
-        values = _losses(self.model) | self.training_env.take_terms()
-        self._log.add_update(steps, self.seconds, (len(self._episodes), mean, length, share), values)
-        self._advance(steps, float(found[0]), float(found[2]))
+        mean, length, share = found.tolist()
+        self._collected = (len(self._episodes), mean, length, share)
+        self._advance(int(self.num_timesteps), mean, share)
         self._episodes.clear()
 
     def _on_training_end(self) -> None:
+        self._log_update()
         self._learn()
+
+    def _log_update(self) -> None:
+        """Write the row of an update, with its own losses, after it."""
+        if self._collected is not None:
+            values = _losses(self.model) | self.training_env.take_terms()
+            self._log.add_update(int(self.num_timesteps), self.seconds, self._collected, values)
+            self._collected = None
 
     def _learn(self) -> None:
         if self._seen is not None:
@@ -188,10 +204,12 @@ MEMBER = "training.json"
 def _save(model: Any, path: Path, recipe: Recipe, card: PolicyCard, progress: TrainingProgress) -> None:
     """Write a checkpoint: the model with its optimiser, the policy's card and the progress, in one file that is whole
     or not there. It is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
+    whole = io.BytesIO()  # What PyTorch cannot write, it does not say why.
+    model.save(whole)
+    with zipfile.ZipFile(whole, "a") as archive:
+        archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))
     with atomic_file(path) as temporary:
-        model.save(str(temporary))
-        with zipfile.ZipFile(temporary, "a") as archive:
-            archive.writestr(MEMBER, json.dumps(checkpoint_content(recipe, progress)))
+        temporary.write_bytes(whole.getbuffer())
         write_card(temporary, card)
 
 

@@ -85,7 +85,7 @@ def collect(
             to_lerobot(kept, out, period, robot)
     steps = sum(len(episode.action) for episode in kept)
     said = f"{out}/: {len(kept)} episodes, {steps} steps; {len(held)} of {len(found)} ended well"
-    console.console.print(said, soft_wrap=True, highlight=False)
+    console.console.print(said, soft_wrap=True, highlight=False, markup=False)
     if interrupted:
         raise typer.Exit(130)
 

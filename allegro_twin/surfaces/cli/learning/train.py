@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.surfaces.cli import completion, options
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def train(
         if out is None:
             stack.enter_context(lock_folder(folder))
         bar = stack.enter_context(console.progress())
-        job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)
+        job = bar.add_task(recipe.task, total=recipe.total)
 
         def advance(done: int, mean: float, rate: float) -> None:
             for stale in (EVALUATION, FILM):
@@ -78,12 +78,15 @@ def train(
         trained = learn(recipe, folder, advance)
         bar.remove_task(job)
         done = trained.progress
-        console.console.print(f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True)
+        console.console.print(
+            f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True, markup=False
+        )
         _evaluate_and_film(trained.policy, recipe, folder, episodes, video)
 
 
 def _sweep(path: Path, recipe: Recipe, folder: Path, episodes: int, jobs: int) -> None:
     """Train every combination of the values in a file, without films."""
+    from rich.markup import escape
     from rich.table import Table
 
     from allegro_twin.learning.training.sweeping import TABLE, read_variants, train_variants
@@ -95,17 +98,19 @@ def _sweep(path: Path, recipe: Recipe, folder: Path, episodes: int, jobs: int) -
         rows = train_variants(
             variants, folder, episodes, jobs, lambda done, of: bar.update(job, completed=done, total=of)
         )
-    table = Table(title=str(folder / TABLE), title_justify="left", title_style="bold")
+    table = Table(title=escape(str(folder / TABLE)), title_justify="left", title_style="bold")
     columns = list(dict.fromkeys(name for row in rows for name in row))
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(escape(column), overflow="fold")
     for row in rows:
         table.add_row(*(_cell(row.get(column)) for column in columns))
     console.console.print(table)
 
 
 def _cell(value: object) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    from rich.markup import escape
+
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else escape(str(value))
 
 
 def evaluate_policy(
@@ -133,13 +138,12 @@ def evaluate_policy(
     loaded = load_recipe(recipe, hand=hand, side=side)
     first = SEED if seed is None else seed
     if used := seeds_overlap(loaded, first, episodes):
-        warning = (
+        console.warn(
             f"seeds {first} to {first + episodes - 1}: some are those of {used}: the rates are not of unseen episodes"
         )
-        console.errors.print(f"[yellow]{warning}[/]", soft_wrap=True)
     path = find_file(policy, "policy", "conf/policies", ".onnx")
     for key, its, value in contradictions(read_card(path), loaded.environment, ("palm", "goals")):
-        console.errors.print(f"[yellow]{policy} was trained with {key} {its}; these episodes have {value}[/]")
+        console.warn(f"{policy} was trained with {key} {its}; these episodes have {value}")
     if film is not None:
         film_policy(load_policy(path).policy, loaded, film, seed=first)
     console.console.print(console.policy_table(compare_policy(path, loaded, episodes, first), loaded, first))
@@ -167,5 +171,5 @@ def _evaluate_and_film(policy: Path, recipe: Recipe, folder: Path, episodes: int
         return
     try:
         report.film_policy(load_policy(policy).policy, recipe, folder / FILM, seed=report.SELECTION)
-    except ConfigError as error:
-        console.errors.print(f"[yellow]no film: {error}[/]")  # A film is optional.
+    except (ConfigError, RecordingError) as error:
+        console.warn(f"no film: {error}")  # A film is optional.
