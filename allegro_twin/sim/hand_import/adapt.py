@@ -244,19 +244,21 @@ def rename_parts(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> 
 
 def _add_tips(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
     """A site and a contact sensor at each fingertip, where the card has it. Raises ConfigError for a site that has the
-    tip's name already."""
+    tip's name already, and is elsewhere."""
     for finger in spec.fingers:
         body_name, offset = foreign.tips[finger.name]
         body = _get(hand.bodies, body_name, "body", foreign.mjcf)
-        if any(site.name == finger.tip for site in hand.sites):
+        theirs = next((site for site in hand.sites if site.name == finger.tip), None)
+        if theirs is None:
+            body.add_site(name=finger.tip, pos=offset)
+        elif theirs.parent.name != body_name or not np.allclose(theirs.pos, offset, atol=1e-6):
             raise ConfigError(
-                f"{foreign.mjcf}: a site is called {finger.tip} already: call it, or the finger, otherwise"
+                f"{foreign.mjcf}: a site is called {finger.tip} already, elsewhere: call it, or the finger, otherwise"
             )
-        body.add_site(name=finger.tip, pos=offset)
         name = f"{finger.name}_touch"
-        for theirs in hand.sensors:
-            if theirs.name == name:
-                theirs.name = f"{name}_of_the_file"
+        for sensed in hand.sensors:
+            if sensed.name == name:
+                sensed.name = f"{name}_of_the_file"
         sensor = hand.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT)
         sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
         sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
