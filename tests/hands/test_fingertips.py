@@ -8,7 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands import load_spec
 from allegro_twin.kinematics import hand_kinematics
@@ -106,3 +109,25 @@ def test_names_of_a_file_that_is_included_are_not_taken_for_fingertips(tmp_path:
     spec = load_spec(str(tmp_path / "two.yaml"))
     assert spec.finger("first").tip == "first_tip_centre"
     assert hand_spec(spec).compile().site("first_tip_centre").bodyid[0] > 0
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.01])
+def test_a_site_with_a_tips_name_is_that_tip_only_where_the_hands_file_has_it(apart: float, tmp_path: Path) -> None:
+    """Of a hand's file without a card, whose tips are called as our own model's sites are."""
+    ends = {"index": 3, "middle": 7, "ring": 11, "thumb": 15}
+    table = {
+        "mjcf": str(data_root() / "models" / "mjcf" / "allegro_right.xml"),
+        "root": "palm_link",
+        "joints": [f"joint_{k}.0" for k in range(16)],
+        "tips": {
+            finger: [f"link_{k}.0", [0, 0, (0.0423 if finger == "thumb" else 0.0267) + apart]]
+            for finger, k in ends.items()
+        },
+    }
+    (tmp_path / "theirs.yaml").write_text(yaml.safe_dump(table))
+    spec = load_spec("allegro", "right", str(tmp_path / "theirs.yaml"))
+    if apart:
+        with pytest.raises(ConfigError, match="a site is called link_3.0_tip already, elsewhere"):
+            hand_spec(spec)
+        return
+    hand_spec(spec).compile()
