@@ -258,5 +258,5 @@ def _numbers(report: TrialReport | None) -> dict[str, float]:
         "penetration_mm": 1000.0 * report.penetration,
         "contacts": float(np.mean([phase.contacts for phase in checks])) if checks else nan,
         "torque_share": report.peak_torque,
-        "stall": max(report.at_limit.values()),
+        "stall": report.stall,
     }

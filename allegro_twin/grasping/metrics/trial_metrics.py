@@ -63,10 +63,13 @@ NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
 
 def trial_metrics(trial: Trial, data: Any) -> dict[str, float]:
     """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. `least_torque` is NaN
-    for a hand with joints that nobody drives: springs decide there, too. Raises ConfigError without SciPy."""
+    for a hand with joints that nobody drives, for springs decide there, too, and where the effort of a motor is
+    unknown. Raises ConfigError without SciPy."""
     model, spec = trial.backend.model, trial.backend.spec
     touch = find_contacts(model, data, spec, trial.scenario.objects[0].name)
-    columns = None if spec.followers else contact_jacobians(model, data, spec, touch)
-    row = contact_metrics(touch, trial.mass, columns, spec.actuation.torque_limit)
+    limit = spec.actuation.torque_limit
+    unknown = bool(spec.followers) or not np.isfinite(limit).all()
+    columns = None if unknown else contact_jacobians(model, data, spec, touch)
+    row = contact_metrics(touch, trial.mass, columns, limit)
     row["least_torque"] = row.get("torque_share", float("nan"))
     return {name: row[name] for name in NAMES}

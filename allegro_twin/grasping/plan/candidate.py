@@ -152,6 +152,19 @@ SHARE = 0.9
 """Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
 
 
+def check_efforts(spec: HandSpec) -> None:
+    """Raise ConfigError for a hand of which the effort of a motor is unknown: a grasp could rest on a torque that no
+    motor gives."""
+    limits = spec.actuation.torque_limit
+    unknown = [name for name, limit in zip(spec.joints, limits, strict=True) if np.isinf(limit)]
+    if unknown:
+        which = "all motors" if len(unknown) == len(limits) else ", ".join(unknown)
+        raise ConfigError(
+            f"{spec.card or spec.name}: the effort of {which} is unknown, so nobody could say what a grasp may ask of "
+            "the hand: write the maker's figure, N·m, as `effort` into the card"
+        )
+
+
 def check_stiffness(spec: HandSpec) -> None:
     """Raises ConfigError for a hand that closes its own loop where nobody says how stiff that is: no squeeze could be
     reckoned with."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry
+from allegro_twin.grasping.plan.candidate import Candidate, check_efforts, is_different, object_symmetry
 from allegro_twin.grasping.plan.close_in_simulation import (
     ClosingOutcome,
     FingerGains,
@@ -312,19 +312,6 @@ class _Rounds:
             if is_different(candidate, [*taken, *kept], self._prover.turns):
                 kept.append(candidate)
         return kept
-
-
-def check_efforts(spec: HandSpec) -> None:
-    """Raise ConfigError for a hand of which the effort of a motor is unknown: a grasp could rest on a torque that no
-    motor gives."""
-    limits = spec.actuation.torque_limit
-    unknown = [name for name, limit in zip(spec.joints, limits, strict=True) if np.isinf(limit)]
-    if unknown:
-        which = "all motors" if len(unknown) == len(limits) else ", ".join(unknown)
-        raise ConfigError(
-            f"{spec.card or spec.name}: the effort of {which} is unknown, so nobody could say what a grasp may ask of "
-            "the hand: write the maker's figure, N·m, as `effort` into the card"
-        )
 
 
 def search_symmetry(search: GraspSearch) -> Array | None:

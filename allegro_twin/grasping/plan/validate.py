@@ -244,7 +244,7 @@ class GraspValidator:
             self.ends[where] += 1
             if verdict.report is not None:
                 option.show(verdict.report.observed)
-                option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+                option.margin, option.stall = verdict.report.margin, verdict.report.stall
                 option.sustained = verdict.report.hottest[1]
             option.confirmed = where == "held"  # Last: an interruption leaves none that is half judged.
         self._spent("whole", len(cases), began)
@@ -309,7 +309,7 @@ def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> 
         if option.confirmed:
             option.show(reports[0].observed)
             option.margin = min(report.margin for report in reports)
-            option.stall = max(max(report.at_limit.values()) for report in reports)
+            option.stall = max(report.stall for report in reports)
             option.sustained = max(report.hottest[1] for report in reports)
     held = [option for option in options if option.confirmed]
     prover.ends["pushed out"] += len(options) - len(held)

@@ -13,12 +13,14 @@ import numpy as np
 from allegro_twin._lazy import entry_points_of
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description import arms, facts
 from allegro_twin.hands.description.calibration import HIDDEN, NOMINAL, NOTHING, Version, load_wiring
-from allegro_twin.hands.description.card import spec_from_card
+from allegro_twin.hands.description.card import ThermalCard, spec_from_card
 from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.spec.hand import aliases
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import Vector, frozen
 
 GROUP = "allegro_twin.hands"
@@ -64,6 +66,7 @@ def load_spec(
         foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
         commands=_commands(model),
         drive=_drive(len(joints), serial, over),
+        thermal=_thermal(model, serial, over),
     )
 
 
@@ -230,6 +233,16 @@ def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
         except ConfigError as error:
             raise ConfigError(f"{where}: drive{error}") from error
     return Drive.from_values(values, n_joints) if values else None
+
+
+def _thermal(model: str, serial: str, over: Mapping[str, Any]) -> ThermalData | None:
+    """The `thermal` block of the model, or of the hand's own file in its place; None: neither has one."""
+    found: ThermalData | None = None
+    nominal = _nominal(model)
+    for where, table in ((str(nominal), read_yaml(nominal)), *_own(serial, over)):
+        if "thermal" in table:
+            found = parse_settings(ThermalCard, table["thermal"], f"{where}: thermal").data()
+    return found
 
 
 def _own(serial: str, over: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

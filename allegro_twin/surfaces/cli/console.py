@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
     from allegro_twin.spec import HandSpec
+    from allegro_twin.spec.thermal import ThermalData
     from allegro_twin.surfaces.hand.grasps import GraspOutcome
     from allegro_twin.twin.identify.motions.limits import FoundLimits
     from allegro_twin.types import HandState
@@ -131,13 +132,14 @@ def search_summary(search: GraspSearch, seeds: int, found: Sequence[PlannedGrasp
 
 
 def _stalls(report: TrialReport) -> str:
-    """Share of time that the most loaded joint spends at its torque limit."""
-    share = max(report.at_limit.values(), default=0.0)
-    return f"{share:.0%}" if share >= 0.005 else ""
+    """Share of time that the most loaded joint spends at its torque limit; – where no limit is known."""
+    if math.isnan(report.stall):
+        return "–" if report.at_limit else ""
+    return f"{report.stall:.0%}" if report.stall >= 0.005 else ""
 
 
-def phases(title: str, report: TrialReport) -> Table:
-    """One row for each phase of a trial."""
+def phases(title: str, report: TrialReport, thermal: ThermalData | None) -> Table:
+    """One row for each phase of a trial. `thermal`: of the hand."""
     table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held:[/] ' + report.reason}")
     parts = list(report.phases[0].contact_force) if report.phases else []
     for name in ("phase", "drift mm", "largest mm", "turn °", *(f"{part} N" for part in parts), "held"):
@@ -147,13 +149,13 @@ def phases(title: str, report: TrialReport) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import limits_left, motor_load, stalled_joints
+    from allegro_twin.grasping.evaluation.rejudge import limits_left, motor_load
 
     kind = report.observed
     acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other"
-        f"{limits_left(report.margin)}; {stalled_joints(report)}; {motor_load(report)}{acts}"
+        f"{limits_left(report.margin)}; {'; '.join(motor_load(report, thermal))}{acts}"
     )
     return table
 
