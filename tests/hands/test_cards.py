@@ -16,9 +16,11 @@ from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.gym import HandEnv
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library, home_posture, load_posture, posture_names
+from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.sim.hand_import.adapt import read_mjcf
 from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.scene import hand_spec
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.twin import mirror_recording
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
 from tests.surfaces.cli.wrong import built
@@ -210,6 +212,7 @@ CARDS: dict[str, dict[str, Any]] = {
     },
     "postures: home has 2 values; 1 are driven": {"postures": {"home": [0.0, 0.0]}},
     "postures: open: left is 0.1, outside -0.02 … 0.03": {"postures": {"open": [0.1]}},
+    "thermal.rise: input should be greater than 0": {"thermal": {"rise": 0, "time_constant": 20.0, "source": "x"}},
     "must not be parallel": {"palm": {"facing": [1, 0, 0], "fingers": [2, 0, 0]}},
     "driven.0.actuatr: unknown key; did you mean 'actuator'": {"driven": [DRIVEN | {"actuatr": "x"}]},
 }
@@ -234,6 +237,17 @@ def test_a_card_that_names_what_its_file_does_not_have_says_the_nearest(tmp_path
         write_settings(path, content | block, "gripper")
         with pytest.raises(ConfigError, match=words):
             hand_spec(load_spec(str(path)))
+
+
+def test_a_cards_thermal_data_are_the_hands_and_stay_in_its_recordings(tmp_path: Path) -> None:
+    path = made("gripper", tmp_path)
+    assert load_spec(str(path)).thermal is None
+    block = {"rise": 40.0, "time_constant": 20.0, "source": "data sheet"}
+    write_settings(path, changed(yaml.safe_load(path.read_text()), thermal=block), "gripper")
+    spec = load_spec(str(path))
+    assert spec.thermal == ThermalData(40.0, 20.0, "data sheet")
+    assert spec_from_json(spec_to_json(spec)).thermal == spec.thermal
+    assert load_spec("leap").thermal is None
 
 
 def test_the_other_side_of_a_card_is_an_error(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
+from allegro_twin.grasping.plan.improve import GraspImprovement
 from allegro_twin.grasping.plan.parallel import run_searches
 from allegro_twin.grasping.plan.proposals.close_in_geometry import FINE, close_fingers, motor_scale
 from allegro_twin.grasping.plan.proposals.opposition import (
@@ -35,7 +36,7 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.library import load_posture
+from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.sim.engine.backend import SimBackend
@@ -295,6 +296,10 @@ def test_a_hand_of_unknown_effort_is_not_planned_for(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("effort: 20.0", "effort: unknown"))
     with pytest.raises(ConfigError, match=r"gripper.yaml: the effort of all motors is unknown, so nobody could say"):
         check_efforts(load_spec(str(path)))
+    scenario, _ = load_scenario("lemon")
+    search = GraspImprovement(scenario, load_grasp(scenario.grasp, load_spec()), load_spec(str(path)))
+    with pytest.raises(ConfigError, match="the effort of all motors is unknown"):
+        search.run()
     check_efforts(load_spec("leap"))
 
 

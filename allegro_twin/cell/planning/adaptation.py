@@ -33,7 +33,6 @@ from allegro_twin.grasping.plan.candidate import (
     Candidate,
     candidate_grasp,
     candidate_scenario,
-    is_different,
     limit_squeeze,
 )
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
@@ -273,7 +272,7 @@ class AdaptationSearch:
             if found == self._settings.closed or looked == _LOOKED * self._settings.closed:
                 return
             weak = not self._spec.followers and candidate.score < -_STRONG
-            if weak or not is_different(candidate, self._shown, None, _APART, _TURNED):
+            if weak or any(_same_palm(candidate, other) for other in self._shown):
                 continue
             self._shown.append(candidate)
             looked += 1
@@ -401,6 +400,13 @@ def compound_object(
     path = folder / "compound.xml"
     write_compound(parts, path)
     return ScenarioObject(name=name, shape="mjcf", file=path, at=(0.0, 0.0, body.extents[2] / 2.0 + _AIR))
+
+
+def _same_palm(one: Candidate, other: Candidate) -> bool:
+    """Whether two palms are nearer to each other than `_APART` and `_TURNED`: what the arm's reach depends on."""
+    cosine = (float(np.einsum("ij,ij->", one.rotation, other.rotation)) - 1.0) / 2.0
+    near = float(np.linalg.norm(one.position - other.position)) < _APART
+    return near and float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))) < _TURNED
 
 
 def _beside(scenario: Scenario, body: TableObject, others: Sequence[TableObject]) -> Scenario:

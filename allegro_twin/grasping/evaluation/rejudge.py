@@ -88,7 +88,7 @@ def motor_load(report: TrialReport, thermal: ThermalData | None) -> list[str]:
     if not report.sustained or not joint:
         return ["effort unknown: nothing can be said of load or heat"] if unknown else ["no load was measured"]
     said = [stalled_joints(report), f"{joint} sustains {100 * share:.0f} % of its limit{_bears(share, thermal)}"]
-    return said + ([f"effort of {', '.join(unknown)} unknown: nothing can be said of their load"] if unknown else [])
+    return said + ([f"effort of {', '.join(unknown)} unknown: nothing can be said of its load"] if unknown else [])
 
 
 def _bears(share: float, thermal: ThermalData | None) -> str:

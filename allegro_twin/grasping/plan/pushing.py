@@ -13,7 +13,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.candidate import round_posture
 from allegro_twin.grasping.plan.proposals.opposition import THUMB
-from allegro_twin.grasping.scenario import Scenario, load_protocol
+from allegro_twin.grasping.scenario import EdgePush, Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, pushed_until
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
@@ -129,7 +129,7 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
     for _ in trial.watched(until(pushed_until(trial.windows), run(trial.backend, controller))):
         pass
     pose = trial.latest()["object"]
-    wanted = np.add(before.position, (scenario.push.distance - BEHIND, 0.0, 0.0))
+    wanted = pushed_to(scenario.push, np.array(before.position))
     astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), tilt_along_push(np.array(before.quaternion), pose[3:])
     if astray > ASTRAY or tilt > TILTED:
         raise ConfigError(
@@ -138,6 +138,12 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
         )
     placed = PlacedObject(before.thing, tuple(pose[:3].tolist()), tuple(pose[3:].tolist()))
     return replace(stage, things=[placed, *stage.things[1:]])
+
+
+def pushed_to(push: EdgePush, begun: Array) -> Array:
+    """Where the middle of an object is to come, (3,), m, that is at `begun`, (3,), m, before the push."""
+    place: Array = begun + np.array([push.distance - BEHIND, 0.0, 0.0])
+    return place
 
 
 def tilt_along_push(before: Array, after: Array) -> float:

@@ -13,8 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.control.controllers import Gains
-from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import Candidate, check_efforts, is_different, object_symmetry
+from allegro_twin.grasping.plan.candidate import (
+    Candidate,
+    ObjectSymmetry,
+    check_efforts,
+    is_different,
+    object_symmetry,
+)
 from allegro_twin.grasping.plan.close_in_simulation import (
     ClosingOutcome,
     FingerGains,
@@ -25,7 +30,7 @@ from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE, FINE
 from allegro_twin.grasping.plan.proposals.poses import Random
 from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.proposals.refine import Population
-from allegro_twin.grasping.plan.pushing import pushed_stage
+from allegro_twin.grasping.plan.pushing import pushed_stage, pushed_to
 from allegro_twin.grasping.plan.region import GraspRegion
 from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
@@ -37,7 +42,6 @@ from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
 
 FEW, ELITE = 4, 10
 """Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
@@ -198,7 +202,9 @@ class _Rounds:
         )  # fmt: skip
         self._proposed, self._elite = self._proposer.fresh(), list[Candidate]()
         closed, evolves = self._effort.closed, self._proposer.gains is not None
-        self._population = Population(self._proposer, self._prover.turns, max(4, 2 * closed // 3)) if evolves else None
+        self._population = (
+            Population(self._proposer, self._prover.symmetry, max(4, 2 * closed // 3)) if evolves else None
+        )
         self._full = max(1, closed // 2 if evolves else closed)
         """Candidates that physics closes in a whole round."""
         self._dearest = self._longest = 0.0
@@ -309,17 +315,22 @@ class _Rounds:
         kept = list[Candidate]()
         taken = [option.candidate for option in self._prover.options if option.confirmed and option.good]
         for candidate in sorted(passed, key=lambda c: -c.score):
-            if is_different(candidate, [*taken, *kept], self._prover.turns):
+            if is_different(candidate, [*taken, *kept], self._prover.symmetry):
                 kept.append(candidate)
         return kept
 
 
-def search_symmetry(search: GraspSearch) -> Array | None:
-    """Turns that make a grasp no other one; in the air, and at a table's edge, every pose of the palm is its own."""
-    protocol = load_protocol(search.scenario.protocol)
-    if protocol.floating or search.scenario.edge is not None:
-        return None
-    return object_symmetry(make_stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
+def search_symmetry(search: GraspSearch) -> ObjectSymmetry:
+    """Turns of the object that make a grasp no other one, where the hand grasps it. At a table's edge there are none;
+    in the air a ball has no way up."""
+    scenario, protocol = search.scenario, load_protocol(search.scenario.protocol)
+    placed = make_stage(scenario, protocol, search.spec.side, search.folder).things[0]
+    found = object_symmetry(placed)
+    if protocol.floating:
+        return replace(found, ball=placed.thing.shape == "sphere")
+    if scenario.edge is not None:
+        return ObjectSymmetry(found.centre if scenario.push is None else pushed_to(scenario.push, found.centre))
+    return found
 
 
 def _settled(closed: list[Candidate], outcomes: list[ClosingOutcome]) -> list[Candidate]:
