@@ -13,6 +13,8 @@ from allegro_twin.types import Array, Vector
 
 FULL = 0.99
 """Of its torque limit: a joint that pushes so hard has no more to give."""
+FELL = 0.3
+"""m by which an object is lower than where it lay: it has left the table. One that tips over on it sinks by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +120,11 @@ class TrialReport:
         none it is."""
         known = [each for each in self.sustained.items() if not np.isnan(each[1])]
         return max(known, key=lambda each: each[1], default=("", float("nan")))
+
+    @property
+    def fell(self) -> bool:
+        """Whether the object fell off the table."""
+        return self.lift < -FELL
 
     @property
     def stall(self) -> float:

@@ -102,6 +102,17 @@ def test_of_a_hand_without_thermal_data_only_the_share_is_said() -> None:
     assert said == ["no joint at its torque limit", "joint_0 sustains 20 % of its limit (no thermal data of this hand)"]
 
 
+def test_of_an_object_that_left_the_table_no_millimetres_are_said() -> None:
+    seen = observations()
+    seen.thing[T > 1.0, 2] = -7.9
+    report = verdict(seen)
+    assert report.fell
+    table = phases("cube", report, None)
+    assert str(table.caption).startswith("it left the table and fell, ")
+    assert list(table.columns[1].cells) == ["gone", "gone"]
+    assert not verdict(observations()).fell
+
+
 def test_where_no_effort_is_known_nothing_is_said_of_load_or_heat(tmp_path: Path) -> None:
     report = verdict(observations(), limit=np.full(16, np.inf))
     assert report.held
@@ -124,8 +135,10 @@ def test_a_joint_of_unknown_effort_is_named_and_the_others_are_judged() -> None:
     torque, limit = np.full((len(T), 16), 0.1), LIMIT.copy()
     torque[:, 3], limit[3] = 5.0, np.inf
     report = verdict(observations(torque=torque), limit=limit)
-    assert (report.peak_torque, report.stall) == (pytest.approx(0.2), 0.0)
-    assert report.hottest == ("joint_0", pytest.approx(0.2))
+    assert [report.peak_torque, report.stall] == pytest.approx([0.2, 0.0])
+    joint, share = report.hottest
+    assert joint == "joint_0"
+    assert share == pytest.approx(0.2)
     assert motor_load(report, None)[-1] == "effort of joint_3 unknown: nothing can be said of its load"
 
 

@@ -124,15 +124,22 @@ DIGITS = 4
 
 
 def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
-    """The scenario with the candidate's palm."""
-    away = candidate.position - bench.begun
+    """The scenario with the candidate's palm, as scenarios have it: of a left hand the mirror image."""
+    mirror, away = as_written(bench.spec), candidate.position - bench.begun
     wrist = Wrist.model_validate(
         {
-            "position": round_vector(away), "facing": round_vector(candidate.rotation[:, 0]),
-            "fingers": round_vector(candidate.rotation[:, 2]), "retreat": round_vector(candidate.retreat),
+            "position": round_vector(mirror * away), "facing": round_vector(mirror * candidate.rotation[:, 0]),
+            "fingers": round_vector(mirror * candidate.rotation[:, 2]),
+            "retreat": round_vector(mirror * candidate.retreat),
         }
     )  # fmt: skip
-    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference})
+    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference, "side": bench.spec.side})
+
+
+def as_written(spec: HandSpec) -> Vector:
+    """Factors, (3,), on a vector of the world, which make it what a scenario says: it is written for the right hand,
+    and a left one performs the mirror image."""
+    return np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
 
 
 def candidate_grasp(

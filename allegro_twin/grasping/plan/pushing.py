@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import round_posture
+from allegro_twin.grasping.plan.candidate import as_written, round_posture
 from allegro_twin.grasping.plan.proposals.opposition import THUMB
 from allegro_twin.grasping.scenario import EdgePush, Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, pushed_until
@@ -71,9 +71,13 @@ def with_push(scenario: Scenario, spec: HandSpec, folder: Path = Path()) -> Scen
             f"object {name}: pushed until its centre of mass is {1000 * KEPT:.0f} mm from the edge, "
             f"{1000 * max(out, 0.0):.0f} mm of it would stand out; a grasp needs {1000 * STANDING_OUT:.0f} mm"
         )
-    begin = palm - middle - (BEHIND, 0.0, 0.0)
+    begin = as_written(spec) * (palm - middle - (BEHIND, 0.0, 0.0))
     wrist = {"position": np.round(begin, 4).tolist(), "facing": FACING, "fingers": FINGERS, "retreat": (0, 0, RAISED)}
-    push = {"distance": round(far + BEHIND, 4), "wrist": wrist, "posture": posture.tolist()}
+    push = {
+        "distance": round(far + BEHIND, 4),
+        "wrist": wrist,
+        "posture": (posture if spec.side == "right" else spec.mirror_posture(posture)).tolist(),
+    }
     return Scenario.model_validate(scenario.model_dump() | {"push": push})
 
 

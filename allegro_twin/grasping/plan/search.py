@@ -41,7 +41,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.model.scene import Stage
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import HandSpec, Side
 
 FEW, ELITE = 4, 10
 """Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
@@ -165,7 +165,7 @@ class GraspSearch:
         at_first, stage = self._stages(protocol)
         return Proposer(
             GraspScene(self.spec, stage, at_first.things[0].position), self.templates,
-            protocol.friction or self.scenario.friction, _turns(protocol), random,
+            protocol.friction or self.scenario.friction, _turns(protocol, self.spec.side), random,
             FINE if protocol.floating else COARSE, self.region, gains,
         )  # fmt: skip
 
@@ -344,9 +344,9 @@ def _furthest(outcomes: list[ClosingOutcome]) -> list[Candidate]:
     return [outcome.candidate for outcome in order]
 
 
-def _turns(protocol: TrialProtocol) -> list[float]:
+def _turns(protocol: TrialProtocol, side: Side) -> list[float]:
     """Palm's angles about its z, rad, through which the protocol turns it: before, half and all of it."""
-    most = sum(phase.turn[2] for phase in protocol.phases)
+    most = sum(phase.turn[2] for phase in protocol.phases) * (-1.0 if side == "left" else 1.0)
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
 
 

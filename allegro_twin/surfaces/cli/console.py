@@ -52,6 +52,15 @@ def progress() -> Iterator[Progress]:
         yield bar
 
 
+GONE_DISTANCE = 1000.0
+"""mm in the palm: beyond them an object is gone, and the number means nothing."""
+
+
+def millimetres(distance: float) -> str:
+    """A distance of an object in the palm, m, in mm; `gone` beyond GONE_DISTANCE."""
+    return "gone" if 1000.0 * distance > GONE_DISTANCE else f"{1000.0 * distance:.1f}"
+
+
 def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str, str], engine: str) -> Table:
     """One row for each trial: verdict and margins."""
     held = sum(report.held for report in reports.values())
@@ -69,7 +78,7 @@ def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str,
             side,
             grasps[scenario],
             "[green]yes[/]" if report.held else "[red]no[/]",
-            f"{max(phase.drift for phase in checks) * 1000:.1f}" if checks else "",
+            millimetres(max(phase.drift for phase in checks)) if checks else "",
             f"{max(phase.rotation for phase in checks):.1f}" if checks else "",
             f"{report.penetration * 1000:.1f}" if report.phases else "",
             *((f"{force:.1f}" for force in forces) if checks else [""] * len(parts)),
@@ -147,14 +156,15 @@ def phases(title: str, report: TrialReport, thermal: ThermalData | None) -> Tabl
     for phase in report.phases:
         forces = [f"{value:.1f}" for value in phase.contact_force.values()]
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
-        numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
+        numbers = (millimetres(phase.drift), millimetres(phase.largest_drift), f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
     from allegro_twin.grasping.evaluation.rejudge import limits_left, motor_load
 
     kind = report.observed
     acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
+    rose = "it left the table and fell" if report.fell else f"lifted {report.lift * 1000:.0f} mm"
     table.caption = (
-        f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other"
+        f"{rose}, at most {report.penetration * 1000:.1f} mm in each other"
         f"{limits_left(report.margin)}; {'; '.join(motor_load(report, thermal))}{acts}"
     )
     return table

@@ -13,16 +13,25 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.quality import imbalance
-from allegro_twin.grasping.plan.candidate import Candidate, ObjectSymmetry, is_different, object_symmetry, pose_distance
+from allegro_twin.grasping.plan.candidate import (
+    Candidate,
+    ObjectSymmetry,
+    candidate_scenario,
+    is_different,
+    object_symmetry,
+    pose_distance,
+)
 from allegro_twin.grasping.plan.proposals.close_in_geometry import close_fingers, metric_contacts
 from allegro_twin.grasping.plan.proposals.poses import guess_poses, sample_placed_surface, sample_surface
 from allegro_twin.grasping.plan.proposals.propose import weight_loads
 from allegro_twin.grasping.plan.templates import grasp_templates
-from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
+from allegro_twin.spec import SIDES, Side
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from allegro_twin.types import Array
 
@@ -150,6 +159,20 @@ def test_from_above_and_from_the_side_a_ball_is_grasped_differently_on_a_table_a
     assert not is_different(side, [above], replace(ball, ball=True))
     further = replace(side, position=1.3 * side.position)
     assert is_different(further, [above], replace(ball, ball=True))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_trial_has_the_palm_where_the_search_had_it_for_either_hand(side: Side) -> None:
+    """Scenarios are written for the right hand: of a left one the mirror image."""
+    spec, scenario = load_spec(side=side), load_scenario("lemon")[0]
+    there = replace(candidate((0.02, 0.03, 0.1), 0.4), retreat=np.array([0.01, 0.02, 0.1]))
+    stage = make_stage(scenario, load_protocol("table_pick"), side, Path())
+    there = replace(there, position=there.position + stage.things[0].position)
+    written = candidate_scenario(there, GraspScene(spec, stage), scenario)
+    assert written.side == side
+    again = make_stage(written, load_protocol("table_pick"), side, Path())
+    np.testing.assert_allclose(again.position, there.position + there.retreat, atol=1e-4)
+    np.testing.assert_allclose(matrix_from_quaternion(again.quaternion), there.rotation, atol=1e-3)
 
 
 def test_what_the_fingers_do_makes_no_grasp_another_one() -> None:
