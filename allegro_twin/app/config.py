@@ -14,8 +14,8 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.qb.config import QbSettings
 from allegro_twin.drivers.schunk.config import SchunkSettings
-from allegro_twin.files.assets import find_file
-from allegro_twin.files.schema import Positive, Settings, check_gravity, load_settings, parse_settings
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.files.schema import Positive, Settings, check_gravity, parse_settings
 from allegro_twin.hands.settings import HandSettings, LimitSettings, TaskSettings
 from allegro_twin.plugins import BACKENDS, CONTROLLERS
 from allegro_twin.recording.settings import ReplaySettings
@@ -64,9 +64,10 @@ def load_config(name: str | Path) -> RunConfig:
     """A config by path, or by its name in conf/; the card of a hand is looked for beside it, then where the process
     runs. Raises ConfigError with file, path, value and nearest key."""
     path = find_file(name, "config", "conf")
-    config = load_settings(RunConfig, path)
-    beside = path.parent / config.hand.model
-    if beside.suffix == ".yaml" and beside.is_file():
-        hand = config.hand.model_copy(update={"model": str(beside)})
-        return config.model_copy(update={"hand": hand})
-    return config
+    content = read_yaml(path)
+    hand = content.get("hand")
+    if isinstance(hand, Mapping) and isinstance(hand.get("model"), str):
+        beside = path.parent / hand["model"]
+        if beside.suffix == ".yaml" and beside.is_file():
+            content = content | {"hand": {**hand, "model": str(beside)}}
+    return parse_settings(RunConfig, content, str(path))

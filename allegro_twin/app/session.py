@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.environments.episode import EpisodeBackend
     from allegro_twin.learning.mpc.controller import MpcController
+    from allegro_twin.spec.thermal import ThermalData
 
 
 REACHED = 0.03
@@ -122,7 +123,7 @@ def perform(
             missed = _missed(rig, config, last, beside.motion)
             rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
             report = rig.trial.report() if rig.trial is not None else None
-            _concluded(viewers, report)
+            _concluded(viewers, report, rig.spec.thermal)
             notes += rig.device.warnings()
             notes += [] if planner is None else [planner.report(last.t)]
             notes += _became_of(rig)
@@ -291,12 +292,12 @@ def _drawn(
     return samples
 
 
-def _concluded(viewers: list[Any], report: TrialReport | None) -> None:
+def _concluded(viewers: list[Any], report: TrialReport | None, thermal: ThermalData | None) -> None:
     if viewers and report is not None:
         from allegro_twin.grasping.evaluation.rejudge import phase_results, report_markdown
 
         for viewer in viewers:
-            viewer.conclude(phase_results(report), report_markdown(report))
+            viewer.conclude(phase_results(report), report_markdown(report, thermal))
 
 
 def _look(rig: Rig) -> dict[str, Any]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find_file
-from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load_settings
+from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load_settings, parse_settings
 from allegro_twin.grasping.interchange.grasps import FARTHEST
 from allegro_twin.hands.library.entries import HAND
+from allegro_twin.hands.settings import with_card_side
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
 
@@ -283,8 +284,15 @@ class Scenario(Settings):
     hand: str = HAND
     """The model of hand whose grasp and palm these are, or its card; a relative path is the scenario's own."""
     side: Side = "right"
+    """Default: that of the hand's card; of a hand without one, right. Everything else is written for the right hand, of
+    which the left performs the mirror image."""
     wrist: Wrist
     protocol: str = "table_pick"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_card(cls, values: Any) -> Any:
+        return with_card_side(values, "hand")
 
     @model_validator(mode="after")
     def _ends(self) -> Scenario:
@@ -302,10 +310,10 @@ class Scenario(Settings):
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     """A scenario by path or name, and the file it came from."""
     path = find_file(name, "scenario", "scenarios", below=True)
-    scenario = load_settings(Scenario, path)
-    named = {"grasp": scenario.grasp, "hand": scenario.hand}
+    content = read_yaml(path)
+    named = {key: value for key in ("grasp", "hand") if isinstance(value := content.get(key), str)}
     own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
-    return scenario.model_copy(update=own), path
+    return parse_settings(Scenario, content | own, str(path)), path
 
 
 def turn_pushes(protocol: TrialProtocol, axis: int, sign: float) -> TrialProtocol:

@@ -13,6 +13,8 @@ from allegro_twin.types import Array, Vector
 
 FULL = 0.99
 """Of its torque limit: a joint that pushes so hard has no more to give."""
+FELL = 0.3
+"""m by which an object is lower than where it lay: it has left the table. One that tips over on it sinks by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,23 +100,36 @@ class TrialReport:
     phases: tuple[PhaseReport, ...]
     """From the reference on."""
     peak_torque: float
-    """The largest fraction of its limit that any joint used."""
+    """The largest fraction of its limit that any joint used, of those whose limit is known; NaN: of none it is."""
     lift: float
     """How far the object rose between the reference and the first check, m."""
     penetration: float
     """The deepest that object and hand are in each other from the reference on, m."""
     at_limit: Mapping[str, float]
-    """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more."""
+    """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more; NaN
+    where the limit is unknown."""
     sustained: Mapping[str, float] = field(default_factory=dict)
     """For every joint the share of its limit that it gives from the reference on, as the root of the mean square: what
-    warms a motor."""
+    warms a motor. NaN where the limit is unknown."""
     observed: ObservedType | None = field(default=None, compare=False)
     """The type of grasp that its contacts show while it holds; None: nobody looked at every contact."""
 
     @property
     def hottest(self) -> tuple[str, float]:
-        """The joint that sustains most, and the share of its limit."""
-        return max(self.sustained.items(), key=lambda each: each[1], default=("", 0.0))
+        """The joint that sustains most, and the share of its limit, of those whose limit is known; `""` and NaN: of
+        none it is."""
+        known = [each for each in self.sustained.items() if not np.isnan(each[1])]
+        return max(known, key=lambda each: each[1], default=("", float("nan")))
+
+    @property
+    def fell(self) -> bool:
+        """Whether the object fell off the table."""
+        return self.lift < -FELL
+
+    @property
+    def stall(self) -> float:
+        """The largest of `at_limit`, of the joints whose limit is known; NaN: of none it is."""
+        return _largest(np.array([*self.at_limit.values()]))
 
     @property
     def margin(self) -> float:
@@ -141,7 +156,7 @@ def judge(
 ) -> TrialReport:
     """Held means: at the end of every phase that checks, the object has moved no more than the rule's `drift` and
     `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
-    rose as the wrist did."""
+    rose as the wrist did. `torque_limit`: (n,), N·m; inf where it is unknown."""
     start = _last(seen.t, next(w.end for w in windows if w.name == rule.reference))
     position, angle = relative_motion(seen.palm, seen.thing, start)
     phases = []
@@ -157,11 +172,12 @@ def judge(
     )
     if not reason and rise < rule.lift - rule.drift:
         reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
-    used = np.abs(seen.torque) / torque_limit
-    after = used[start + 1 :] if start + 1 < len(used) else np.zeros((1, len(joints)))
-    share, warming = (after >= FULL).mean(axis=0), np.sqrt(np.square(after).mean(axis=0))
+    known = np.where(np.isfinite(torque_limit), 1.0, np.nan)
+    used = np.abs(seen.torque) / torque_limit * known
+    after = used[start + 1 :] if start + 1 < len(used) else np.zeros((1, len(joints))) * known
+    share, warming = (after >= FULL).mean(axis=0) * known, np.sqrt(np.square(after).mean(axis=0))
     return TrialReport(
-        not reason, reason, tuple(phases), float(used.max()), rise, _deepest(seen.penetration[start:]),
+        not reason, reason, tuple(phases), _largest(used), rise, _deepest(seen.penetration[start:]),
         dict(zip(joints, map(float, share), strict=True)), dict(zip(joints, map(float, warming), strict=True)),
     )  # fmt: skip
 
@@ -207,6 +223,12 @@ def _phase(
         window.check,
         bool(margin >= 0.0 and not seen.on_table[end] and seen.contact_force[end].any()),
     )
+
+
+def _largest(values: Array) -> float:
+    """Of those that are no NaN; NaN where all are, or there is none."""
+    known = values[~np.isnan(values)]
+    return float(known.max()) if len(known) else float("nan")
 
 
 def _deepest(penetration: Array) -> float:

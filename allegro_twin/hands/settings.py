@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.files.schema import PerJoint, Settings
+from allegro_twin.hands.description.specs import card_side
 from allegro_twin.spec import Side
 
 FASTEST_LIMIT = 60.0
@@ -20,12 +22,27 @@ def _rad_per_second(limit: PerJoint) -> PerJoint:
     return limit
 
 
+def with_card_side(values: Any, key: str) -> Any:
+    """Settings before they are read, with the side of the card that the key names where they give none: a card is of
+    one side."""
+    if not isinstance(values, Mapping) or "side" in values or not isinstance(values.get(key), str):
+        return values
+    side = card_side(values[key])
+    return values if side is None else {**values, "side": side}
+
+
 class HandSettings(Settings):
     model: str = "allegro"
     """Model of hand, or of arm."""
     side: Side = "right"
+    """Default: that of the hand's card; of a hand without one, right."""
     serial: str = ""
     """File in conf/hands with what was measured on this very hand."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_card(cls, values: Any) -> Any:
+        return with_card_side(values, "model")
 
 
 class EpisodeSettings(Settings):

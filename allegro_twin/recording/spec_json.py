@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ from allegro_twin.spec import Actuation, Finger, HandSpec
 from allegro_twin.spec.arm import ArmSpec, Load, Slowing
 from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import frozen
 
 _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness", "velocity_limit", "torque_rate")
@@ -37,10 +39,11 @@ def spec_to_json(spec: HandSpec) -> dict[str, Any]:
 
 
 def spec_from_json(content: dict[str, Any]) -> HandSpec:
-    drive = content.get("drive")
+    drive, thermal = content.get("drive"), content.get("thermal")
     kind = HandSpec if "arm" not in content else partial(ArmSpec, **_arm_from(content["arm"]))
     return kind(
         drive=None if drive is None else Drive.from_values(drive, len(content["joints"])),
+        thermal=None if thermal is None else ThermalData(**thermal),
         model=content["model"],
         side=content["side"],
         serial=content["serial"],
@@ -60,8 +63,10 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
 
 
 def _optional_entries(spec: HandSpec) -> dict[str, Any]:
-    """Entries that only hands without a torque motor on every joint, and arms, have."""
+    """Entries that only some hands have: without a torque motor on every joint, with thermal data; and arms."""
     content: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
+    if spec.thermal is not None:
+        content["thermal"] = asdict(spec.thermal)
     if isinstance(spec, ArmSpec):
         load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}
         content["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}

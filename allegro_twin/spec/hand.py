@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.spec.coupled_joints import CoupledJoint, CoupledTable, coupled_tables
 from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import Array, Vector, frozen
 
 Side: TypeAlias = Literal["right", "left"]
@@ -102,6 +103,8 @@ class HandSpec:
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     drive: Drive | None = None
     """Effects of its drive beyond `actuation`; None: none."""
+    thermal: ThermalData | None = None
+    """How its motors warm; None: unknown."""
     card: str = ""
     """The path of the card that describes it, where no name does."""
     postures: Mapping[str, Vector] = field(default_factory=dict)

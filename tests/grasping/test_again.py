@@ -36,7 +36,7 @@ def test_a_recorded_trial_has_the_same_verdict_again(trial: tuple[object, Path])
     assert again == report
     assert again is not None
     assert phase_results(again) == {"hold": True, "turn": True, "shake": True}
-    assert report_markdown(again).startswith("**held**\n")
+    assert report_markdown(again, recording.spec.thermal).startswith("**held**\n")
 
 
 @pytest.mark.slow

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.can.virtual.motor_heat import MotorHeat, seconds_until
-from allegro_twin.grasping.evaluation.rejudge import motor_load
+from allegro_twin.drivers.can.virtual.motor_heat import MotorHeat
+from allegro_twin.grasping.evaluation.rejudge import motor_load, report_markdown, write_reports
 from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge, relative_motion
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.spec.thermal import ThermalData
+from allegro_twin.surfaces.cli.console import phases, summary
+from allegro_twin.types import Vector
+
+ALLEGRO = load_spec().thermal
 
 WINDOWS = (
     PhaseWindow("squeeze", 0.0, 1.0, False),
@@ -18,6 +26,7 @@ WINDOWS = (
 )
 T = np.arange(0, 3001) * 0.001
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+LIMIT = np.full(16, 0.5)
 
 
 def observations(**changes: Any) -> Observations:
@@ -33,14 +42,14 @@ def observations(**changes: Any) -> Observations:
     return Observations(**(values | changes))
 
 
-def verdict(seen: Observations, *, throughout: bool = False) -> TrialReport:
+def verdict(seen: Observations, *, throughout: bool = False, limit: Vector = LIMIT) -> TrialReport:
     return judge(
         seen,
         WINDOWS,
         Rule("squeeze", drift=0.01, rotation=15.0, lift=0.15, throughout=throughout),
         parts=("index", "thumb"),
         joints=[f"joint_{number}" for number in range(16)],
-        torque_limit=np.full(16, 0.5),
+        torque_limit=limit,
     )
 
 
@@ -82,20 +91,67 @@ def test_the_joint_that_warms_most_is_named_with_its_root_mean_square_and_how_lo
     joint, share = report.hottest
     assert joint == "joint_3"  # Half of the time all, and a fifth in the other half: more than 60 % all the time.
     assert share == pytest.approx(np.sqrt((1.0 + 0.04) / 2.0), abs=0.002)
-    assert motor_load(report) == "joint_3 sustains 72 % of its limit: 60 °C after 293 s (estimated)"
+    source = "(estimated; thermal data assumed, for nothing is published)"
+    assert motor_load(report, ALLEGRO)[1] == f"joint_3 sustains 72 % of its limit: 60 °C after 293 s {source}"
     eased = verdict(observations(torque=np.full((len(T), 16), 0.3)))
-    assert motor_load(eased).endswith("sustains 60 % of its limit: never 60 °C (estimated)")
+    assert motor_load(eased, ALLEGRO)[1].endswith(f"sustains 60 % of its limit: never 60 °C {source}")
+
+
+def test_of_a_hand_without_thermal_data_only_the_share_is_said() -> None:
+    said = motor_load(verdict(observations()), None)
+    assert said == ["no joint at its torque limit", "joint_0 sustains 20 % of its limit (no thermal data of this hand)"]
+
+
+def test_of_an_object_that_left_the_table_no_millimetres_are_said() -> None:
+    seen = observations()
+    seen.thing[T > 1.0, 2] = -7.9
+    report = verdict(seen)
+    assert report.fell
+    table = phases("cube", report, None)
+    assert str(table.caption).startswith("it left the table and fell, ")
+    assert list(table.columns[1].cells) == ["gone", "gone"]
+    assert not verdict(observations()).fell
+
+
+def test_where_no_effort_is_known_nothing_is_said_of_load_or_heat(tmp_path: Path) -> None:
+    report = verdict(observations(), limit=np.full(16, np.inf))
+    assert report.held
+    assert np.isnan([report.peak_torque, report.stall, report.hottest[1], *report.at_limit.values()]).all()
+    assert motor_load(report, ALLEGRO) == ["effort unknown: nothing can be said of load or heat"]
+    for text in (report_markdown(report, ALLEGRO), str(phases("ball", report, ALLEGRO).caption)):
+        assert "effort unknown" in text
+        assert "%" not in text.replace("100 % of the drift limits left", "")
+    assert list(summary({("ball", "right"): report}, {"ball": "pinch"}, "").columns[-1].cells) == ["–"]
+    write_reports(tmp_path / "report.json", {"ball": report})
+    text = (tmp_path / "report.json").read_text()
+    assert "NaN" not in text
+    trial = json.loads(text)["trials"]["ball"]
+    assert (trial["peak_torque"], set(trial["at_limit"].values()), set(trial["sustained"].values())) == (
+        None, {None}, {None}
+    )  # fmt: skip
+
+
+def test_a_joint_of_unknown_effort_is_named_and_the_others_are_judged() -> None:
+    torque, limit = np.full((len(T), 16), 0.1), LIMIT.copy()
+    torque[:, 3], limit[3] = 5.0, np.inf
+    report = verdict(observations(torque=torque), limit=limit)
+    assert [report.peak_torque, report.stall] == pytest.approx([0.2, 0.0])
+    joint, share = report.hottest
+    assert joint == "joint_0"
+    assert share == pytest.approx(0.2)
+    assert motor_load(report, None)[-1] == "effort of joint_3 unknown: nothing can be said of its load"
 
 
 @pytest.mark.parametrize("share", [0.75, 0.9, 1.0])
 def test_the_time_to_a_temperature_is_that_of_the_motor_that_is_simulated(share: float) -> None:
-    motor = MotorHeat(np.array([2.0]), 0.01)
+    thermal = ThermalData(70.0, 90.0, "a test")
+    motor = MotorHeat(np.array([2.0]), thermal, 0.01)
     seconds = 0.0
     while motor.temperature[0] < 60.0:
         motor.warm([np.array([2.0 * share])] * motor.steps)
         seconds += 0.01 * motor.steps
-    assert seconds == pytest.approx(seconds_until(60.0, share), abs=0.3)
-    assert np.isinf(seconds_until(60.0, 0.7))
+    assert seconds == pytest.approx(thermal.seconds_until(60.0, share), abs=0.3)
+    assert np.isinf(thermal.seconds_until(60.0, 0.7))
 
 
 def test_a_slip_that_comes_back_counts_where_limits_hold_throughout() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
 from typing import Any, get_args
@@ -17,6 +18,7 @@ from allegro_twin.control.motion_feedforward import MotionFeedforward
 from allegro_twin.controller import Controller
 from allegro_twin.grasping import uncertainty
 from allegro_twin.grasping.batch import trials
+from allegro_twin.grasping.batch.batched_trials import Verdict
 from allegro_twin.grasping.batch.trial_loop import TrialLoop
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
@@ -371,6 +373,25 @@ def test_pushes_of_one_grasp_stay_side_by_side_where_there_are_more_than_go_side
     found = list(bench.verdicts([*case.directions(), *other.directions()]))
     assert set(steps) == {1, 6}
     assert [verdict.report for verdict in found[:6]] == [verdict.report for verdict in found[6:]]
+
+
+def test_of_a_hand_whose_models_are_large_fewer_trials_go_side_by_side(
+    bench: TrialRunner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+
+    def run_trials(made: Sequence[Trial], *_: Any, **__: Any) -> list[Verdict]:
+        counts.append(len(made))
+        return []
+
+    monkeypatch.setattr(trials, "run_trials", run_trials)
+    case = load_case({"scenario": "lemon"}, bench.spec)
+    cases = [replace(case, grasp=replace(case.grasp)) for _ in range(5)]
+    assert not [*bench.verdicts(cases)]
+    monkeypatch.setattr(trials, "MEMORY", 1000)
+    monkeypatch.setattr(trials, "FEWEST", 2)
+    assert not [*bench.verdicts(cases)]
+    assert counts == [5, 2, 2, 1]
 
 
 @pytest.mark.long

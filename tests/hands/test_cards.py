@@ -13,12 +13,18 @@ from allegro_twin import Hand
 from allegro_twin.app import load_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
+from allegro_twin.grasping.scenario import Scenario, load_scenario
 from allegro_twin.gym import HandEnv
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library, home_posture, load_posture, posture_names
+from allegro_twin.hands.settings import HandSettings
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.sim.hand_import.adapt import read_mjcf
 from allegro_twin.sim.hand_import.explore import explore_hand
 from allegro_twin.sim.model.scene import hand_spec
+from allegro_twin.spec import Side
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.twin import mirror_recording
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
 from tests.surfaces.cli.wrong import built
@@ -197,6 +203,8 @@ def changed(card: dict[str, Any], **blocks: Any) -> dict[str, Any]:
     return card | blocks
 
 
+LIMP = "controller: {kind: position}\n"
+WRIST = {"position": [0, 0, 0.1], "facing": [0, 0, -1], "fingers": [1, 0, 0], "retreat": [0, 0, 0.1]}
 DRIVEN = {"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0}
 CARDS: dict[str, dict[str, Any]] = {
     "followers: right: 'lft' is none of what is driven: left": {
@@ -210,6 +218,7 @@ CARDS: dict[str, dict[str, Any]] = {
     },
     "postures: home has 2 values; 1 are driven": {"postures": {"home": [0.0, 0.0]}},
     "postures: open: left is 0.1, outside -0.02 … 0.03": {"postures": {"open": [0.1]}},
+    "thermal.rise: input should be greater than 0": {"thermal": {"rise": 0, "time_constant": 20.0, "source": "x"}},
     "must not be parallel": {"palm": {"facing": [1, 0, 0], "fingers": [2, 0, 0]}},
     "driven.0.actuatr: unknown key; did you mean 'actuator'": {"driven": [DRIVEN | {"actuatr": "x"}]},
 }
@@ -236,9 +245,42 @@ def test_a_card_that_names_what_its_file_does_not_have_says_the_nearest(tmp_path
             hand_spec(load_spec(str(path)))
 
 
+def test_a_cards_thermal_data_are_the_hands_and_stay_in_its_recordings(tmp_path: Path) -> None:
+    path = made("gripper", tmp_path)
+    assert load_spec(str(path)).thermal is None
+    block = {"rise": 40.0, "time_constant": 20.0, "source": "data sheet"}
+    write_settings(path, changed(yaml.safe_load(path.read_text()), thermal=block), "gripper")
+    spec = load_spec(str(path))
+    assert spec.thermal == ThermalData(40.0, 20.0, "data sheet")
+    assert spec_from_json(spec_to_json(spec)).thermal == spec.thermal
+    assert load_spec("leap").thermal is None
+
+
+def test_a_card_of_a_left_hand_is_a_left_hand_wherever_no_side_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = made("gripper", tmp_path / "mine")
+    write_settings(path, changed(yaml.safe_load(path.read_text()), side="left"), "gripper")
+    name = str(path)
+    scenario = {"objects": [{"name": "lemon"}], "grasp": "g", "hand": name, "wrist": WRIST}
+    read = HandSettings(model=name), EnvSettings(hand=name), Scenario.model_validate(scenario)
+    assert {load_spec(name).side, *(each.side for each in read)} == {"left"}
+    assert {load_spec().side, HandSettings().side, HandSettings(model="leap").side, EnvSettings().side} == {"right"}
+    (tmp_path / "mine" / "config.yaml").write_text("hand: {model: gripper.yaml}\nbackend: {kind: sim}\n" + LIMP)
+    assert load_config(tmp_path / "mine" / "config.yaml").hand.side == "left"
+    write_settings(tmp_path / "mine" / "lemon.yaml", scenario | {"hand": "gripper.yaml"}, "lemon")
+    assert load_scenario(tmp_path / "mine" / "lemon.yaml")[0].side == "left"
+    monkeypatch.chdir(tmp_path)
+    command("hand", "show", "mine/gripper.yaml")
+    assert "gripper_left" in capsys.readouterr().out
+
+
 def test_the_other_side_of_a_card_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is a right hand; hand.side is left"):
-        load_spec(str(made("gripper", tmp_path)), "left")
+    path = str(made("gripper", tmp_path))
+    sides: tuple[Side, ...] = ("left", HandSettings(model=path, side="left").side)
+    for side in sides:
+        with pytest.raises(ConfigError, match="is a right hand; hand.side is left"):
+            load_spec(path, side)
 
 
 def _file(folder: Path, text: str) -> Path:

@@ -11,10 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
+from allegro_twin.grasping.plan.candidate import check_efforts
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
+from allegro_twin.grasping.plan.improve import GraspImprovement
 from allegro_twin.grasping.plan.parallel import run_searches
 from allegro_twin.grasping.plan.proposals.close_in_geometry import FINE, close_fingers, motor_scale
 from allegro_twin.grasping.plan.proposals.opposition import (
@@ -27,7 +31,7 @@ from allegro_twin.grasping.plan.proposals.opposition import (
 from allegro_twin.grasping.plan.proposals.poses import PoseGuesses, SurfaceSample, closing_directions, guess_poses
 from allegro_twin.grasping.plan.proposals.propose import OVERLAP, Proposer, could_hold, fit_palm
 from allegro_twin.grasping.plan.save import save_grasps
-from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, check_efforts
+from allegro_twin.grasping.plan.search import GraspSearch, RoundSize, SearchBudget, search_symmetry
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import AS_IT_IS, SEARCHED, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
@@ -35,7 +39,7 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.library import load_posture
+from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.sim.engine.backend import SimBackend
@@ -255,12 +259,31 @@ def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its
     performer = FingerGains(load_gains("default", spec), hand_kinematics(spec).gravity_torque)
     passed = [each.candidate for each in close_candidates(bench, proposed, performer, 0.8, random) if each.passed]
     assert passed
-    prover = GraspValidator(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)
+    prover = GraspValidator(
+        bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), search_symmetry(search)
+    )
     (path,) = save_grasps(
         [PlannedGrasp(passed[0], *prover.as_files(passed[0], AS_IT_IS))], "lemon", tmp_path / "plans", spec
     )
     assert "hand: ../mine/gripper.yaml" in path.read_text()
     assert Path(hand_name({"scenario": path})).resolve() == card.resolve()
+
+
+@pytest.mark.slow
+def test_a_left_hand_by_its_card_is_planned_for_and_what_is_written_is_judged_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    card = made("gripper", tmp_path / "mine")
+    write_settings(card, yaml.safe_load(card.read_text()) | {"side": "left"}, "gripper")
+    spec = load_spec("mine/gripper.yaml")
+    (planned,) = search_of(spec, "lemon", RoundSize(guessed=8, closed=4, drawn=1)).run(1, SearchBudget(400))
+    (path,) = save_grasps([planned], "lemon", tmp_path / "plans", spec)
+    assert load_scenario(path)[0].side == "left"
+    again = load_spec(hand_name({"scenario": path}))
+    (verdict,) = TrialRunner(again).verdicts([load_case({"scenario": path}, again)])
+    assert verdict.report is not None
+    assert verdict.report.margin == planned.margin
 
 
 @pytest.mark.long
@@ -295,6 +318,10 @@ def test_a_hand_of_unknown_effort_is_not_planned_for(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("effort: 20.0", "effort: unknown"))
     with pytest.raises(ConfigError, match=r"gripper.yaml: the effort of all motors is unknown, so nobody could say"):
         check_efforts(load_spec(str(path)))
+    scenario, _ = load_scenario("lemon")
+    search = GraspImprovement(scenario, load_grasp(scenario.grasp, load_spec()), load_spec(str(path)))
+    with pytest.raises(ConfigError, match="the effort of all motors is unknown"):
+        search.run()
     check_efforts(load_spec("leap"))
 
 

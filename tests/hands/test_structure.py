@@ -198,6 +198,10 @@ def test_a_hand_of_unknown_efforts_runs_and_says_so(
     assert "effort unknown of all motors" in capsys.readouterr().out.replace("\n", " ")
     assert "The effort of every motor" in Path("mine/strong.md").read_text()
     assert np.isinf(load_spec("mine/strong.yaml").actuation.torque_limit).all()
+    built()(["hand", "show", "mine/strong.yaml"], standalone_mode=False)
+    shown = capsys.readouterr().out
+    assert shown.count("unknown") == 5
+    assert " inf " not in shown
     with Hand.open("mine/sim_strong.yaml") as hand:
         hand.move_to([0.0, 0.4, 0.4, 0.3, 0.3], speed=2.0)
         np.testing.assert_allclose(hand.state.position, [0.0, 0.4, 0.4, 0.3, 0.3], atol=0.05)

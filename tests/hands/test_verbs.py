@@ -26,10 +26,10 @@ from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.batch.trials import TrialRunner, load_case
+from allegro_twin.grasping.plan.candidate import check_efforts, object_symmetry
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.save import save_grasps
-from allegro_twin.grasping.plan.search import check_efforts
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import AS_IT_IS, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol
@@ -139,7 +139,7 @@ def plan(tried: Tried) -> None:
             break
     else:
         raise ConfigError("none of 64 candidates holds")
-    prover = GraspValidator(bench, scenario, spec, templates, Path(), 0, Uncertainty(), None)
+    prover = GraspValidator(bench, scenario, spec, templates, Path(), 0, Uncertainty(), object_symmetry(bench.placed))
     for number, each in enumerate(passed[:8]):
         planned = PlannedGrasp(each.candidate, *prover.as_files(each.candidate, AS_IT_IS))
         (tried.scenario,) = save_grasps([planned], THING, tried.folder / f"plans_{number}", spec)

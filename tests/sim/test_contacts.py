@@ -112,6 +112,13 @@ def test_the_row_of_a_report_has_every_figure(spec: HandSpec) -> None:
     )
 
 
+def test_where_an_effort_is_unknown_no_share_of_it_is_in_the_row(spec: HandSpec) -> None:
+    model, data, touch = seen(spec)
+    limit = np.append(spec.actuation.torque_limit[:-1], np.inf)
+    row = contact_metrics(touch, MASS, contact_jacobians(model, data, spec, touch), limit)
+    assert np.isnan(row["torque_share"])
+
+
 def test_an_object_that_nothing_touches_has_a_row_too(spec: HandSpec) -> None:
     model, data = on_the_palm(spec)
     data.qpos[model.joint("cube").qposadr[0] + 2] += 0.5

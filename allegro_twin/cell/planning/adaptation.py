@@ -31,10 +31,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import (
     Candidate,
+    ObjectSymmetry,
     candidate_grasp,
     candidate_scenario,
-    is_different,
     limit_squeeze,
+    palm_distance,
 )
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE
@@ -273,7 +274,7 @@ class AdaptationSearch:
             if found == self._settings.closed or looked == _LOOKED * self._settings.closed:
                 return
             weak = not self._spec.followers and candidate.score < -_STRONG
-            if weak or not is_different(candidate, self._shown, None, _APART, _TURNED):
+            if weak or any(self._same_palm(candidate, other) for other in self._shown):
                 continue
             self._shown.append(candidate)
             looked += 1
@@ -282,6 +283,10 @@ class AdaptationSearch:
                 found += 1
                 self.reached += 1
                 yield candidate
+
+    def _same_palm(self, one: Candidate, other: Candidate) -> bool:
+        far, turned = palm_distance(one, other, ObjectSymmetry(np.array(self._bench.placed.position)))
+        return far < _APART and turned < np.radians(_TURNED)
 
     def _drawn(self, candidates: Sequence[Candidate]) -> list[tuple[int, Candidate, Grasp]]:
         """The best in a few draws for all, those that held most last: how many held, candidate, and grasp."""

@@ -28,7 +28,7 @@ from allegro_twin.grasping.scenario import (
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import TrialReport
-from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.description.specs import card_side, load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
@@ -46,7 +46,10 @@ AXES = {f"{sign}{axis}": (k, value) for k, axis in enumerate("xyz") for sign, va
 PERIOD = 0.003
 """s, the hand's."""
 WIDTH = 64
-"""Trials side by side: more gain nothing, and cost memory (2 MB each)."""
+"""Trials side by side at most: more gain nothing, and cost memory."""
+MEMORY, FEWEST = 384_000_000, 8
+"""Bytes that their models take at most, two for each trial, but for so few trials: that of a hand with many fine meshes
+takes 15 MB (the Allegro Hand's 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,11 +100,12 @@ class TrialRunner:
         stems = _stems(cases)
         first = 0
         while first < len(cases):
-            end = first + WIDTH
+            scenes = CompiledScenes(self.spec)
+            trials = [self.trial(cases[first], scenes)]
+            end = first + min(WIDTH, max(FEWEST, MEMORY // (2 * trials[0].backend.model.nbuffer)))
             while end < len(cases) and end > first + 1 and stems[end] == stems[end - 1]:
                 end -= 1  # What is pushed in several ways is tried together.
-            scenes = CompiledScenes(self.spec)
-            trials = [self.trial(case, scenes) for case in cases[first:end]]
+            trials += [self.trial(case, scenes) for case in cases[first + 1 : end]]
             controllers = [self.controller(trial) for trial in trials]
             yield from run_trials(
                 trials, controllers, self.limits, threads=self._threads, measure=measure, stop_early=stop_early,
@@ -169,7 +173,8 @@ def run_cases(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> 
     specs: dict[tuple[str, Side], HandSpec] = {}
     serial = shared.get("serial", "")
     for index, item in enumerate(items):
-        hand, side = hand_name(item), item.get("side", "right")
+        hand = hand_name(item)
+        side: Side = item.get("side") or card_side(hand) or "right"
         spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
         case = load_case(item, spec)
         gains = protocol_gains(case.ruled.gains or shared.get("gains"), spec)
@@ -258,5 +263,5 @@ def _numbers(report: TrialReport | None) -> dict[str, float]:
         "penetration_mm": 1000.0 * report.penetration,
         "contacts": float(np.mean([phase.contacts for phase in checks])) if checks else nan,
         "torque_share": report.peak_torque,
-        "stall": max(report.at_limit.values()),
+        "stall": report.stall,
     }

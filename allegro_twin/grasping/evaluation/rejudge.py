@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.drivers.can.virtual.motor_heat import seconds_until
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.grasping.verdict import Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import Array
 from allegro_twin.version import __version__
 
@@ -45,8 +45,8 @@ def phase_results(report: TrialReport) -> dict[str, bool]:
     return {phase.name: phase.held for phase in report.phases if phase.check}
 
 
-def report_markdown(report: TrialReport) -> str:
-    """A few lines of Markdown."""
+def report_markdown(report: TrialReport, thermal: ThermalData | None) -> str:
+    """A few lines of Markdown. `thermal`: of the hand."""
     lines = ["**held**" if report.held else f"**not held**: {report.reason}", ""]
     for phase in report.phases:
         if phase.check:
@@ -54,8 +54,9 @@ def report_markdown(report: TrialReport) -> str:
                 f"- {phase.name}: {'held' if phase.held else 'not held'}, moved {phase.drift * 1000:.1f} mm and "
                 f"{phase.rotation:.1f}° in the hand{limits_left(phase.margin)}"
             )
-    lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled_joints(report)}")
-    lines.append(f"- {motor_load(report)}")
+    if not np.isnan(report.peak_torque):
+        lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit")
+    lines += [f"- {said}" for said in motor_load(report, thermal)]
     return "\n".join([*lines, f"- at most {report.penetration * 1000:.1f} mm in each other"])
 
 
@@ -79,20 +80,40 @@ WARM = 60.0
 """°C from which the guard gives less."""
 
 
-def motor_load(report: TrialReport) -> str:
-    """The joint that sustains most, and how long its motor bears that, by the assumed thermal model."""
+def motor_load(report: TrialReport, thermal: ThermalData | None) -> list[str]:
+    """Statements on what the motors give: those that push at their limit; the joint that sustains most, and how long
+    its motor bears that, by the hand's thermal data; and of which joints neither can be said."""
     joint, share = report.hottest
-    seconds = seconds_until(WARM, share)
+    unknown = [name for name, value in report.sustained.items() if np.isnan(value)]
+    if not report.sustained or not joint:
+        return ["effort unknown: nothing can be said of load or heat"] if unknown else ["no load was measured"]
+    said = [stalled_joints(report), f"{joint} sustains {100 * share:.0f} % of its limit{_bears(share, thermal)}"]
+    return said + ([f"effort of {', '.join(unknown)} unknown: nothing can be said of its load"] if unknown else [])
+
+
+def _bears(share: float, thermal: ThermalData | None) -> str:
+    if thermal is None:
+        return " (no thermal data of this hand)"
+    seconds = thermal.seconds_until(WARM, share)
     bears = f"{WARM:.0f} °C after {seconds:.0f} s" if np.isfinite(seconds) else f"never {WARM:.0f} °C"
-    return f"{joint} sustains {100 * share:.0f} % of its limit: {bears} (estimated)" if joint else "no joint is loaded"
+    return f": {bears} (estimated; thermal data {thermal.source})"
+
+
+def _finite(value: Any) -> Any:
+    """The same content with None for every NaN and infinity, which JSON does not have."""
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def write_reports(path: Path, reports: dict[str, TrialReport]) -> None:
-    """All verdicts with their margins as one JSON file."""
+    """All verdicts with their margins as one JSON file; null where something is unknown."""
     content = {
         "allegro_twin": __version__,
         "engine": ENGINE,
-        "trials": {name: asdict(report) for name, report in reports.items()},
+        "trials": _finite({name: asdict(report) for name, report in reports.items()}),
     }
     with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, default=dict))
+        temporary.write_text(json.dumps(content, indent=1, default=dict, allow_nan=False))

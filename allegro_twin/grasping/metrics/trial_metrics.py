@@ -38,8 +38,9 @@ def contact_metrics(
     edges: int = EDGES,
 ) -> dict[str, float]:
     """`contacts`, `fingers` (parts that touch), `penetration_mm`, `epsilon`, `volume`, `lp`, `qp`, `carry` (N) and,
-    with Jacobians (k, 6, n) and torque limits (n,), `torque_share`: the columns of a report. `mass`: kg, of which the
-    weight points `down` in the world. Raises ConfigError without SciPy."""
+    with Jacobians (k, 6, n) and torque limits (n,), `torque_share`: the columns of a report. A limit that is
+    unknown is inf, and the share then NaN. `mass`: kg, of which the weight points `down` in the world. Raises
+    ConfigError without SciPy."""
     all_of_them = contacts_in_scene(touch, friction)
     found, load = grasp_quality(all_of_them, edges), weight_load(mass, down)
     row = {
@@ -53,7 +54,9 @@ def contact_metrics(
         "carry": float(least_normal_force(all_of_them, load, edges)[0]),
     }
     if jacobians is not None and limit is not None:
-        row["torque_share"] = least_effort(all_of_them, jacobians, limit, load, edges).share
+        known = np.isfinite(limit).all()
+        share = least_effort(all_of_them, jacobians, limit, load, edges).share if known else float("nan")
+        row["torque_share"] = share
     return row
 
 
@@ -63,7 +66,8 @@ NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
 
 def trial_metrics(trial: Trial, data: Any) -> dict[str, float]:
     """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. `least_torque` is NaN
-    for a hand with joints that nobody drives: springs decide there, too. Raises ConfigError without SciPy."""
+    for a hand with joints that nobody drives, for springs decide there, too, and where the effort of a motor is
+    unknown. Raises ConfigError without SciPy."""
     model, spec = trial.backend.model, trial.backend.spec
     touch = find_contacts(model, data, spec, trial.scenario.objects[0].name)
     columns = None if spec.followers else contact_jacobians(model, data, spec, touch)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from allegro_twin.grasping.scenario import Scenario, Wrist
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.entries import Grip, LatchGrip
 from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
 from allegro_twin.sim.objects.catalogue import PlacedObject
@@ -55,25 +56,44 @@ class Candidate:
         return "above" if down > np.cos(np.radians(30.0)) else "side" if abs(down) < 0.5 else "oblique"
 
 
-def pose_distance(first: Candidate, second: Candidate, symmetry: Array | None = None) -> tuple[float, float]:
-    """How far two palms are from each other, m and rad. `symmetry`: rotations (k, 3, 3) about the world's origin that
-    leave the object as it is; the nearest image counts."""
-    turns = np.eye(3)[None] if symmetry is None else symmetry
-    positions = np.linalg.norm(turns @ second.position - first.position, axis=1)
-    cosines = (np.einsum("kij,ij->k", turns @ second.rotation, first.rotation) - 1.0) / 2.0
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectSymmetry:
+    """Where an object is, and the turns about the vertical through it that leave it there as it is."""
+
+    centre: Array
+    """Its middle, (3,), m, world."""
+    turns: Array = field(default_factory=lambda: np.eye(3)[None])
+    """Rotations, (k, 3, 3); the identity is one."""
+    ball: bool = False
+    """Whether any turn leaves it as it is: a sphere, where no table says which way is up."""
+
+
+def palm_distance(first: Candidate, second: Candidate, symmetry: ObjectSymmetry) -> tuple[float, float]:
+    """How far two palms are from each other in the world, m and rad; of the object's images the nearest counts: which
+    places a search has looked at, and the arm reaches."""
+    away = symmetry.turns @ (second.position - symmetry.centre) - (first.position - symmetry.centre)
+    positions = np.linalg.norm(away, axis=1)
+    cosines = (np.einsum("kij,ij->k", symmetry.turns @ second.rotation, first.rotation) - 1.0) / 2.0
     angles = np.arccos(np.clip(cosines, -1.0, 1.0))
     best = int(np.argmin(positions / 0.02 + angles / np.radians(20.0)))
     return float(positions[best]), float(angles[best])
 
 
-def is_different(
-    candidate: Candidate, others: list[Candidate], symmetry: Array | None = None,
-    metres: float = 0.02, degrees: float = 20.0,
-) -> bool:  # fmt: skip
-    """Whether a candidate is 2 cm or 20° from every other one."""
+def grasp_distance(first: Candidate, second: Candidate, symmetry: ObjectSymmetry) -> tuple[float, float]:
+    """How far two grasps are from each other: by how much its middle moves in the palm's frame
+    from the one to the other, m, which no turn about that middle changes; and by how much the palm turns, rad, of the
+    object's images the nearest. What the fingers do does not count."""
+    there, here = (each.rotation.T @ (symmetry.centre - each.position) for each in (first, second))
+    cosines = (np.einsum("kij,ij->k", symmetry.turns @ second.rotation, first.rotation) - 1.0) / 2.0
+    turned = 0.0 if symmetry.ball else float(np.arccos(np.clip(cosines.max(), -1.0, 1.0)))
+    return float(np.linalg.norm(there - here)), turned
+
+
+def is_different(candidate: Candidate, others: list[Candidate], symmetry: ObjectSymmetry) -> bool:
+    """Whether a candidate is 2 cm or 20° from every other one, by `grasp_distance`."""
     for other in others:
-        far, turned = pose_distance(candidate, other, symmetry)
-        if far < metres and turned < np.radians(degrees):
+        far, turned = grasp_distance(candidate, other, symmetry)
+        if far < 0.02 and turned < np.radians(20.0):
             return False
     return True
 
@@ -82,19 +102,20 @@ ROUND = 36
 """Turns that stand for any turn of something round: every 10°, half of what makes grasps different."""
 
 
-def object_symmetry(placed: PlacedObject) -> Array:
-    """Rotations about the vertical through the object, (k, 3, 3), which leave it where it stands as it is: those of a
-    cylinder or a sphere, of a box, and no other than none of a mesh."""
+def object_symmetry(placed: PlacedObject) -> ObjectSymmetry:
+    """On a table: of a body of revolution that stands on its axis, and of a sphere, any turn about the vertical; of a
+    box and of what lies, two or four; of a mesh, none."""
     thing = placed.thing
     _w, x, y, _z = placed.quaternion
     upright = abs(x) < 1e-6 and abs(y) < 1e-6
+    vertical = np.abs(matrix_from_quaternion(np.array(placed.quaternion))[2]) > 1.0 - 1e-6
     match thing.shape:
         case "sphere":
             count = ROUND
         case "cylinder":
-            count = ROUND if upright else 2
+            count = ROUND if vertical[2] else 2
         case "ellipsoid":
-            count = 2
+            count = ROUND if vertical[0] or np.isclose(thing.size[0], thing.size[1]) else 2  # Its x is its axis.
         case "box":
             half = thing.half_extents()
             square = np.isclose(*sorted(half)[:2]) if not upright else np.isclose(half[0], half[1])
@@ -104,7 +125,7 @@ def object_symmetry(placed: PlacedObject) -> Array:
     angles = 2.0 * np.pi * np.arange(count) / count
     c, s, zero, one = np.cos(angles), np.sin(angles), np.zeros(count), np.ones(count)
     turns: Array = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
-    return turns
+    return ObjectSymmetry(np.array(placed.position), turns)
 
 
 DIGITS = 4
@@ -112,15 +133,22 @@ DIGITS = 4
 
 
 def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
-    """The scenario with the candidate's palm."""
-    away = candidate.position - bench.begun
+    """The scenario with the candidate's palm, as scenarios have it: of a left hand the mirror image."""
+    mirror, away = as_written(bench.spec), candidate.position - bench.begun
     wrist = Wrist.model_validate(
         {
-            "position": round_vector(away), "facing": round_vector(candidate.rotation[:, 0]),
-            "fingers": round_vector(candidate.rotation[:, 2]), "retreat": round_vector(candidate.retreat),
+            "position": round_vector(mirror * away), "facing": round_vector(mirror * candidate.rotation[:, 0]),
+            "fingers": round_vector(mirror * candidate.rotation[:, 2]),
+            "retreat": round_vector(mirror * candidate.retreat),
         }
     )  # fmt: skip
-    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference})
+    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference, "side": bench.spec.side})
+
+
+def as_written(spec: HandSpec) -> Vector:
+    """Factors, (3,), on a vector of the world, which make it what a scenario says: it is written for the right hand,
+    and a left one performs the mirror image."""
+    return np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
 
 
 def candidate_grasp(
@@ -150,6 +178,19 @@ def round_vector(vector: Array) -> tuple[float, float, float]:
 
 SHARE = 0.9
 """Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
+
+
+def check_efforts(spec: HandSpec) -> None:
+    """Raise ConfigError for a hand of which the effort of a motor is unknown: a grasp could rest on a torque that no
+    motor gives."""
+    limits = spec.actuation.torque_limit
+    unknown = [name for name, limit in zip(spec.joints, limits, strict=True) if np.isinf(limit)]
+    if unknown:
+        which = "all motors" if len(unknown) == len(limits) else ", ".join(unknown)
+        raise ConfigError(
+            f"{spec.card or spec.name}: the effort of {which} is unknown, so nobody could say what a grasp may ask of "
+            "the hand: write the maker's figure, N·m, as `effort` into the card"
+        )
 
 
 def check_stiffness(spec: HandSpec) -> None:

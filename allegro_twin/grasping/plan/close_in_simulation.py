@@ -71,7 +71,8 @@ def close_candidates(
     run.close()
     run.squeeze()
     run.move([WristSegment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
-    run.move([WristSegment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
+    around = -np.pi if bench.spec.side == "left" else np.pi  # As the left hand performs a protocol.
+    run.move([WristSegment(TURNING, _along(5, around), np.zeros(6))], "turn")
     return [
         ClosingOutcome(candidate, not why, why or "passed", float(reached))
         for candidate, why, reached in zip(run.candidates, run.why, run.reached, strict=True)

@@ -14,6 +14,7 @@ from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import (
     SHARE,
+    check_efforts,
     check_stiffness,
     limit_squeeze,
     rest_positions,
@@ -117,7 +118,7 @@ def _made(bench: TrialRunner, items: Sequence[Mapping[str, Any]], rules: Any, fo
         if report is None:
             yield VariantResult(held=False, margin=0.0, stall=1.0, sustained=1.0)
         else:
-            yield VariantResult(report.held, report.margin, max(report.at_limit.values()), report.hottest[1])
+            yield VariantResult(report.held, report.margin, report.stall, report.hottest[1])
 
 
 def _checked(row: Mapping[str, Any]) -> VariantResult:
@@ -177,7 +178,8 @@ class GraspImprovement:
 
     def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> ImprovementResult:
         """Search, and compare. `tell`: the round and the best share of draws held in it. Raises HandError, also where
-        nothing holds with what joints may sustain."""
+        nothing holds with what joints may sustain, or the effort of a motor is unknown."""
+        check_efforts(self.spec)
         check_stiffness(self.spec)
         first = GraspVariant(self.scenario, self.grasp)
         random, scale = np.random.default_rng(self.seed), 1.0

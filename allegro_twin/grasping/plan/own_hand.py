@@ -13,7 +13,7 @@ from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.calibration import load_wiring
-from allegro_twin.hands.description.specs import hand_side, load_spec
+from allegro_twin.hands.description.specs import card_path, hand_side, load_spec
 from allegro_twin.spec import HandSpec
 
 WIDEST = 0.3
@@ -31,7 +31,11 @@ def twin_to_plan_for(hand: str, twin: str) -> PlannedHand:
     """A model of hand with the motors, friction and limits of a file that `identify` has written. Motors of a draw give
     more or less by up to the 95 % interval of the torque constant, of the median joint, WIDEST at most. Its drive's
     delay, play and encoders are left out: no trial of a plan has them. Raises ConfigError for a file without
-    intervals, and for one of a left hand."""
+    intervals, for one of a left hand, and for a hand that is described by a card."""
+    if (card := card_path(hand)) is not None:
+        raise ConfigError(
+            f"--twin: {card} is the hand's only file: write what was measured into it, and leave out --twin"
+        )
     path = find_file(twin, "hand", "conf/hands")
     basis = read_yaml(path).get("identified")
     interval = basis.get("interval") if isinstance(basis, Mapping) else None

@@ -11,9 +11,9 @@ import numpy as np
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import round_posture
+from allegro_twin.grasping.plan.candidate import as_written, round_posture
 from allegro_twin.grasping.plan.proposals.opposition import THUMB
-from allegro_twin.grasping.scenario import Scenario, load_protocol
+from allegro_twin.grasping.scenario import EdgePush, Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, pushed_until
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
@@ -71,9 +71,13 @@ def with_push(scenario: Scenario, spec: HandSpec, folder: Path = Path()) -> Scen
             f"object {name}: pushed until its centre of mass is {1000 * KEPT:.0f} mm from the edge, "
             f"{1000 * max(out, 0.0):.0f} mm of it would stand out; a grasp needs {1000 * STANDING_OUT:.0f} mm"
         )
-    begin = palm - middle - (BEHIND, 0.0, 0.0)
+    begin = as_written(spec) * (palm - middle - (BEHIND, 0.0, 0.0))
     wrist = {"position": np.round(begin, 4).tolist(), "facing": FACING, "fingers": FINGERS, "retreat": (0, 0, RAISED)}
-    push = {"distance": round(far + BEHIND, 4), "wrist": wrist, "posture": posture.tolist()}
+    push = {
+        "distance": round(far + BEHIND, 4),
+        "wrist": wrist,
+        "posture": (posture if spec.side == "right" else spec.mirror_posture(posture)).tolist(),
+    }
     return Scenario.model_validate(scenario.model_dump() | {"push": push})
 
 
@@ -129,7 +133,7 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
     for _ in trial.watched(until(pushed_until(trial.windows), run(trial.backend, controller))):
         pass
     pose = trial.latest()["object"]
-    wanted = np.add(before.position, (scenario.push.distance - BEHIND, 0.0, 0.0))
+    wanted = pushed_to(scenario.push, np.array(before.position))
     astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), tilt_along_push(np.array(before.quaternion), pose[3:])
     if astray > ASTRAY or tilt > TILTED:
         raise ConfigError(
@@ -138,6 +142,12 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
         )
     placed = PlacedObject(before.thing, tuple(pose[:3].tolist()), tuple(pose[3:].tolist()))
     return replace(stage, things=[placed, *stage.things[1:]])
+
+
+def pushed_to(push: EdgePush, begun: Array) -> Array:
+    """Where the middle of an object is to come, (3,), m, that is at `begun`, (3,), m, before the push."""
+    place: Array = begun + np.array([push.distance - BEHIND, 0.0, 0.0])
+    return place
 
 
 def tilt_along_push(before: Array, after: Array) -> float:

@@ -13,8 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.control.controllers import Gains
-from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry
+from allegro_twin.grasping.plan.candidate import (
+    Candidate,
+    ObjectSymmetry,
+    check_efforts,
+    is_different,
+    object_symmetry,
+)
 from allegro_twin.grasping.plan.close_in_simulation import (
     ClosingOutcome,
     FingerGains,
@@ -25,7 +30,7 @@ from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE, FINE
 from allegro_twin.grasping.plan.proposals.poses import Random
 from allegro_twin.grasping.plan.proposals.propose import Proposer
 from allegro_twin.grasping.plan.proposals.refine import Population
-from allegro_twin.grasping.plan.pushing import pushed_stage
+from allegro_twin.grasping.plan.pushing import pushed_stage, pushed_to
 from allegro_twin.grasping.plan.region import GraspRegion
 from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
@@ -36,8 +41,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.model.scene import Stage
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.spec import HandSpec, Side
 
 FEW, ELITE = 4, 10
 """Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
@@ -161,7 +165,7 @@ class GraspSearch:
         at_first, stage = self._stages(protocol)
         return Proposer(
             GraspScene(self.spec, stage, at_first.things[0].position), self.templates,
-            protocol.friction or self.scenario.friction, _turns(protocol), random,
+            protocol.friction or self.scenario.friction, _turns(protocol, self.spec.side), random,
             FINE if protocol.floating else COARSE, self.region, gains,
         )  # fmt: skip
 
@@ -198,7 +202,9 @@ class _Rounds:
         )  # fmt: skip
         self._proposed, self._elite = self._proposer.fresh(), list[Candidate]()
         closed, evolves = self._effort.closed, self._proposer.gains is not None
-        self._population = Population(self._proposer, self._prover.turns, max(4, 2 * closed // 3)) if evolves else None
+        self._population = (
+            Population(self._proposer, self._prover.symmetry, max(4, 2 * closed // 3)) if evolves else None
+        )
         self._full = max(1, closed // 2 if evolves else closed)
         """Candidates that physics closes in a whole round."""
         self._dearest = self._longest = 0.0
@@ -309,30 +315,22 @@ class _Rounds:
         kept = list[Candidate]()
         taken = [option.candidate for option in self._prover.options if option.confirmed and option.good]
         for candidate in sorted(passed, key=lambda c: -c.score):
-            if is_different(candidate, [*taken, *kept], self._prover.turns):
+            if is_different(candidate, [*taken, *kept], self._prover.symmetry):
                 kept.append(candidate)
         return kept
 
 
-def check_efforts(spec: HandSpec) -> None:
-    """Raise ConfigError for a hand of which the effort of a motor is unknown: a grasp could rest on a torque that no
-    motor gives."""
-    limits = spec.actuation.torque_limit
-    unknown = [name for name, limit in zip(spec.joints, limits, strict=True) if np.isinf(limit)]
-    if unknown:
-        which = "all motors" if len(unknown) == len(limits) else ", ".join(unknown)
-        raise ConfigError(
-            f"{spec.card or spec.name}: the effort of {which} is unknown, so nobody could say what a grasp may ask of "
-            "the hand: write the maker's figure, N·m, as `effort` into the card"
-        )
-
-
-def search_symmetry(search: GraspSearch) -> Array | None:
-    """Turns that make a grasp no other one; in the air, and at a table's edge, every pose of the palm is its own."""
-    protocol = load_protocol(search.scenario.protocol)
-    if protocol.floating or search.scenario.edge is not None:
-        return None
-    return object_symmetry(make_stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
+def search_symmetry(search: GraspSearch) -> ObjectSymmetry:
+    """Turns of the object that make a grasp no other one, where the hand grasps it. At a table's edge there are none;
+    in the air a ball has no way up."""
+    scenario, protocol = search.scenario, load_protocol(search.scenario.protocol)
+    placed = make_stage(scenario, protocol, search.spec.side, search.folder).things[0]
+    found = object_symmetry(placed)
+    if protocol.floating:
+        return replace(found, ball=placed.thing.shape == "sphere")
+    if scenario.edge is not None:
+        return ObjectSymmetry(found.centre if scenario.push is None else pushed_to(scenario.push, found.centre))
+    return found
 
 
 def _settled(closed: list[Candidate], outcomes: list[ClosingOutcome]) -> list[Candidate]:
@@ -346,9 +344,9 @@ def _furthest(outcomes: list[ClosingOutcome]) -> list[Candidate]:
     return [outcome.candidate for outcome in order]
 
 
-def _turns(protocol: TrialProtocol) -> list[float]:
+def _turns(protocol: TrialProtocol, side: Side) -> list[float]:
     """Palm's angles about its z, rad, through which the protocol turns it: before, half and all of it."""
-    most = sum(phase.turn[2] for phase in protocol.phases)
+    most = sum(phase.turn[2] for phase in protocol.phases) * (-1.0 if side == "left" else 1.0)
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
 
 

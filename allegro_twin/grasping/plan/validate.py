@@ -16,6 +16,7 @@ from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import (
     SHARE,
     Candidate,
+    ObjectSymmetry,
     candidate_grasp,
     candidate_scenario,
     is_different,
@@ -31,7 +32,6 @@ from allegro_twin.hands.library.library import is_of_type
 from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
 
 RUNGS = (2, 4, 8, 16, 32)
 """Draws: everybody gets the first so many, and the better half of those on a rung goes on to the next one."""
@@ -126,8 +126,8 @@ class GraspValidator:
     folder: Path
     seed: int
     uncertainty: Uncertainty
-    turns: Array | None
-    """Rotations that leave the object as it is; None where every pose counts as its own."""
+    symmetry: ObjectSymmetry
+    """Turns of the object that make a grasp no other one."""
     region: GraspRegion | None = None
     """Where more than half of the contact force has to be."""
     kind: int | str | None = None
@@ -190,11 +190,11 @@ class GraspValidator:
 
     def best(self, n: int) -> list[PlannedGrasp]:
         """Those that hold in the whole trial, apart from each other, best first."""
-        return best_grasps([option for option in self.options if option.confirmed], n, self.turns)
+        return best_grasps([option for option in self.options if option.confirmed], n, self.symmetry)
 
     def ranked(self, options: Sequence[PlannedGrasp], n: int) -> list[PlannedGrasp]:
         """The best of each place, of those that have not failed."""
-        return best_grasps([option for option in options if option.confirmed is not False], n, self.turns)
+        return best_grasps([option for option in options if option.confirmed is not False], n, self.symmetry)
 
     def unsure(self) -> list[Candidate]:
         """Those of the best whose variations may be better."""
@@ -244,7 +244,7 @@ class GraspValidator:
             self.ends[where] += 1
             if verdict.report is not None:
                 option.show(verdict.report.observed)
-                option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+                option.margin, option.stall = verdict.report.margin, verdict.report.stall
                 option.sustained = verdict.report.hottest[1]
             option.confirmed = where == "held"  # Last: an interruption leaves none that is half judged.
         self._spent("whole", len(cases), began)
@@ -279,11 +279,11 @@ def judge_planned(
         each.judged, each.judged_held = len(split), held
 
 
-def best_grasps(options: Sequence[PlannedGrasp], n: int, turns: Array | None) -> list[PlannedGrasp]:
-    """So many, best first, each apart from those before it. `turns`: rotations that leave the object as it is."""
+def best_grasps(options: Sequence[PlannedGrasp], n: int, symmetry: ObjectSymmetry) -> list[PlannedGrasp]:
+    """So many, best first, each apart from those before it."""
     kept: list[PlannedGrasp] = []
     for option in sorted(options, key=lambda o: (-o.expected, -o.candidate.score)):
-        if len(kept) < n and is_different(option.candidate, [k.candidate for k in kept], turns):
+        if len(kept) < n and is_different(option.candidate, [k.candidate for k in kept], symmetry):
             kept.append(option)
     return kept
 
@@ -309,7 +309,7 @@ def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> 
         if option.confirmed:
             option.show(reports[0].observed)
             option.margin = min(report.margin for report in reports)
-            option.stall = max(max(report.at_limit.values()) for report in reports)
+            option.stall = max(report.stall for report in reports)
             option.sustained = max(report.hottest[1] for report in reports)
     held = [option for option in options if option.confirmed]
     prover.ends["pushed out"] += len(options) - len(held)

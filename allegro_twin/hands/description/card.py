@@ -15,6 +15,7 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaterni
 from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.coupled_joints import CoupledJoint
 from allegro_twin.spec.hand import aliases
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import frozen
 
 Triple = tuple[float, float, float]
@@ -59,6 +60,20 @@ class FingerCard(Settings):
     """Driven joints, from the palm outward; a finger may share one with others."""
     tip: tuple[str, Triple]
     """The body that ends it, and the fingertip's centre in that body's frame, m."""
+
+
+class ThermalCard(Settings):
+    """How the motors warm: T' = (T_room + rise (effort / most)² − T) / time_constant."""
+
+    rise: Annotated[float, Field(gt=0.0)]
+    """K above the room that full effort leads to in the end."""
+    time_constant: Annotated[float, Field(gt=0.0)]
+    """s."""
+    source: Annotated[str, Field(min_length=1)]
+    """Where the two are from: a data sheet, a measurement, an assumption. It is printed with what follows from them."""
+
+    def data(self) -> ThermalData:
+        return ThermalData(self.rise, self.time_constant, self.source)
 
 
 class WristCard(Settings):
@@ -114,6 +129,8 @@ class HandCard(Settings):
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     touching: tuple[tuple[str, str], ...] = ()
     """Pairs of bodies of the MJCF that touch at rest, and are let through each other in simulation."""
+    thermal: ThermalCard | None = None
+    """How the motors warm; None: unknown, and nothing is said of temperatures."""
     servos: dict[str, Any] | None = None
     """Settings of a hand of servos on a serial line; docs/reference/dynamixel.md."""
     line: dict[str, Any] | None = None
@@ -184,6 +201,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         commands=card.commands,
         apart=card.apart,
         postures={name: frozen(posture) for name, posture in card.postures.items()},
+        thermal=None if card.thermal is None else card.thermal.data(),
         followers=tuple(
             CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),

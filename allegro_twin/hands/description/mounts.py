@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import field_validator
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find_file
+from allegro_twin.files.assets import data_root, find_file
 from allegro_twin.files.schema import Positive, Settings, load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
@@ -89,7 +89,14 @@ class HandMount:
 
 
 def load_mount(hand: HandSpec, name: str | Path = "") -> HandMount:
-    """The mount of a hand: its model's own, or another by name or path. Raises ConfigError for one of another hand."""
+    """The mount of a hand: its model's own, or another by name or path. Raises ConfigError for one of another hand, and
+    for a hand that has none."""
+    if not name and not (data_root() / "conf" / "mounts" / f"{hand.model}.yaml").is_file():
+        own = ", ".join(sorted(file.stem for file in (data_root() / "conf" / "mounts").glob("*.yaml")))
+        raise ConfigError(
+            f"{hand.model_reference} has no mount on an arm's flange, so it is no hand for the cell: take one of "
+            f"{own}; plan and run pick with a hand of your own without an arm (docs/how-to/pick_with_your_hand.md)"
+        )
     path = find_file(name or hand.model, "mount", "conf/mounts")
     settings = load_settings(MountSettings, path)
     if settings.hand != hand.model:

@@ -13,12 +13,14 @@ import numpy as np
 from allegro_twin._lazy import entry_points_of
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.hands.description import arms, facts
 from allegro_twin.hands.description.calibration import HIDDEN, NOMINAL, NOTHING, Version, load_wiring
-from allegro_twin.hands.description.card import spec_from_card
-from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
+from allegro_twin.hands.description.card import ThermalCard, spec_from_card
+from allegro_twin.spec import SIDES, Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.spec.hand import aliases
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import Vector, frozen
 
 GROUP = "allegro_twin.hands"
@@ -28,16 +30,19 @@ _ACTUATION = (*_MOTOR, "torque_limit", "stiffness")
 
 def load_spec(
     model: str = "allegro",
-    side: Side = "right",
+    side: Side | None = None,
     serial: str = "",
     version: Version | None = None,
     over: Mapping[str, Any] = NOTHING,
 ) -> HandSpec:
     """The spec of a hand, or of an arm: nominal, or with what conf/hands/<serial>.yaml says of that very hand.
 
+    `side`: None is that of the hand's card, and of a hand without one the right.
+
     `version` is the hand's, where its file does not say; it decides how much torque its driver lets through. `over`
     overrides the file key by key. Raises ConfigError that names the file and the key.
     """
+    side = side or card_side(model) or "right"
     if model in arms.arm_names():
         return _arm(model, side, serial)
     its = hand_side(serial) if serial else None
@@ -64,6 +69,7 @@ def load_spec(
         foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
         commands=_commands(model),
         drive=_drive(len(joints), serial, over),
+        thermal=_thermal(model, serial, over),
     )
 
 
@@ -107,6 +113,17 @@ def installed_hands() -> tuple[str, ...]:
 def card_path(model: str) -> Path | None:
     """The card of a model of hand, by its name or path; None: its name is one of our own, described by facts."""
     return None if facts.has_facts(model) else _card_path(model)
+
+
+def card_side(model: str) -> Side | None:
+    """The side of a hand as its card says it; None for a hand without one, and where the card cannot be read:
+    `load_spec` says why."""
+    try:
+        path = None if model in arms.arm_names() else card_path(model)
+        side = None if path is None else read_yaml(path).get("side", "right")
+    except ConfigError:
+        return None
+    return next((each for each in SIDES if each == side), None)
 
 
 def _card_path(model: str) -> Path:
@@ -230,6 +247,16 @@ def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
         except ConfigError as error:
             raise ConfigError(f"{where}: drive{error}") from error
     return Drive.from_values(values, n_joints) if values else None
+
+
+def _thermal(model: str, serial: str, over: Mapping[str, Any]) -> ThermalData | None:
+    """The `thermal` block of the model, or of the hand's own file in its place; None: neither has one."""
+    found: ThermalData | None = None
+    nominal = _nominal(model)
+    for where, table in ((str(nominal), read_yaml(nominal)), *_own(serial, over)):
+        if "thermal" in table:
+            found = parse_settings(ThermalCard, table["thermal"], f"{where}: thermal").data()
+    return found
 
 
 def _own(serial: str, over: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -370,7 +370,7 @@ def load_start_states(
     """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
     `model`: of hand, by name or card. Raises ConfigError
     without a cache, and for a hand whose fingertips hold nothing."""
-    spec = load_spec(model, side="right")
+    spec = load_spec(model)
     kind = search.of(spec)
     name = file_name(thing, kind, wanted, spec)
     path = data_root() / "conf" / "starts" / name
@@ -379,7 +379,7 @@ def load_start_states(
         if not path.is_file():
             write_start_states(thing, path, kind, wanted, spec)
     found = _read(path)
-    return found if side == "right" else _mirror(found, spec)
+    return found if side == spec.side else _mirror(found, spec)
 
 
 def write_start_states(

@@ -51,11 +51,11 @@ def _named(model: mujoco.MjModel) -> list[str]:
 
 
 def hand_fingerprint(spec: HandSpec) -> str:
-    """Of one hand: all that its spec says, its MJCF and the URDF by which its own weight is carried.
-    Where these files lie does not count. Raises ConfigError."""
+    """Of one hand: all that its spec says but how its motors warm, on which no simulation depends; its MJCF and the
+    URDF by which its own weight is carried. Where these files lie does not count. Raises ConfigError."""
     models = data_root() / "models"
     files = [models / "mjcf" / f"{spec.name}.xml", models / "urdf" / f"{spec.name}.urdf"]
     if spec.foreign is not None:
         files = [find_mjcf(spec)]
     foreign = None if spec.foreign is None else replace(spec.foreign, mjcf="")
-    return fingerprint(replace(spec, card="", foreign=foreign), files)
+    return fingerprint(replace(spec, card="", foreign=foreign, thermal=None), files)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from allegro_twin.learning.training.report import Comparison
     from allegro_twin.learning.training.settings import Recipe
     from allegro_twin.spec import HandSpec
+    from allegro_twin.spec.thermal import ThermalData
     from allegro_twin.surfaces.hand.grasps import GraspOutcome
     from allegro_twin.twin.identify.motions.limits import FoundLimits
     from allegro_twin.types import HandState
@@ -66,6 +67,15 @@ def growing(table: Table) -> Iterator[Callable[[], None]]:
         console.print(table)
 
 
+GONE_DISTANCE = 1000.0
+"""mm in the palm: beyond them an object is gone, and the number means nothing."""
+
+
+def millimetres(distance: float) -> str:
+    """A distance of an object in the palm, m, in mm; `gone` beyond GONE_DISTANCE."""
+    return "gone" if 1000.0 * distance > GONE_DISTANCE else f"{1000.0 * distance:.1f}"
+
+
 def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str, str], engine: str) -> Table:
     """One row for each trial: verdict and margins."""
     held = sum(report.held for report in reports.values())
@@ -83,7 +93,7 @@ def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str,
             side,
             grasps[scenario],
             "[green]yes[/]" if report.held else "[red]no[/]",
-            f"{max(phase.drift for phase in checks) * 1000:.1f}" if checks else "",
+            millimetres(max(phase.drift for phase in checks)) if checks else "",
             f"{max(phase.rotation for phase in checks):.1f}" if checks else "",
             f"{report.penetration * 1000:.1f}" if report.phases else "",
             *((f"{force:.1f}" for force in forces) if checks else [""] * len(parts)),
@@ -146,13 +156,14 @@ def search_summary(search: GraspSearch, seeds: int, found: Sequence[PlannedGrasp
 
 
 def _stalls(report: TrialReport) -> str:
-    """Share of time that the most loaded joint spends at its torque limit."""
-    share = max(report.at_limit.values(), default=0.0)
-    return f"{share:.0%}" if share >= 0.005 else ""
+    """Share of time that the most loaded joint spends at its torque limit; – where no limit is known."""
+    if math.isnan(report.stall):
+        return "–" if report.at_limit else ""
+    return f"{report.stall:.0%}" if report.stall >= 0.005 else ""
 
 
-def phases(title: str, report: TrialReport) -> Table:
-    """One row for each phase of a trial."""
+def phases(title: str, report: TrialReport, thermal: ThermalData | None) -> Table:
+    """One row for each phase of a trial. `thermal`: of the hand."""
     table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held:[/] ' + report.reason}")
     parts = list(report.phases[0].contact_force) if report.phases else []
     for name in ("phase", "drift mm", "largest mm", "turn °", *(f"{part} N" for part in parts), "held"):
@@ -160,15 +171,16 @@ def phases(title: str, report: TrialReport) -> Table:
     for phase in report.phases:
         forces = [f"{value:.1f}" for value in phase.contact_force.values()]
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
-        numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
+        numbers = (millimetres(phase.drift), millimetres(phase.largest_drift), f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import limits_left, motor_load, stalled_joints
+    from allegro_twin.grasping.evaluation.rejudge import limits_left, motor_load
 
     kind = report.observed
     acts = "" if kind is None else f"\n{kind}: {kind.virtual_fingers or kind.why}; {kind.carries}"
+    rose = "it left the table and fell" if report.fell else f"lifted {report.lift * 1000:.0f} mm"
     table.caption = (
-        f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other"
-        f"{limits_left(report.margin)}; {stalled_joints(report)}; {motor_load(report)}{acts}"
+        f"{rose}, at most {report.penetration * 1000:.1f} mm in each other"
+        f"{limits_left(report.margin)}; {'; '.join(motor_load(report, thermal))}{acts}"
     )
     return table
 
@@ -231,7 +243,8 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     for k, name in enumerate(mine.joints):
         limit = (model.lower[k], model.upper[k], mine.lower[k] + margin, mine.upper[k] - margin)
         motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
-        table.add_row(name, mine.joint_labels[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
+        numbers = ("unknown" if math.isinf(v) else f"{v:.4f}" for v in motor)
+        table.add_row(name, mine.joint_labels[k], *(f"{v:+.3f}" for v in limit), *numbers)
     return table
 
 

@@ -10,7 +10,7 @@ from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.hands.description.specs import hand_side, is_hand_model
+from allegro_twin.hands.description.specs import card_side, hand_side, is_hand_model
 
 
 def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
@@ -20,6 +20,7 @@ def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> Run
     blocks: dict[str, Any] = {}
     if hand is not None and is_hand_model(hand):
         blocks |= {"model": hand, "serial": ""}
+        side = side or card_side(hand)
     elif hand is not None:
         blocks["serial"] = hand
         side = side or hand_side(hand)

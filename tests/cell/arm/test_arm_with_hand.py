@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import Load
 from allegro_twin.types import frozen
+from tests.hands.models import made
 
 HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_hand_model(path.stem))
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -233,6 +235,14 @@ def test_a_hand_on_another_hands_flange_is_one_line_with_the_way_out() -> None:
         make_arm_with_hand("fer", load_spec(), mount="qb_softhand")
     with pytest.raises(ConfigError, match="no mount named 'alegro'; did you mean 'allegro'"):
         make_arm_with_hand("fer", load_spec(), mount="alegro")
+
+
+def test_a_hand_of_a_card_is_no_hand_for_the_cell(tmp_path: Path) -> None:
+    spec = load_spec(str(made("gripper", tmp_path)))
+    with pytest.raises(
+        ConfigError, match=r"gripper.yaml has no mount .* take one of allegro, leap, .* plan and run pick"
+    ):
+        load_mount(spec)
 
 
 def test_a_left_hands_load_is_the_mirror_image() -> None:

@@ -13,16 +13,26 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.quality import imbalance
-from allegro_twin.grasping.plan.candidate import Candidate, is_different, object_symmetry, pose_distance
+from allegro_twin.grasping.plan.candidate import (
+    Candidate,
+    ObjectSymmetry,
+    candidate_scenario,
+    grasp_distance,
+    is_different,
+    object_symmetry,
+    palm_distance,
+)
 from allegro_twin.grasping.plan.proposals.close_in_geometry import close_fingers, metric_contacts
 from allegro_twin.grasping.plan.proposals.poses import guess_poses, sample_placed_surface, sample_surface
 from allegro_twin.grasping.plan.proposals.propose import weight_loads
 from allegro_twin.grasping.plan.templates import grasp_templates
-from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
+from allegro_twin.spec import SIDES, Side
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from allegro_twin.types import Array
 
@@ -108,17 +118,69 @@ def test_an_mjcf_has_no_surface_to_look_at() -> None:
     ],
 )
 def test_an_object_has_the_turns_that_leave_it_as_it_is(name: str, count: int) -> None:
-    assert len(object_symmetry(PlacedObject(load_object(name), (0.0, 0.0, 0.0), UPRIGHT))) == count
+    assert len(object_symmetry(PlacedObject(load_object(name), (0.0, 0.0, 0.0), UPRIGHT)).turns) == count
+
+
+def test_a_lemon_that_stands_on_its_tip_has_any_turn_and_so_has_a_can_on_its_head() -> None:
+    half = float(np.sqrt(0.5))
+    for name, quaternion in (("lemon", (half, 0.0, -half, 0.0)), ("tomato_soup_can", (0.0, 1.0, 0.0, 0.0))):
+        assert len(object_symmetry(PlacedObject(load_object(name), (0.0, 0.0, 0.0), quaternion)).turns) == 36
 
 
 def test_the_same_grasp_from_another_side_of_a_can_is_no_other_grasp() -> None:
     can = object_symmetry(PlacedObject(load_object("tomato_soup_can"), (0.0, 0.0, 0.0), UPRIGHT))
     here, there = candidate((0.1, 0.0, 0.1)), candidate((0.0, 0.1, 0.1), np.pi / 2)
-    assert is_different(there, [here])
+    assert is_different(there, [here], ObjectSymmetry(np.zeros(3)))
     assert not is_different(there, [here], can)
-    far, turned = pose_distance(here, there, can)
+    for distance in (grasp_distance, palm_distance):
+        far, turned = distance(here, there, can)
+        assert far < 1e-9
+        assert turned < 1e-6
+
+
+def test_a_long_palm_that_leans_by_a_few_degrees_over_the_same_ball_is_no_other_grasp() -> None:
+    """Its origin, 0.21 m above the ball, moves by 26 mm; the ball stays where it was in the palm."""
+    ball = object_symmetry(PlacedObject(load_object("tennis_ball"), (0.0, 0.0, 0.033), UPRIGHT))
+    above, tilt, spin = candidate((0.0, 0.0, 0.243)), np.radians(7.0), np.radians(64.0)
+    lean = np.array([[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]])
+    yaw = np.array([[np.cos(spin), -np.sin(spin), 0.0], [np.sin(spin), np.cos(spin), 0.0], [0.0, 0.0, 1.0]])
+    turn = yaw @ lean
+    leaning = replace(above, position=ball.centre + turn @ (0.0, 0.0, 0.21), rotation=turn @ above.rotation)
+    assert palm_distance(leaning, above, ball)[0] > 0.02
+    far, turned = grasp_distance(leaning, above, ball)
     assert far < 1e-9
-    assert turned < 1e-6
+    assert np.degrees(turned) == pytest.approx(7.0, abs=3.0)  # The yaw is told in steps of 10°.
+    assert not is_different(leaning, [above], ball)
+    assert is_different(leaning, [above], ObjectSymmetry(ball.centre))
+
+
+def test_from_above_and_from_the_side_a_ball_is_grasped_differently_on_a_table_and_alike_in_the_air() -> None:
+    ball = object_symmetry(PlacedObject(load_object("tennis_ball"), (0.0, 0.0, 0.0), UPRIGHT))
+    above, over = candidate((0.0, 0.0, 0.1)), np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    side = replace(above, position=over @ above.position, rotation=over @ above.rotation)
+    assert is_different(side, [above], ball)
+    assert not is_different(side, [above], replace(ball, ball=True))
+    further = replace(side, position=1.3 * side.position)
+    assert is_different(further, [above], replace(ball, ball=True))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_trial_has_the_palm_where_the_search_had_it_for_either_hand(side: Side) -> None:
+    """Scenarios are written for the right hand: of a left one the mirror image."""
+    spec, scenario = load_spec(side=side), load_scenario("lemon")[0]
+    there = replace(candidate((0.02, 0.03, 0.1), 0.4), retreat=np.array([0.01, 0.02, 0.1]))
+    stage = make_stage(scenario, load_protocol("table_pick"), side, Path())
+    there = replace(there, position=there.position + stage.things[0].position)
+    written = candidate_scenario(there, GraspScene(spec, stage), scenario)
+    assert written.side == side
+    again = make_stage(written, load_protocol("table_pick"), side, Path())
+    np.testing.assert_allclose(again.position, there.position + there.retreat, atol=1e-4)
+    np.testing.assert_allclose(matrix_from_quaternion(again.quaternion), there.rotation, atol=1e-3)
+
+
+def test_what_the_fingers_do_makes_no_grasp_another_one() -> None:
+    here = candidate((0.1, 0.0, 0.1))
+    assert not is_different(replace(here, close=here.close + 1.0), [here], ObjectSymmetry(np.zeros(3)))
 
 
 @given(st.integers(0, 10_000))

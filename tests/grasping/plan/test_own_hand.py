@@ -17,6 +17,7 @@ from allegro_twin.grasping.plan.own_hand import WIDEST, twin_to_plan_for
 from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
+from tests.hands.models import made
 
 
 def own(path: Path, half: float = 0.04, side: str = "right") -> Path:
@@ -44,6 +45,14 @@ def test_a_file_without_intervals_and_a_left_hand_are_refused(tmp_path: Path) ->
         twin_to_plan_for("allegro", str(plain))
     with pytest.raises(ConfigError, match="is of a left hand"):
         twin_to_plan_for("allegro", str(own(tmp_path / "left.yaml", side="left")))
+
+
+def test_a_card_has_no_file_beside_it(tmp_path: Path) -> None:
+    card = made("gripper", tmp_path)
+    with pytest.raises(
+        ConfigError, match=r"^--twin: .*gripper.yaml is the hand's only file: write .* leave out --twin"
+    ):
+        twin_to_plan_for(str(card), str(own(tmp_path / "mine.yaml")))
 
 
 def test_parallel_searches_are_of_the_same_hand_with_the_same_draws(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.grasping.metrics.preload import GripForces, Preload
-from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
+from allegro_twin.grasping.plan.candidate import Candidate, ObjectSymmetry, palm_distance
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.proposals.close_in_geometry import EXACT, meet_exactly, metric_contacts
 from allegro_twin.grasping.plan.proposals.propose import (
@@ -32,6 +32,7 @@ from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 SPEC = load_spec()
 GAINS = load_gains("default", SPEC)
 TURNS = (0.0, np.pi / 2.0, np.pi)
+HERE = ObjectSymmetry(np.array([0.0, 0.0, 0.05]))
 
 
 def proposer(thing: str, seed: int = 0) -> Proposer:
@@ -50,7 +51,7 @@ def begun() -> tuple[Proposer, list[Candidate]]:
 @pytest.fixture(scope="module")
 def evolved(begun: tuple[Proposer, list[Candidate]]) -> Population:
     known, found = begun
-    population = Population(known, None)
+    population = Population(known, HERE)
     population.evolve(found)
     return population
 
@@ -66,7 +67,7 @@ def test_what_evolves_needs_less_of_its_motors(begun: tuple[Proposer, list[Candi
 
 
 def test_a_part_of_a_round_has_that_part_of_its_generations(begun: tuple[Proposer, list[Candidate]]) -> None:
-    population, looks = Population(begun[0], None, kept=2), count()
+    population, looks = Population(begun[0], HERE, kept=2), count()
     assert population.evolve(begun[1][:1], lambda: next(looks) < 0, 2.5 / GENERATIONS)
     assert next(looks) == 3
 
@@ -74,7 +75,7 @@ def test_a_part_of_a_round_has_that_part_of_its_generations(begun: tuple[Propose
 @pytest.mark.slow
 def test_no_more_than_a_few_of_what_evolves_are_alike(evolved: Population) -> None:
     for first in evolved.elite:
-        near = [pose_distance(first, other) for other in evolved.elite]
+        near = [palm_distance(first, other, evolved.symmetry) for other in evolved.elite]
         alike = sum(far < 0.01 and turned < np.radians(10.0) for far, turned in near)  # Within half: of one leader.
         assert alike <= 3 * NICHE
 
@@ -133,7 +134,7 @@ def test_what_is_light_is_squeezed_with_two_fifths_of_the_motor_that_bears_most(
 def test_physics_closes_no_candidate_for_a_second_time_and_the_population_begins_anew_when_none_is_left(
     begun: tuple[Proposer, list[Candidate]],
 ) -> None:
-    population = Population(begun[0], None, elite=list(begun[1][:9]))
+    population = Population(begun[0], HERE, elite=list(begun[1][:9]))
     rounds = [population.take(4) for _ in range(4)]
     assert [len(each) for each in rounds] == [4, 4, 1, 0]
     assert len({each for taken in rounds for each in taken}) == 9
@@ -142,7 +143,7 @@ def test_physics_closes_no_candidate_for_a_second_time_and_the_population_begins
 
 def test_what_is_dropped_leaves_its_place_to_others(begun: tuple[Proposer, list[Candidate]]) -> None:
     first, second, third = begun[1][:3]
-    population = Population(begun[0], None, elite=[first, second, third])
+    population = Population(begun[0], HERE, elite=[first, second, third])
     population.drop([second])
     assert population.elite == [first, third]
 

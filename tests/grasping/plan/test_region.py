@@ -10,6 +10,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner, load_case
+from allegro_twin.grasping.plan.candidate import object_symmetry
 from allegro_twin.grasping.plan.proposals.propose import BATCH, Proposer
 from allegro_twin.grasping.plan.region import parse_region, to_object_frame
 from allegro_twin.grasping.plan.search import GraspSearch
@@ -97,7 +98,9 @@ def test_in_the_air_an_object_is_held_by_its_part_too(in_the_air: tuple[GraspSea
     inside, outside = parse_region("z>-1"), parse_region("z>1")
     bench = GraspScene(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path()))
     for by, kept in ((inside, 1), (outside, 0)):
-        prover = GraspValidator(bench, scenario, SPEC, search.templates, Path(), 0, Uncertainty(), None, by)
+        prover = GraspValidator(
+            bench, scenario, SPEC, search.templates, Path(), 0, Uncertainty(), object_symmetry(bench.placed), by
+        )
         validate_in_air(prover, [planned.candidate])
         assert len(prover.best(5)) == kept
 
@@ -108,7 +111,7 @@ def test_what_a_push_takes_away_is_not_returned() -> None:
     bench, known = GraspScene(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path())), grasp_templates(SPEC)
     opened = next(filter(None, Proposer(bench, known, 0.8, (0.0,), np.random.default_rng(0)).fresh()))
     opened = replace(opened, close=opened.preshape, squeeze=opened.preshape)
-    prover = GraspValidator(bench, scenario, SPEC, known, Path(), 0, Uncertainty(), None)
+    prover = GraspValidator(bench, scenario, SPEC, known, Path(), 0, Uncertainty(), object_symmetry(bench.placed))
     validate_in_air(prover, [opened])
     assert prover.best(5) == []
     assert prover.ends == {"pushed out": 1, "held": 0}

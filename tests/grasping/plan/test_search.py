@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case
 from allegro_twin.grasping.evaluation.outcomes import make_rate
-from allegro_twin.grasping.plan.candidate import Candidate, limit_squeeze
+from allegro_twin.grasping.plan.candidate import Candidate, ObjectSymmetry, limit_squeeze
 from allegro_twin.grasping.plan.draft import first_guess
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
 from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
@@ -315,7 +315,7 @@ def test_of_two_options_for_one_place_the_one_that_is_expected_to_hold_more_is_k
         PlannedGrasp(each, LEMON.scenario, LEMON.grasp, tried, tried)
         for each, tried in ((candidate, SURE), (candidate, 2), (elsewhere, 1))
     )
-    assert best_grasps([lucky, other, sure], 5, None) == [sure, other]
+    assert best_grasps([lucky, other, sure], 5, ObjectSymmetry(np.zeros(3))) == [sure, other]
     assert sure.good
     assert not lucky.good
     assert not replace(sure, tried=8, held=8).good, "eight of eight are too few to say so"

@@ -15,7 +15,7 @@ from allegro_twin.drivers.can.codec.frames import Frame, JointFrames
 from allegro_twin.drivers.can.codec.imu import orientation_of
 from allegro_twin.drivers.can.codec.messages import Message, StatusBits, Topic
 from allegro_twin.drivers.can.virtual.motor_heat import FAULT, THROTTLE, MotorHeat
-from allegro_twin.errors import ProtocolError
+from allegro_twin.errors import ConfigError, ProtocolError
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 _LIMP = int(StatusBits.JOINT_HOT | StatusBits.PALM_HOT)
@@ -56,7 +56,9 @@ class Firmware:
         self._backend, self._codec, self._identity = backend, codec, identity or Identity()
         self._pressures, self._restart, self._needs_servo = pressures, restart, servo
         self._motors = codec.torques.fingers
-        self.motors = MotorHeat(backend.spec.actuation.torque_limit, backend.period)
+        if backend.spec.thermal is None:
+            raise ConfigError(f"{backend.spec.name}: a virtual hand on CAN warms its motors: give its file `thermal`")
+        self.motors = MotorHeat(backend.spec.actuation.torque_limit, backend.spec.thermal, backend.period)
         self._torques = list[Vector]()  # Since the motors were warmed last.
         self.failed: StatusBits = StatusBits(0)
         """Faults that are injected, beside those that happen by themselves."""

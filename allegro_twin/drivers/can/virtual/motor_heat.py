@@ -1,7 +1,7 @@
 """How warm motors get, for a hand that is not there.
 
-Nobody has published thermal data of the hand. The constants are assumed: a small geared motor that may give its full
-torque for two or three minutes. They make throttling and faults happen for the right reason, not at the right time.
+How fast they warm is of the hand's description (`thermal`). What the firmware does about it is assumed, as that is:
+throttling and faults happen for the right reason, not at the right time.
 """
 
 from __future__ import annotations
@@ -11,30 +11,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from allegro_twin.spec.thermal import AMBIENT, ThermalData
 from allegro_twin.types import Vector
 
-AMBIENT = 25.0  # °C
-RISE = 70.0  # K above ambient that full torque leads to in the end. Assumed.
-TIME_CONSTANT = 90.0  # s. Assumed.
 THROTTLE = 70.0  # °C from which the firmware gives less torque. Assumed; the guard fades from 60 °C on.
 EVERY = 0.1  # s between two updates.
 FAULT = 85.0  # °C at which it gives none. Assumed.
 
 
-def seconds_until(celsius: float, share: float) -> float:
-    """How long a motor at `AMBIENT` may give a share of its full torque until it has a temperature, s; inf where it
-    never has: t ln(1 / (1 − (T − T_a) / (ΔT share²)))."""
-    rise = RISE * share * share
-    part = (celsius - AMBIENT) / rise if rise > 0.0 else math.inf
-    return -TIME_CONSTANT * math.log1p(-part) if part < 1.0 else math.inf
-
-
 class MotorHeat:
     """First-order heating by the losses of a torque, ten times a second: T' = (T_a + ΔT mean(τ²)/τ_max² − T) / t."""
 
-    def __init__(self, full: Vector, period: float) -> None:
+    def __init__(self, full: Vector, thermal: ThermalData, period: float) -> None:
         """`full`: the torque that each can give, (n,), N·m; `period`: s of a step."""
-        self._rise = RISE / np.square(full)
+        self._rise, self._time_constant = thermal.rise / np.square(full), thermal.time_constant
         self.temperature: Vector = np.full(len(full), AMBIENT)
         """°C, (n,)."""
         self.share: Vector = np.ones(len(full))
@@ -49,6 +39,6 @@ class MotorHeat:
     def warm(self, torques: Sequence[Vector]) -> None:
         """Let the torques of `steps` steps act, (n,) each, N·m."""
         goal = AMBIENT + self._rise * np.square(torques).sum(axis=0) / len(torques)
-        self.temperature += (goal - self.temperature) * (1.0 - math.exp(-self._seconds / TIME_CONSTANT))
+        self.temperature += (goal - self.temperature) * (1.0 - math.exp(-self._seconds / self._time_constant))
         self.share = np.clip((FAULT - self.temperature) / (FAULT - THROTTLE), 0.0, 1.0)
         self.cold = bool((self.share == 1.0).all())

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allegro_twin.grasping.plan.candidate import Candidate, pose_distance
+from allegro_twin.grasping.plan.candidate import Candidate, ObjectSymmetry, palm_distance
 from allegro_twin.grasping.plan.proposals.propose import Proposer
-from allegro_twin.types import Array
 
 VARIED = 3
 """Variations in a generation, for each candidate that lives on."""
@@ -20,7 +19,7 @@ FRONT, EASY = 0.4, 0.30
 """Progress is that of the last in this part of the best: of the share of its limit that its worst motor needs. Where
 that is no more than the second, physics may decide."""
 NICHE = 4
-"""Candidates within 2 cm and 20° of a better one, at most: what is found has to differ."""
+"""Candidates whose palms are within 2 cm and 20° of a better one's, at most: what is found has to differ."""
 
 
 @dataclass(slots=True)
@@ -32,8 +31,7 @@ class Population:
     """
 
     proposer: Proposer
-    symmetry: Array | None
-    """Rotations that leave the object as it is."""
+    symmetry: ObjectSymmetry
     kept: int = 32
     """Candidates that live on in a generation."""
     elite: list[Candidate] = field(default_factory=list)
@@ -95,6 +93,6 @@ def _scale(number: int) -> float:
     return (1.0, 0.5, 0.25)[number % 3]
 
 
-def _alike(first: Candidate, second: Candidate, symmetry: Array | None) -> bool:
-    far, turned = pose_distance(first, second, symmetry)
+def _alike(first: Candidate, second: Candidate, symmetry: ObjectSymmetry) -> bool:
+    far, turned = palm_distance(first, second, symmetry)
     return far < 0.02 and turned < np.radians(20.0)

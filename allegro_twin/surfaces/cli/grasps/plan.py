@@ -146,7 +146,7 @@ def plan(
     own = PlannedHand(load_spec(hand), SEARCHED) if twin is None else twin_to_plan_for(hand, twin)
     spec = own.spec
     scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
-        update={"protocol": protocol, "hand": hand}
+        update={"protocol": protocol, "hand": hand, "side": spec.side}
     )
     name = scenario.objects[0].name
     check_names(name, n)

@@ -24,8 +24,7 @@ UNIT = 32
 """Most trials in a unit. More in one batch gain little, and an interruption would repeat more."""
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 GONE_MARGIN = 10.0
-"""Times a limit, and GONE_DISTANCE mm: beyond these the object is gone, and the number means nothing."""
-GONE_DISTANCE = 1000.0
+"""Times a limit: beyond them the object is gone, and the number means nothing."""
 
 
 _UNITS = {"position": 1e-3, "yaw": 1.0, "size": 1e-2, "mass": 1e-2, "torque": 1e-2}
@@ -227,7 +226,7 @@ def _number(value: float | None, head: str) -> str:
         return "–"
     if head.endswith("%"):
         return "gone" if value < -GONE_MARGIN else f"{100 * value:.0f}"
-    return "gone" if value > GONE_DISTANCE else f"{value:.1f}"
+    return console.millimetres(value / 1000.0) if head.endswith("mm") else f"{value:.1f}"
 
 
 def _scipy() -> bool:

@@ -176,8 +176,9 @@ def _serve_can(
         for served in serving:
             for scene, hand in zip(scenes, hands.firmwares, strict=True):
                 if (verdict := judged(scene, hand)) is not None:
-                    verdicts[hand.backend.spec.name] = verdict
-                    console.console.print(console.phases(hand.backend.spec.name, verdict))
+                    spec = hand.backend.spec
+                    verdicts[spec.name] = verdict
+                    console.console.print(console.phases(spec.name, verdict, spec.thermal))
             if seconds is not None and served.steps * hands.period >= seconds:
                 break
     return served, verdicts

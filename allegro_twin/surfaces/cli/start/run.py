@@ -16,6 +16,7 @@ from allegro_twin.surfaces.cli.start import view as viewing
 if TYPE_CHECKING:
     from allegro_twin.app.session import Outputs
     from allegro_twin.grasping.verdict import TrialReport
+    from allegro_twin.spec.thermal import ThermalData
     from allegro_twin.surfaces.cli.start.jobs import RunJob, RunOptions
     from allegro_twin.surfaces.cli.start.parallel import RunOutputs
 
@@ -159,6 +160,7 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
 
     reports: dict[tuple[str, str], TrialReport] = {}
     grasps: dict[str, str] = {}
+    thermal: ThermalData | None = None
     printed: set[str] = set()
     done, unwritten = True, ""
 
@@ -188,21 +190,24 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
                     )
             else:
                 reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
-    _print_verdicts(reports, grasps)
+                thermal = ran.spec.thermal
+    _print_verdicts(reports, grasps, thermal)
     done = done and all(report.held for report in reports.values())
     if unwritten:
         options.end_unwritten(unwritten, 0 if done else 5)
     return reports, done
 
 
-def _print_verdicts(reports: dict[tuple[str, str], TrialReport], grasps: dict[str, str]) -> None:
-    """The phases of one trial, or one row for each of several."""
+def _print_verdicts(
+    reports: dict[tuple[str, str], TrialReport], grasps: dict[str, str], thermal: ThermalData | None
+) -> None:
+    """The phases of one trial, with what its hand's `thermal` data say, or one row for each of several."""
     from allegro_twin.surfaces.cli import console
 
     if len(reports) == 1:
         (((name, side), report),) = reports.items()
         if report.phases:
-            console.console.print(console.phases(f"{name}, {side} hand", report))
+            console.console.print(console.phases(f"{name}, {side} hand", report, thermal))
         else:  # A fault ended it before there was one.
             console.console.print(f"{name}, {side} hand: not held: {report.reason}", soft_wrap=True, highlight=False)
     elif reports:

@@ -92,7 +92,7 @@ def add_verdict(viewer: Any, recording: Any) -> None:
 
     report = rejudge(recording.spec, recording.columns, recording.meta)
     if report is not None:
-        viewer.conclude(phase_results(report), report_markdown(report))
+        viewer.conclude(phase_results(report), report_markdown(report, recording.spec.thermal))
     elif (pulled := recording.columns.get("mouse_force")) is not None and pulled.any():
         largest = float((pulled**2).sum(axis=1).max()) ** 0.5
         viewer.conclude({}, f"no verdict: the mouse pulled an object with up to {largest:.1f} N")

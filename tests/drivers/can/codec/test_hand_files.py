@@ -14,6 +14,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.calibration import HandCalibration, load_wiring
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import Vector
 
 SERIALS = sorted(path.stem for path in (data_root() / "conf" / "hands").glob("SAH*.yaml"))
@@ -143,6 +144,18 @@ def test_an_old_file_with_a_torque_limit_of_its_own_lowers_it_and_cannot_raise_i
     limit = load_spec(serial=str(own)).actuation.torque_limit
     assert limit.max() == 0.3
     assert limit.tolist() == np.minimum(load_spec().actuation.torque_limit, 0.3).tolist()
+
+
+def test_a_hands_own_thermal_data_take_the_place_of_those_of_its_model(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text("thermal: {rise: 30.0, time_constant: 200.0, source: measured}\n")
+    assert load_spec(serial=str(own)).thermal == ThermalData(30.0, 200.0, "measured")
+    nominal = load_spec().thermal
+    assert nominal is not None
+    assert (nominal.rise, nominal.time_constant) == (70.0, 90.0)
+    own.write_text("thermal: {rise: 30.0}\n")
+    with pytest.raises(ConfigError, match="own.yaml: thermal: time_constant: missing"):
+        load_spec(serial=str(own))
 
 
 def test_a_v4_hand_takes_encoder_offsets() -> None:

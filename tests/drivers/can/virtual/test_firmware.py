@@ -272,11 +272,13 @@ def test_full_torque_makes_a_motor_hot_and_heat_takes_its_torque_away() -> None:
 
 
 def test_a_hand_that_works_at_half_its_torque_ends_a_quarter_as_much_warmer() -> None:
-    full = virtual().backend.spec.actuation.torque_limit
-    motors = MotorHeat(full, 0.01)
+    spec = virtual().backend.spec
+    full = spec.actuation.torque_limit
+    assert spec.thermal is not None
+    motors = MotorHeat(full, spec.thermal, 0.01)
     for _ in range(round(600.0 / (motors.steps * 0.01))):
         motors.warm([full * 0.5] * motors.steps)
-    np.testing.assert_allclose(motors.temperature, 25.0 + 70.0 / 4, atol=0.1)
+    np.testing.assert_allclose(motors.temperature, 25.0 + spec.thermal.rise / 4, atol=0.1)
 
 
 @pytest.mark.parametrize("restart", [True, False])
