@@ -39,6 +39,11 @@ def warn(line: str) -> None:
         errors.print(line, style="yellow", markup=False, soft_wrap=True, highlight=False)
 
 
+def say(line: str) -> None:
+    """Print a line as it is: what looks like markup in a path or a reason is no markup."""
+    console.print(line, markup=False, soft_wrap=True, highlight=False)
+
+
 def hint(line: str) -> None:
     """Print what to do next, in one line."""
     console.print(line, style="dim", markup=False, soft_wrap=True, highlight=False)

@@ -70,3 +70,9 @@ def test_the_command_writes_them_and_says_how_an_editor_finds_them(command: Run,
 def test_what_can_be_set_is_what_it_was_unless_somebody_says_otherwise() -> None:
     """A default or a bound is changed on purpose, and then looked at here: those who left a key out get the new one."""
     assert_snapshot(settings_text(*models().values()), Path(__file__).with_name("snapshots") / "settings.txt")
+
+
+def test_a_path_with_brackets_is_printed_as_it_is(command: Run, tmp_path: Path) -> None:
+    code, shown, _ = command("schemas", tmp_path / "mine[view]")
+    assert code == 0
+    assert f"schemas in {tmp_path / 'mine[view]'};" in shown

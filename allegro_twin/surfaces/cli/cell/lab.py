@@ -75,7 +75,7 @@ def lab(
     from allegro_twin.cell.settings import LabSettings, TraySettings
     from allegro_twin.files.assets import find_file
     from allegro_twin.files.schema import load_settings
-    from allegro_twin.surfaces.cli.console import console, hint
+    from allegro_twin.surfaces.cli.console import console, hint, say
 
     options.refuse_mesh(config)
     file = find_file(config, "config", "conf")
@@ -124,7 +124,7 @@ def lab(
     if unwritten:
         options.end_unwritten(unwritten, _CODES[report.end.word])
     if out is not None:
-        console.print(f"In {out}/: pictures, and all of it in lab.arrow", soft_wrap=True)
+        say(f"In {out}/: pictures, and all of it in lab.arrow")
     elif not (view or web or ros):
         hint("Next: --out FOLDER keeps pictures and a recording; --view shows it live")
     raise typer.Exit(_CODES[report.end.word])
@@ -177,13 +177,13 @@ def _observers(
 
 def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
     """A live Rerun viewer."""
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.console import say
     from allegro_twin.surfaces.cli.start.view import cell_viewer
 
     viewer = cell_viewer(cell)
     stack.callback(viewer.close)
     if web:
-        console.print(f"Open {viewer.serve()}", soft_wrap=True, highlight=False)
+        say(f"Open {viewer.serve()}")
     else:
         viewer.spawn()
     return viewer
@@ -193,13 +193,13 @@ def _performed(cell: Cell, observers: Observers, hand: SampleStage, *, live: boo
     """Run the state machine. `hand`: the stage of the hand; `live`: not faster than real time."""
     from allegro_twin.cell.run import perform
     from allegro_twin.loop import paced
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.console import say
 
     def entered(now: MachineState) -> None:
         attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
-        console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
+        say(f"{now.since:7.2f} s  {now.state}{attempt}")
         if now.state == "Retreat" and now.cause is not None:
-            console.print(f"           {now.cause.sentence}", highlight=False)
+            say(f"           {now.cause.sentence}")
         observers.on_state(now)
 
     arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
@@ -243,7 +243,7 @@ def _there(held: bool | None) -> str:
 
 def _open_bridge(cell: Cell, remote: RemoteControl | None, namespace: str, stack: ExitStack) -> RosBridge:
     """Serve a cell on ROS 2, where `remote` carries out commands. Raises ConfigError without Cyclone DDS."""
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.console import say
     from allegro_twin.surfaces.cli.hardware.ros import domain_of
 
     domain = domain_of()
@@ -253,7 +253,7 @@ def _open_bridge(cell: Cell, remote: RemoteControl | None, namespace: str, stack
         bridge = stack.enter_context(open_cell(cell, remote, namespace=namespace, domain=domain))
     except ImportError as error:
         raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
-    console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
+    say(f"The cell is on ROS domain {domain} in {namespace}")
     return bridge
 
 

@@ -42,7 +42,7 @@ def lab_look(
     from allegro_twin.cell.settings import LabSettings
     from allegro_twin.files.assets import find_file
     from allegro_twin.files.schema import load_settings
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.console import console, say
 
     settings = load_settings(LabSettings, find_file(config, "config", "conf"))
     if bag is not None:
@@ -60,7 +60,7 @@ def lab_look(
         if out is not None:
             _write(out, frame, seen, others, settings)
         if not isinstance(seen, Detection):
-            console.print(f"refused: {seen.reason}; {seen.sentence}", highlight=False, soft_wrap=True)
+            say(f"refused: {seen.reason}; {seen.sentence}")
             raise typer.Exit(REFUSED)
         for line in _lines(seen, len(others)):
             console.print(line, highlight=False, soft_wrap=True)

@@ -32,7 +32,7 @@ def layout(
     text = writers[target.suffix](load_spec(hand.model, hand.side, hand.serial))
     with atomic_file(target) as temporary:
         temporary.write_text(text)
-    console.console.print(f"{target}: the layout of {hand.model}_{hand.side}", soft_wrap=True)
+    console.say(f"{target}: the layout of {hand.model}_{hand.side}")
 
 
 def export(
@@ -102,4 +102,4 @@ def export(
         console.warn(notes)
     else:
         rows = convert.convert(first, target, partial=partial, track=track, config=config)
-    console.console.print(f"{target}: {rows} rows")
+    console.say(f"{target}: {rows} rows")

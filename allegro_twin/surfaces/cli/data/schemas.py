@@ -40,7 +40,7 @@ def schemas(
         with atomic_file(folder / f"{kind}.schema.json") as temporary:
             temporary.write_text(text + "\n")
     settings = {str(folder / f"{kind}.schema.json"): place for kind, place in PLACES.items()}
-    console.console.print(f"{len(settings)} schemas in {folder}; for VS Code's YAML extension, in settings.json:")
+    console.say(f"{len(settings)} schemas in {folder}; for VS Code's YAML extension, in settings.json:")
     console.console.print_json(json.dumps({"yaml.schemas": settings}))
 
 

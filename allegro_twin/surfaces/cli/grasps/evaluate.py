@@ -197,7 +197,7 @@ def compare(
     results = trials.run_trials(both, noise, trials.engine_of("local", None, count)).rows
     names = _names(both)
     for name, row in zip(names, summarise(both, results), strict=True):
-        console.console.print(f"{name}: held in {row_rate(row)}", highlight=False)
+        console.say(f"{name}: held in {row_rate(row)}")
     console.console.print(comparison_text(compare_pairs(results), names[0], names[1]), soft_wrap=True, highlight=False)
 
 

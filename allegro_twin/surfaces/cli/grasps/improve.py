@@ -74,7 +74,7 @@ def improve(
     description = _print_comparison(better, unseen, path.stem, begun.name)
     with defer_signals():  # Grasp and scenario must be of one search.
         where = save_grasp(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, description)
-    console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
+    console.say(f"Play it: allegro-twin run {where}")
 
 
 def _load_start(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenario, Grasp, HandSpec, Path]:
@@ -122,8 +122,8 @@ def _print_comparison(better: ImprovementResult, unseen: int, name: str, begun: 
     before, after = pair.both + pair.only_first, pair.both + pair.only_second
     for which, held in (("before", before), ("after", after)):
         low, high = wilson(held, unseen)
-        console.console.print(f"{which:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
+        console.say(f"{which:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
     console.console.print(comparison_text(pair, "before", "after"), soft_wrap=True)
     (hot, much), (cool, less) = better.hottest
-    console.console.print(f"sustained by the hottest joint: before {much:.0%} ({hot}), after {less:.0%} ({cool})")
+    console.say(f"sustained by the hottest joint: before {much:.0%} ({hot}), after {less:.0%} ({cool})")
     return f"{name}, improved: held in {after} of {unseen} draws, {begun} in {before}"

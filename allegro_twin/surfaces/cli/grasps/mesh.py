@@ -67,7 +67,7 @@ def mesh(
     write_report(made, file, target)
     console.console.print(made.report.line(), soft_wrap=True, highlight=False)
     beside = f"{target.stem}.png and {target.stem}.json"
-    console.console.print(f"Wrote {target}, {beside}; try it: allegro-twin new {target}", soft_wrap=True)
+    console.say(f"Wrote {target}, {beside}; try it: allegro-twin new {target}")
 
 
 def show_repair(file: Path | None, scale: float | None, folder: Path, *, hull: bool = False) -> list[Path]:

@@ -174,7 +174,7 @@ def plan(
         paths = _plan_into(folder, search, n, budget, parallel, keep)
         if pictures and not search.interrupted:
             _add_pictures(paths, scenario, folder, hull=hull)
-    console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
+    console.say(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}")
     if search.interrupted:
         raise typer.Exit(130)
 
@@ -430,7 +430,7 @@ def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:
             if outcome.unwritten:
                 raise RecordingError(outcome.unwritten)
             for note in outcome.notes:
-                console.errors.print(f"[yellow]{path.stem}: {note}[/]")
+                console.warn(f"{path.stem}: {note}")
             bar.advance(task)
             if picture.exists():
                 strips[path.stem] = picture

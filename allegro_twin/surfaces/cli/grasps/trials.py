@@ -105,7 +105,7 @@ def report_trials(
             console.warn(f"no rates by object: {unlike} differs in mass or size between scenarios; see the rows")
         elif len(groups) < len(rows):
             said = "; ".join(f"{each.name} {each}" for each in groups)
-            console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
+            console.say(f"by {column}: {said}")
     if out is not None:
         (out / "report.html").unlink(missing_ok=True)  # No stale page while the new one is made.
         write_results(out / "results.parquet", trials.table, trials.sweep.all_stamps(),
@@ -113,7 +113,7 @@ def report_trials(
         if rrd is not None:
             _write_recordings(targets, rows, rrd, out / "recordings")
         _report(targets, rows, trials.sweep, out)
-        console.console.print(f"In {out}/: report.html, results.parquet with a row a trial", soft_wrap=True)
+        console.say(f"In {out}/: report.html, results.parquet with a row a trial")
     return rows
 
 
@@ -141,9 +141,9 @@ def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> None
         portrait(target, path)
         row["picture"] = str(path.resolve())
     except ImportError as error:
-        console.errors.print(f"[yellow]no pictures: {error}; pip install 'allegro-twin[view]'[/]")
+        console.warn(f"no pictures: {error}; pip install 'allegro-twin[view]'")
     except HandError as error:
-        console.errors.print(f"[yellow]{target.name}: no picture: {error}[/]")
+        console.warn(f"{target.name}: no picture: {error}")
 
 
 def _table(rows: Sequence[dict[str, Any]], noise: SamplingSettings) -> Table:
@@ -235,7 +235,7 @@ def _scipy() -> bool:
     try:
         import_scipy("optimize")
     except ConfigError as error:
-        console.errors.print(f"[yellow]{error}[/]")  # The report has no metrics then.
+        console.warn(str(error))  # The report has no metrics then.
         return False
     return True
 
@@ -309,7 +309,7 @@ def _write_recording(target: EvaluationTarget, row: Mapping[str, Any], path: Pat
     try:
         outcome = perform(staged(target, row), config, Outputs(rrd=path))
     except HandFault as error:
-        console.errors.print(f"[yellow]{target.name}: no recording: {error}[/]")
+        console.warn(f"{target.name}: no recording: {error}")
         return False
     if outcome.unwritten:
         raise RecordingError(outcome.unwritten)

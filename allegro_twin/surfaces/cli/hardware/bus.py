@@ -149,7 +149,7 @@ def firmware(
     bus = far_end(settings) if log is None else LoggedBus(far_end(settings), log)
     realtime.ask(settings.realtime)
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
-    console.console.print(f"{names} hand on {bus.channel_info}; Ctrl-C ends it", highlight=False, soft_wrap=True)
+    console.say(f"{names} hand on {bus.channel_info}; Ctrl-C ends it")
     try:
         served, verdicts = _serve_can(serve(hands, bus, local=local(settings)), hands, scenes, seconds)
     finally:

@@ -34,7 +34,7 @@ def check_backend(
     from rich.markup import escape
     from rich.table import Table
 
-    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.console import console, say
     from allegro_twin.testing import check_backend as check
 
     make = _factory(backend)
@@ -46,7 +46,7 @@ def check_backend(
     console.print(table)
     if broken:
         what = "1 rule is" if broken == 1 else f"{broken} rules are"
-        console.print(f"{what} broken; docs/contract.md says what each is for", soft_wrap=True)
+        say(f"{what} broken; docs/contract.md says what each is for")
         raise typer.Exit(BROKEN)
     console.print("The contract is kept.")
 

@@ -75,7 +75,7 @@ def calibrate_limits(
         else:
             calibration.store_offsets(into, encoder_offsets(found, model, codec), model, codec, note)
         what = "Limits" if codec is None else "Limits and encoder offsets"
-        console.console.print(f"{what} are in {into}; use it with `hand: {{serial: {into}}}`", soft_wrap=True)
+        console.say(f"{what} are in {into}; use it with `hand: {{serial: {into}}}`")
 
 
 @hand.command()
@@ -239,7 +239,7 @@ def _check(path: Path, found: ExploredHand) -> None:
     if differences:
         many = "1 value differs" if len(differences) == 1 else f"{len(differences)} values differ"
         raise ConfigError(f"{path}: {many} from the file; `hand new --force` writes it anew")
-    console.console.print(f"{path}: as its file", highlight=False)
+    console.say(f"{path}: as its file")
 
 
 def card_differences(card: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

@@ -67,7 +67,7 @@ def ros1(
         from allegro_twin.surfaces.ros import open_ros1
 
         with open_ros1(hand, namespace=namespace, rate=rate, speed=speed, on_refusal=_report) as bridge:
-            console.console.print(f"{hand.spec.name} is on ROS 1 in {namespace}; Ctrl-C ends it", soft_wrap=True)
+            console.say(f"{hand.spec.name} is on ROS 1 in {namespace}; Ctrl-C ends it")
             bridge.serve()
 
 

@@ -66,7 +66,7 @@ def teleop(
             watcher = stack.enter_context(WorkerProcess(Webcam(model, side, camera)))
         opened = open_follower(settings, side, _report, speed=speed, patience=patience)
         hand, follower = stack.enter_context(opened)
-        console.console.print(f"{hand.spec.name} follows {source}; Ctrl-C ends it", soft_wrap=True, highlight=False)
+        console.say(f"{hand.spec.name} follows {source}; Ctrl-C ends it")
         if view or web:
             show_live(hand, web=web)
         if track is not None:

@@ -156,7 +156,7 @@ def evaluate_policy(
             share = console.success_rate(driven)
             more = "" if driven.counts is None else f", {driven.counts.mean():.1f} {task_type(loaded.task).count_unit}"
             more += "".join(f", {part.replace('_', ' ')} {share.mean():.0%}" for part, share in driven.shares.items())
-            console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes{more}")
+            console.say(f"over CAN, {name}: {share} of the first {can} of these episodes{more}")
 
 
 def _evaluate_and_film(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bool) -> None:

@@ -76,7 +76,7 @@ def _scenarios_for_hand(paths: list[Path], options: RunOptions) -> list[Path]:
         return paths
     found, missing = own_scenarios(paths, options.hand)
     if missing:
-        console.console.print(f"{options.hand} has no grasp of its own for {', '.join(missing)}", soft_wrap=True)
+        console.say(f"{options.hand} has no grasp of its own for {', '.join(missing)}")
     return found
 
 

@@ -57,7 +57,7 @@ def examples(
     for path in found:
         with atomic_file(folder / path.name) as temporary:
             temporary.write_bytes(path.read_bytes())
-    console.console.print(f"{len(found)} files in {folder}/: python {folder}/{found[0].name}", soft_wrap=True)
+    console.say(f"{len(found)} files in {folder}/: python {folder}/{found[0].name}")
 
 
 def gallery(
@@ -75,4 +75,4 @@ def gallery(
     with console.progress() as bar:
         task = bar.add_task("grasps", total=None)
         count = make(folder, draws, lambda name: bar.update(task, description=name, advance=1))
-    console.console.print(f"{count} grasps in {folder}/grasps.md")
+    console.say(f"{count} grasps in {folder}/grasps.md")

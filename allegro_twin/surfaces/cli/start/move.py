@@ -81,7 +81,7 @@ def teach(
     from allegro_twin.surfaces.hand import Hand
 
     with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
-        console.console.print(f"Move the fingers; {seconds:g} s from now on.")
+        console.say(f"Move the fingers; {seconds:g} s from now on.")
         with hand.teach() as demonstration:
             hand.wait(seconds)
         library = Library()
@@ -91,7 +91,7 @@ def teach(
         else:
             library.add(name, posture_entry(demonstration.posture(), hand.spec), hand.spec)
         library.store(name, into)
-    console.console.print(f"{name} is in {into}, for the right and the left hand")
+    console.say(f"{name} is in {into}, for the right and the left hand")
 
 
 def play(

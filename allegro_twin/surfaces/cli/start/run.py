@@ -153,7 +153,6 @@ def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | N
 
 def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[tuple[str, str], TrialReport], bool]:
     """Run the jobs and print the outcomes. Returns the verdicts, and whether every run reached its goal."""
-    from rich.markup import escape
 
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.start.parallel import run_all
@@ -171,7 +170,7 @@ def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[t
         for job, ran in runs:
             for note in ran.outcome.notes:
                 if note not in printed:
-                    console.errors.print(f"[yellow]{job.name} {ran.spec.side}: {escape(note)}[/]")
+                    console.warn(f"{job.name} {ran.spec.side}: {note}")
                 printed.add(note)
             unwritten = unwritten or ran.outcome.unwritten
             if ran.outcome.unconfirmed:
@@ -209,7 +208,7 @@ def _print_verdicts(
         if report.phases:
             console.console.print(console.phases(f"{name}, {side} hand", report, thermal))
         else:  # A fault ended it before there was one.
-            console.console.print(f"{name}, {side} hand: not held: {report.reason}", soft_wrap=True, highlight=False)
+            console.say(f"{name}, {side} hand: not held: {report.reason}")
     elif reports:
         from allegro_twin.sim.engine.backend import ENGINE
 
@@ -234,6 +233,6 @@ def _print_folder(reports: dict[tuple[str, str], TrialReport], out: Path, *, pic
     if not reports:
         return
     what = f"a recording of each run, {REPORT}{', pictures, overview.png' if pictures else ''}"
-    console.console.print(f"In {out}/: {what}", soft_wrap=True)
+    console.say(f"In {out}/: {what}")
     name, side = next(iter(reports))
-    console.console.print(f"Look at one in the browser: allegro-twin view {out}/{name}_{side}.arrow --web")
+    console.say(f"Look at one in the browser: allegro-twin view {out}/{name}_{side}.arrow --web")

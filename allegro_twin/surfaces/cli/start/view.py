@@ -106,7 +106,7 @@ def show_live(hand: Hand, *, web: bool) -> None:
     viewer_of, _ = rerun_stage()
     viewer = viewer_of(hand.spec, live=True)
     if web:
-        console.console.print(f"Open {viewer.serve()}", soft_wrap=True)
+        console.say(f"Open {viewer.serve()}")
     else:
         viewer.spawn()
     hand.listen(lambda sample: viewer.draw(sample, {}))
@@ -172,7 +172,7 @@ def _keep_open(viewer: Any, url: str) -> None:
     from allegro_twin.surfaces.cli import console
 
     if url:
-        console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
+        console.say(f"Open {url} (Ctrl-C ends it)")
         _wait()
     viewer.close()
 

@@ -58,7 +58,7 @@ def excite(
     settings = on_hand(load_config(config), other)
     todo = record_excitation.remaining_run(settings, pose, seconds, seed, out)
     if todo is None:
-        console.console.print(f"{pose} is recorded in {out}/", soft_wrap=True)
+        console.say(f"{pose} is recorded in {out}/")
         return
     ready = record_excitation.pose_config(settings, todo.pose)
     console.errors.print(f"{pose}: {todo.pose.instruction}. It will move every finger for {todo.seconds:.0f} s.")
@@ -67,7 +67,7 @@ def excite(
     with console.progress() as bar:
         job = bar.add_task(pose, total=todo.seconds)
         record_excitation.record_run(ready, todo, lambda t: bar.update(job, completed=t))
-    console.console.print(f"{todo.file}: {todo.seconds:.0f} s, {pose}", soft_wrap=True)
+    console.say(f"{todo.file}: {todo.seconds:.0f} s, {pose}")
 
 
 def identify(
@@ -117,12 +117,12 @@ def identify(
         from allegro_twin.twin.identify.report import report_page
 
         identification.write_page(report, report_page(found))
-        console.console.print(f"Report: {report}", soft_wrap=True)
+        console.say(f"Report: {report}")
     if path is not None:
         console.warn(identification.store_values(path, found))
         if not found.written.nothing:
             console.warn(identification.gain_lines(recordings[0], path))
-            console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
+            console.say(f"Written into {path}; use it with `hand: {{serial: {path}}}`")
     else:
         console.hint("Next: --hand FILE writes these values into the hand's own file")
 

@@ -127,7 +127,7 @@ def show(rehearsal: HandRehearsal, result: dict[str, Any], out: Path) -> None:
     for line in result["problems"]:
         console.warn(line)
     written = f"; the hand's file: {out / 'hand.yaml'}" if (out / "hand.yaml").exists() else ""
-    console.console.print(f"Page: {out / 'report.html'}{written}", soft_wrap=True)
+    console.say(f"Page: {out / 'report.html'}{written}")
 
 
 def config_of(name: str, version: str | None, side: str) -> RunConfig:
