@@ -110,7 +110,7 @@ NEEDED = [
     ("cyclonedds", "ros2", ["ros2 sim_right"]),
     ("rosbags", "ros2", ["export r.arrow x.mcap"]),
     ("PIL", "view", ["run sim_right --seconds 0.01 --image a.png", "gallery pictures",
-                     "run sim_right --seconds 0.01 --out results"]),
+                     "run sim_right --out results"]),
     ("onnxruntime", "policy", ["run sim_right --policy reach_right --goal ok", "evaluate reach_right Reach"]),
     ("torch", "rl", ["train Reach"]),
     ("stable_baselines3", "rl", ["train Reach"]),
