@@ -22,8 +22,8 @@ from allegro_twin.twin.identify.pipeline import identify_hand
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.twin.mirror.on_recording import mirror_recording
 from benchmarks.foreign_hand import KINDS, Break, N, recorded
+from benchmarks.foreign_twins import POSES, UNSEEN
 
-POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
 SECONDS, FREE, BROKEN, BEGIN = 16.0, 46.0, 14.0, 5.0
 """s: of a motion to identify with, of the free one, of one in which a joint goes wrong, and when it does."""
 NAMES = ("friction", "weak", "payload", "friction", "weak", "", "friction")
@@ -33,12 +33,12 @@ AMOUNTS = {"friction": (0.02, 0.06), "weak": (0.3, 0.6), "payload": (0.03, 0.08)
 def main() -> None:
     chosen = _options().parse_args()
     rows = [] if not chosen.out.exists() else [json.loads(line) for line in chosen.out.open()]
-    done = {(row["kind"], row["seed"]) for row in rows}
-    for kind in chosen.kinds:
-        if (kind, chosen.seed) in done or chosen.show:
+    for kind in () if chosen.show else chosen.kinds:
+        known = {row["motion"] for row in rows if (row["kind"], row["seed"]) == (kind, chosen.seed)}
+        if not (todo := set(range(chosen.motions)) - known):
             continue
         chosen.out.parent.mkdir(parents=True, exist_ok=True)
-        for row in one(kind, chosen.seed, chosen.motions):
+        for row in one(kind, chosen.seed, todo):
             rows.append(row)
             with chosen.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
@@ -46,9 +46,8 @@ def main() -> None:
     print(table(rows))
 
 
-def one(kind: str, seed: int, motions: int) -> Iterator[dict[str, Any]]:
+def one(kind: str, seed: int, motions: set[int]) -> Iterator[dict[str, Any]]:
     """A hand: identified, and then broken in many ways."""
-    rng = np.random.default_rng((seed, 77))
     with TemporaryDirectory() as name:
         folder = Path(name)
         found = identify_hand(
@@ -57,8 +56,8 @@ def one(kind: str, seed: int, motions: int) -> Iterator[dict[str, Any]]:
         write_hand_file(folder / "hand.yaml", found.fit, found.values, found.motions, "")
         hand = str(folder / "hand.yaml") if (folder / "hand.yaml").exists() else ""
         (free,) = recorded(kind, seed, (UNSEEN,), {UNSEEN: FREE}, folder, first=9)
-        for number in range(motions):
-            broken = _draw(rng, NAMES[number % len(NAMES)])
+        for number in sorted(motions):
+            broken = _draw(np.random.default_rng((seed, 77, number)), NAMES[number % len(NAMES)])
             (path,) = recorded(kind, seed, (UNSEEN,), {UNSEEN: BROKEN}, folder, breaks=broken, first=20 + number)
             seen = mirror_recording(path, hand, free)
             called = [(each.fault.name, each.fault.joint, each.fault.amount, each.named) for each in seen.faults]

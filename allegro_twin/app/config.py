@@ -15,7 +15,7 @@ from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.qb.config import QbSettings
 from allegro_twin.drivers.schunk.config import SchunkSettings
 from allegro_twin.files.assets import find_file, read_yaml
-from allegro_twin.files.schema import Positive, Settings, check_gravity, parse_settings
+from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.settings import HandSettings, LimitSettings, TaskSettings
 from allegro_twin.plugins import BACKENDS, CONTROLLERS
 from allegro_twin.recording.settings import ReplaySettings
@@ -47,8 +47,6 @@ class RunConfig(Settings):
         line = contradiction(self.task, self.controller, self.backend)
         if line is not None:
             raise ValueError(line)
-        if (gravity := getattr(self.backend, "gravity", None)) is not None:
-            check_gravity(gravity)
         return self
 
     def changed(self, **blocks: Any) -> RunConfig:

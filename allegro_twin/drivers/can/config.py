@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from allegro_twin.drivers.base.faults import FaultEvent
-from allegro_twin.files.schema import Positive, Probability, Seed, Settings, Vector3
+from allegro_twin.files.schema import Gravity, Positive, Probability, Seed, Settings
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings
@@ -82,7 +82,7 @@ class CanSettings(BackendSettings):
     docs/explanation/safety.md."""
     velocity_cutoff: Positive = 30.0
     """Hz, of the low-pass behind joint velocities."""
-    gravity: Vector3 | None = None
+    gravity: Gravity | None = None
     """In the palm frame, m/s²: how the hand is mounted, where its IMU is not to be used."""
     imu: Annotated[float, Field(ge=0)] = 0.0
     """s between reports of the IMU, which then tells gravity; 0: off. No source confirms its layout."""
