@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files import yaml_edit
+from allegro_twin.files.assets import refuse_shipped
+from allegro_twin.files.atomic_write import check_place
 from allegro_twin.grasping.evaluation.outcomes import make_rate
 from allegro_twin.grasping.plan.validate import SEARCHED, PlannedGrasp
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.entries import GraspFile, PlanRecord
-from allegro_twin.hands.library.entry_files import check_free, check_name
+from allegro_twin.hands.library.entry_files import check_free, check_name, read_all
 from allegro_twin.hands.library.grasps import Grasp, entry_from_grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.spec import HandSpec
@@ -44,6 +47,20 @@ def check_names(name: str, n: int) -> None:
     """Raise ConfigError unless `save_grasps` may use the names of so many grasps for an object."""
     for number in range(1, n + 1):
         check_free(check_name(f"{name}_{number}", "library"))
+
+
+def check_store(name: str, n: int, folder: Path) -> None:
+    """Raise ConfigError or RecordingError unless so many grasps of an object can be stored in a library's folder."""
+    files = [folder / f"{name}_{number}.yaml" for number in range(1, n + 1)]
+    for file in files:
+        refuse_shipped(file)
+        check_place(file)
+    there = read_all([folder])
+    for file in files:
+        if file.stem in there and there[file.stem].path != file.resolve():
+            raise ConfigError(
+                f"{file.stem!r} is in {there[file.stem].path} already; delete it there, or use another folder"
+            )
 
 
 def written_out(

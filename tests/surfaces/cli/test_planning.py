@@ -91,6 +91,25 @@ def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, 
     assert errors.count("\n") == 1
 
 
+def test_a_library_that_cannot_take_what_is_found_is_refused_before_anything_is_searched(
+    command: Run, finds: Found, tmp_path: Path
+) -> None:
+    finds(never)
+    (file := tmp_path / "file").touch()
+    (library := tmp_path / "library").mkdir()
+    (library / "others.yaml").write_text("entries: {lemon_2: {kind: posture, angles: {}}}\n")
+    (broken := tmp_path / "broken").mkdir()
+    (broken / "mine.yaml").write_text("lemon_1: [\n")
+    for folder, message in (
+        (file, f"cannot write {file / 'lemon_1.yaml'}: "),
+        (library, "'lemon_2' is in "),
+        (broken, "mine.yaml"),
+    ):
+        given = command("plan", "lemon", "--n", 2, "--out", tmp_path / "out", "--keep", folder)
+        assert (given[0], given[2].count("\n")) == (2, 1), given[2]
+        assert message in given[2]
+
+
 @pytest.mark.slow
 def test_a_mesh_with_a_hole_is_closed_and_said_or_taken_as_its_hull(command: Run, tmp_path: Path) -> None:
     """A tetrahedron of 60 mm without one of its faces."""

@@ -133,7 +133,7 @@ def plan(
     from allegro_twin.grasping.plan.own_hand import PlannedHand, twin_to_plan_for
     from allegro_twin.grasping.plan.pushing import with_push
     from allegro_twin.grasping.plan.region import parse_region
-    from allegro_twin.grasping.plan.save import check_names
+    from allegro_twin.grasping.plan.save import check_names, check_store
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
     from allegro_twin.grasping.plan.templates import grasp_templates
     from allegro_twin.grasping.plan.validate import SEARCHED
@@ -150,6 +150,8 @@ def plan(
     )
     name = scenario.objects[0].name
     check_names(name, n)
+    if keep is not None:
+        check_store(name, n, keep)
     if edge is not None:
         if load_protocol(protocol).floating:
             raise ConfigError(f"--edge is of a table; under {protocol} there is none")
