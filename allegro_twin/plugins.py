@@ -88,6 +88,8 @@ class ControllerContext:
     """True pose of the object of a simulated or virtual hand's episode, m and quaternion w x y z, (7,)."""
     live: bool = False
     """Whether the hand's time passes by itself."""
+    replayed: bool = False
+    """Whether its motion is a recording's, which no command changes."""
 
 
 class MadeController(NamedTuple):

@@ -47,14 +47,16 @@ def make_controller(
     object_pose: Callable[[], Vector] | None = None,
     *,
     live: bool = False,
+    replayed: bool = False,
 ) -> MadeController:
     """The controller, and how long its motion takes where that is known. `object_pose`: of a simulated hand's episode,
-    (7,); `live`: whether the hand's time passes by itself. Raises ConfigError."""
+    (7,); `live`: whether the hand's time passes by itself; `replayed`: whether its motion is a recording's. Raises
+    ConfigError."""
     settings = config.controller
     if settings.kind in CONTROLLERS.builtin:
         check_kind(settings.kind, spec)
     made: MadeController = CONTROLLERS.kind(settings.kind).make(
-        settings, ControllerContext(spec, config.period, config.task, trial, object_pose, live)
+        settings, ControllerContext(spec, config.period, config.task, trial, object_pose, live, replayed)
     )
     return made
 

@@ -47,6 +47,7 @@ def wanted_of(settings: PositionSettings | FollowSettings, context: ControllerCo
     """The scenario's grasp, a grasp in the open, or a posture. Raises ConfigError."""
     from allegro_twin.control.trajectory import Moves, Waypoint
     from allegro_twin.hands.library.library import load_grasp
+    from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 
     spec, task, trial = context.spec, context.task, context.trial
     if trial is not None:
@@ -54,9 +55,13 @@ def wanted_of(settings: PositionSettings | FollowSettings, context: ControllerCo
         return Wanted(trial.reference, None, trial.grasp, *begins)
     if task.grasp is not None:
         return _in_the_open(load_grasp(task.grasp, spec), spec)
+    seconds = _longest(spec, settings.speed) + STAY
     posture = _first(spec) if task.posture is None else posture_of(task.posture, spec)
-    moves = Moves([Waypoint(posture, speed=settings.speed, profile=settings.profile)])
-    return Wanted(moves, _longest(spec, settings.speed) + STAY)
+    wish = Waypoint(posture, speed=settings.speed, profile=settings.profile)
+    if task.posture is None or context.replayed:  # Nobody asked for a posture, or nothing moves.
+        return Wanted(Moves([wish]), seconds)
+    name = task.posture if isinstance(task.posture, str) else "the posture"
+    return Wanted(CollisionFreeMove(spec, wish, name), seconds)
 
 
 def goal_of(config: RunConfig, spec: HandSpec) -> Vector | None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+
+import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
 from allegro_twin.app.simulated import episode_of, simulated, trial_of
-from allegro_twin.backend import HandBackend
+from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.cell.arm.limits import arm_limits as arm_limits
 from allegro_twin.controller import Controller
 from allegro_twin.device import Device, device_of, innermost
@@ -18,17 +21,21 @@ from allegro_twin.files.schema import Settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.loop import resume
 from allegro_twin.plugins import BACKENDS, BackendContext
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.settings import SceneSettings, SimSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
-from allegro_twin.types import Vector, frozen
+from allegro_twin.types import HandState, Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.learning.environments.episode import EpisodeBackend
     from allegro_twin.sim.engine.backend import SimBackend
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +76,28 @@ Physics: TypeAlias = "Callable[[HandSpec, float], tuple[HandBackend, Trial | Non
 """Of a hand, as its host knows it, that steps by so many s; and the trial that it is at."""
 STAY = 0.5
 """s that a hand in another program is driven after its scenario: on a busy computer its time may lag behind ours."""
+
+
+def limp_while(rig: Rig, state: HandState, plan: Callable[[Vector], T]) -> tuple[HandState, T]:
+    """What somebody plans from where the joints of a hand are that has been reset, (n,), rad. One whose time passes by
+    itself is limp meanwhile; where it has moved by then, it is planned again. Returns its newest state and the plan.
+    Raises what the planning and the hand do."""
+    if not rig.live:
+        return state, plan(state.position)
+    from allegro_twin.control.controllers import ConstantCommand
+    from allegro_twin.sim.contact.collision_free_paths import SHIFTED
+
+    limp = ConstantCommand(limp_of(rig.spec))
+    with ThreadPoolExecutor(1) as pool:
+        start, planned = state.position, pool.submit(plan, state.position)
+        for sample in resume(rig.backend, limp, state):
+            state = sample.state
+            if not planned.done():
+                continue
+            if planned.exception() is not None or np.abs(state.position - start).max() <= SHIFTED:
+                break
+            start, planned = state.position, pool.submit(plan, state.position)
+    return state, planned.result()
 
 
 def make_backend(config: RunConfig) -> HandBackend:
@@ -132,8 +161,9 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
             check_period(config.period, spec, config.controller.kind)
         trial = scene.trial or trial_of(config.task, spec, config.period)
         controller, seconds = make_controller(
-            config, spec, trial, pose_of(scene.episode), live=not (kind.replays or scene.sim or scene.episode)
-        )
+            config, spec, trial, pose_of(scene.episode), live=not (kind.replays or scene.sim or scene.episode),
+            replayed=kind.replays,
+        )  # fmt: skip
         if kind.replays:
             return Rig(spec, backend, controller, config.seconds)
         if trial is not None:

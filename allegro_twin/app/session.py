@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.app.references import goal_of
-from allegro_twin.app.rig import Rig
+from allegro_twin.app.references import STAY, goal_of
+from allegro_twin.app.rig import Rig, limp_while
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.first_error import closing_noted
-from allegro_twin.loop import paced, run, to_the_end, until
+from allegro_twin.loop import paced, resume, to_the_end
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.version import __version__
@@ -101,12 +102,12 @@ def perform(
     try:
         with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
             planner = _planner(rig, stack)
-            samples = to_the_end(run(rig.backend, rig.controller))
+            samples = to_the_end(_begun(rig))
             if planner is not None and planner.real_time and not rig.live and outputs.live is None:
                 samples = paced(samples)  # Plans are made in a time that passes.
             samples = _until_over(samples, rig)
             if rig.seconds is not None:
-                samples = until(rig.seconds, samples)
+                samples = beside.until_done(samples, rig.seconds, asked=config.seconds is not None)
             samples = beside.followed(samples)
             samples = _kept(samples, rig, config, outputs, beside)
             samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
@@ -134,6 +135,15 @@ def perform(
             raise
         outcome = replace(outcome, unwritten=unwritten or str(error))
     return replace(outcome, unconfirmed=rig.device.unconfirmed)
+
+
+def _begun(rig: Rig) -> Iterator[Sample]:
+    """Reset the hand and drive it; one whose time passes by itself is limp until its path is planned."""
+    state = rig.backend.reset()
+    reference = getattr(rig.controller, "reference", None)
+    if isinstance(reference, CollisionFreeMove):
+        state, _ = limp_while(rig, state, reference.prepare)
+    yield from resume(rig.backend, rig.controller, state)
 
 
 def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
@@ -177,6 +187,8 @@ class _Beside:
         self._rig, self._target = rig, np.empty(0)
         self.motion = 0.0
         """How long the controller's motion takes, s."""
+        self.began = 0.0
+        """When the controller began, s on the hand's clock."""
         self.ended = False
         """Whether the hand has no further sample."""
 
@@ -185,16 +197,29 @@ class _Beside:
         if self._rig.trial is not None:
             samples = self._rig.trial.watched(samples)
         reference = getattr(self._rig.controller, "reference", None)
-        path, began = None, 0.0
+        path, first = None, True
         for sample in samples:
             state = sample.state
+            if first:
+                self.began, first = state.t, False
             if path is None and reference is not None:
-                path, began = reference.begin(state.position), state.t
+                path = reference.begin(state.position)
                 self.motion = float(getattr(path, "seconds", 0.0))
             if path is not None:
-                self._target = path(state.t - began).position
+                self._target = path(state.t - self.began).position
             yield sample
         self.ended = True
+
+    def until_done(self, samples: Iterator[Sample], seconds: float, *, asked: bool) -> Iterator[Sample]:
+        """Stop after so many s, on the hand's clock where somebody `asked` for them; else on that of the controller,
+        and not before its motion has ended and was seen to rest."""
+        for sample in samples:
+            yield sample
+            t, end = sample.state.t, seconds
+            if not asked:
+                t, end = t - self.began, max(seconds, self.motion + STAY if self.motion else 0.0)
+            if t >= end - 1e-9:
+                return
 
     def __call__(self) -> dict[str, Array]:
         found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}

@@ -6,13 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.app import assemble
+from allegro_twin.app import assemble, references
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.session import REACHED, Outputs, perform
+from allegro_twin.backend import torque_of
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import TrialRunner
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.hands.limits import check_period
+from allegro_twin.recording.reader import load
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.types import Array, Command
 from tests.surfaces.cli.conftest import Run, command
 
 __all__ = ["command"]
@@ -28,6 +33,56 @@ def outcome(config: RunConfig) -> str:
 @pytest.mark.parametrize("config", ["sim_right", "sim_left", "can_virtual", "sim_leap", "sim_model_o", "sim_sih"])
 def test_a_posture_that_is_reached_is_a_run_that_did_what_it_was_for(config: str) -> None:
     assert outcome(load_config(config)) == ""
+
+
+def from_fist_to_rock() -> RunConfig:
+    """Their straight line leads the thumb through the index finger."""
+    config = load_config("sim_right")
+    return config.changed(backend={"start": "fist"}, task={"posture": "rock"}, seconds=None)
+
+
+def test_fingers_go_around_each_other_to_a_posture() -> None:
+    assert outcome(from_fist_to_rock()) == ""
+
+
+def test_a_live_hand_is_limp_until_its_path_is_known_and_has_as_much_time_as_any(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    config, torques = from_fist_to_rock(), list[Array]()
+    monkeypatch.setattr(SimBackend, "live", True)
+    rig = assemble(config)
+    assert rig.seconds is not None
+    write = SimBackend.write
+
+    def seen(backend: SimBackend, command: Command) -> None:
+        torques.append(torque_of(command, rig.spec))
+        write(backend, command)
+
+    monkeypatch.setattr(SimBackend, "write", seen)
+    found = perform(rig, config, Outputs(record=tmp_path / "r.arrow"))
+    limp = next(k for k, torque in enumerate(torques) if torque.any())
+    assert limp > 0
+    first, *_, last = load(tmp_path / "r.arrow").columns["t"]
+    assert first == pytest.approx(0.003 * limp, abs=0.004)
+    assert last - first == pytest.approx(rig.seconds, abs=0.004)
+    assert found.missed == ""
+
+
+def test_a_motion_that_takes_longer_than_a_straight_one_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(references, "_longest", lambda spec, speed: 0.0)
+    config = from_fist_to_rock()
+    assert outcome(config) == ""
+    assert outcome(config.changed(seconds=1.0)).startswith("rock is not reached at 1.0 s")
+
+
+def test_a_posture_that_the_hand_cannot_have_is_refused_before_it_moves(command: Run, tmp_path: Path) -> None:
+    crossed = load_posture("rock", load_spec()).tolist()
+    crossed[12:] = load_posture("fist", load_spec()).tolist()[12:]
+    crossed[0:4] = [0.0, 1.5, 1.6, 1.6]
+    (tmp_path / "p.yaml").write_text(POSE.replace("home", str(crossed)))
+    code, _, said = command("run", tmp_path / "p.yaml", "--record", tmp_path / "r.arrow")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "mm inside each other" in said
 
 
 def test_a_hand_without_the_torque_for_it_misses_its_posture_and_the_joints_are_named() -> None:

@@ -143,7 +143,8 @@ def test_only_the_time_of_a_hand_that_is_not_simulated_here_passes_by_itself(mon
     """Neither the episode's, nor ours, nor the one of our simulation behind a bus."""
     asked: list[bool] = []
 
-    def noted(*given: Any, live: bool) -> Any:
+    def noted(*given: Any, live: bool, replayed: bool) -> Any:
+        assert not replayed
         asked.append(live)
         raise ConfigError("asked")
 

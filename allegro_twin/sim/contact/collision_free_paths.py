@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.control.path_planning import CLEARANCE, PlanningSpace, crossing_pairs, plan_path, postures_on_line
-from allegro_twin.control.trajectory import Waypoint, travel_time
+from allegro_twin.control.trajectory import Moves, Trajectory, Waypoint, travel_time
 from allegro_twin.errors import SelfCollision
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -24,6 +25,8 @@ _CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for eac
 _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far from what has stopped it.
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
 NEARLY = 0.002  # m. Of what stops a joint, where encoders and model are that far from the real fingertips.
+SHIFTED = 0.02
+"""rad. A limp hand that moved by more while its way was sought needs another way."""
 _PUSH, _NEARER = 0.01, 1e-5  # rad that a joint is tried further on; m by which it then comes nearer, at least.
 
 
@@ -108,3 +111,27 @@ class CollisionFreePaths:
             least = np.where(among, least, np.inf)
         a, b = self._clearance.pairs[int(np.argmin(least))]
         return f"two links of {a}" if a == b else f"{a} and {b}"
+
+
+class CollisionFreeMove:
+    """A reference: to a posture, from where the fingers are, without one meeting another. `what` it is stands in
+    messages."""
+
+    def __init__(self, spec: HandSpec, wish: Waypoint, what: str) -> None:
+        self.waypoints: Sequence[Waypoint] = [wish]
+        """What was asked for, without the detours."""
+        self._paths, self._limits, self._what = CollisionFreePaths(spec), (spec.lower, spec.upper), what
+        self._planned: tuple[Vector, list[Waypoint]] | None = None
+
+    def prepare(self, position: Vector) -> None:
+        """Plan the path from a joint position, (n,), rad: in 10 ms where it is straight, up to 0.7 s where it is not.
+        Raises SelfCollision as `CollisionFreePaths.legs` does."""
+        (wish,) = self.waypoints
+        self._planned = position, self._paths.legs(np.clip(position, *self._limits), wish, self._limits, self._what)
+
+    def begin(self, position: Vector) -> Trajectory:
+        """The path, planned now unless it was for a position next to this one. Raises SelfCollision."""
+        if self._planned is None or np.abs(self._planned[0] - position).max() > SHIFTED:
+            self.prepare(position)
+        assert self._planned is not None
+        return Moves(self._planned[1]).begin(position)

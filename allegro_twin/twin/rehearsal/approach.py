@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
-from allegro_twin.app.rig import Rig
-from allegro_twin.backend import limp_of
-from allegro_twin.control.controllers import ConstantCommand
+from allegro_twin.app.rig import Rig, limp_while
 from allegro_twin.control.trajectory import Waypoint
-from allegro_twin.loop import resume
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 
 TRACKING = 0.003
 """m that two parts of a hand come nearer than planned: 20 ms late at 1 rad/s, each, and 10 mrad beside."""
-SHIFTED = 0.02
-"""rad. A limp hand that moved by more while its way was sought needs another way."""
 
 
 def plan_approach(spec: HandSpec, position: Vector, wish: Waypoint, shift: Vector, what: str) -> list[Waypoint]:
@@ -39,16 +33,4 @@ def approach_from(
 ) -> tuple[HandState, list[Waypoint]]:
     """Plan the approach of a hand that has been reset. One whose time passes by itself stays limp meanwhile. Returns
     its newest state, and the waypoints from there. Raises as `plan_approach` and the hand do."""
-    if not rig.live:
-        return state, plan_approach(rig.spec, state.position, wish, shift, what)
-    limp = ConstantCommand(limp_of(rig.spec))
-    with ThreadPoolExecutor(1) as pool:
-        start, planned = state.position, pool.submit(plan_approach, rig.spec, state.position, wish, shift, what)
-        for sample in resume(rig.backend, limp, state):
-            state = sample.state
-            if not planned.done():
-                continue
-            if np.abs(state.position - start).max() <= SHIFTED:
-                break
-            start, planned = state.position, pool.submit(plan_approach, rig.spec, state.position, wish, shift, what)
-    return state, planned.result()
+    return limp_while(rig, state, lambda position: plan_approach(rig.spec, position, wish, shift, what))

@@ -36,6 +36,7 @@ from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import resume, run, until
 from allegro_twin.recording.recorder import record
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.sim.settings import SceneSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.joint_ends import JointEnds, find_joint_ends
@@ -251,7 +252,7 @@ def _follow(
             controller, seconds = replace(controller, reference=moves(rig.spec)), None
         state = rig.backend.reset()
         pose.check(state.gravity)
-        assert isinstance(controller.reference, Moves)
+        assert isinstance(controller.reference, Moves | CollisionFreeMove)
         first, *others = controller.reference.waypoints
         state, legs = approach_from(rig, state, first, twin.shift, str(task.get("posture", "the first posture")))
         controller = replace(controller, reference=Moves([*legs, *others]))
