@@ -24,6 +24,7 @@ REACH = 0.3  # rad, of the residual tasks.
 JOINTS_OF = {
     "flexion": np.array([0, 1, 1, 1] * 3 + [0, 0, 1, 1], np.float32),
     "proximal": np.array([0, 1, 0, 0] * 3 + [0, 0, 0, 0], np.float32),
+    "leap's proximal": np.array([1, 0, 0, 0] * 3 + [0, 0, 0, 0], np.float32),
 }
 """All joints that close, and of the three fingers the first of these, which leaves the thumb where it is."""
 SQUEEZES = (("flexion", 0.05), ("flexion", 0.10), ("flexion", 0.15), ("proximal", 0.10), ("proximal", 0.20))

@@ -33,6 +33,7 @@ RECIPES = {
     "pinch_right": "pinch",
     "hold_disturbed_right": "holddisturbed",
     "lift_right": "lift",
+    "lift_leap": "lift_leap",
     "reach_right": "reach",
     "rotate_cradle_right": "rotate_cradle",
     "rotate_right": "rotate_on_palm",
@@ -42,7 +43,8 @@ RECIPES = {
 CHUNK = 100
 SCRIPT = "the script"
 CONSTANTS = {"grasp_right": Squeeze("proximal", 0.10), "pinch_right": Squeeze("proximal", 0.20),
-             "lift_right": Squeeze("proximal", 0.10), "hold_disturbed_right": Squeeze("flexion", 0.05)}  # fmt: skip
+             "lift_right": Squeeze("proximal", 0.10), "hold_disturbed_right": Squeeze("flexion", 0.05),
+             "lift_leap": Squeeze("leap's proximal", 0.20)}  # fmt: skip
 """What policies that add to a script are compared with, too: of five constants the best in other episodes, before."""
 HEAD = "| policy | objects | acts | success | counted, mean (quartiles) | on the palm | of | seeds from, physics |"
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import manifold3d
 import mujoco
 import numpy as np
 import pytest
@@ -15,7 +16,12 @@ from allegro_twin.cell.checks.camera_check import lifted_part
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
-from allegro_twin.cell.perception.touching import forms_one_body, make_compound
+from allegro_twin.cell.perception.touching import (
+    forms_one_body,
+    make_compound,
+    see_through_share,
+    seen_behind_share,
+)
 from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, compound_object, detected_scenario
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
 from allegro_twin.cell.planning.stored_grasps import (
@@ -35,6 +41,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from tests.cell.test_clearing import looked
 from tests.cell.test_run import cell_of
+from tests.sim.dirty_meshes import obj
 
 LONG, SHORT, THICK, HIGH = 0.11, 0.07, 0.035, 0.06
 """m, of an L: two legs, their width, and its height."""
@@ -53,6 +60,37 @@ def box(x: float, y: float, edges: tuple[float, float, float], turn: float = TUR
     c, s = np.cos(turn), np.sin(turn)
     axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return Solid("box", axes @ np.array([x, y, edges[2] / 2.0]), axes, edges, 0.001)
+
+
+def bowl(path: Path) -> Path:
+    """137 mm wide, 55 mm high, its wall 4 mm."""
+    angles = np.linspace(0.0, np.pi / 2.0, 24)
+    outside = [(0.0685 * np.sin(a), 0.055 * (1.0 - np.cos(a))) for a in angles]
+    inside = [(0.0645 * np.sin(a), 0.055 - 0.051 * np.cos(a)) for a in angles[::-1]]
+    made = manifold3d.Manifold.revolve(manifold3d.CrossSection([outside + inside]), 48).to_mesh()
+    return obj(path, np.asarray(made.vert_properties)[:, :3], np.asarray(made.tri_verts).tolist())
+
+
+@pytest.mark.slow
+def test_a_solid_through_which_the_camera_sees_the_table_is_not_there(tmp_path: Path) -> None:
+    """Of all solids an egg of 300 mm fits best to the inside of a bowl."""
+    thing = {"name": "bowl", "shape": "mesh", "file": bowl(tmp_path / "bowl.obj"), "mass": 0.2, "at": [0.0, 0.03]}
+    (found,) = looked(cell_of(objects=[thing]))[2]
+    assert isinstance(found, PerceptionRefusal), found
+    assert found.reason == "unclear"
+    assert "is no ball, egg, cylinder or box: the camera sees the table through the best, of" in str(found)
+
+
+def test_what_is_in_a_hollow_of_a_solid_is_not_seen_behind_it() -> None:
+    """The inside of a mug of 80 mm, and the table beyond it; a mug of 200 mm hides more."""
+    eye = np.array([-0.4, 0.0, 0.4])
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.02, 0.02, 20), np.linspace(-0.02, 0.02, 20)))
+    floor, table = np.stack([x, y, np.full(400, 0.01)], 1), np.stack([x + 0.2, y, np.zeros(400)], 1)
+    seen = np.vstack([floor, table])
+    for height, share in ((0.08, 0.0), (0.2, 1.0)):
+        mug = Solid("cylinder", np.array([0.0, 0.0, height / 2.0]), np.eye(3), (height, 0.08, 0.08), 0.001)
+        assert see_through_share(mug, seen, eye, 0.006) > 0.8
+        assert seen_behind_share(mug, seen, eye, 0.006) == pytest.approx(share, abs=0.05)
 
 
 LEG = box(0.0, -(SHORT - THICK) / 2.0, (LONG, THICK, HIGH))

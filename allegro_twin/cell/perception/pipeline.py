@@ -18,6 +18,7 @@ from allegro_twin.cell.perception.touching import (
     forms_one_body,
     make_compound,
     see_through_share,
+    seen_behind_share,
     separate_solids,
 )
 from allegro_twin.types import Array, Vector
@@ -90,16 +91,17 @@ class PerceptionPipeline:
         self, cluster: Cluster | PerceptionRefusal, draws: np.random.Generator
     ) -> list[Detection | PerceptionRefusal]:
         """One solid that nothing is seen through; else the two or three that explain it together, as things of their
-        own or as one body; else, where the settings allow it, about one."""
+        own or as one body; else one with a hollow, or, where the settings allow it, about one. Never one behind which
+        something is seen."""
         if isinstance(cluster, PerceptionRefusal):
             return [cluster]
-        one, solids = self._detected(cluster, draws)
+        one, solids, refuted = self._detected(cluster, draws)
         unclear = isinstance(one, PerceptionRefusal) and one.reason == "unclear"
-        doubtful = unclear or (isinstance(one, Detection) and self._seen_through(one.solid, cluster))
-        if not doubtful or not solids or cluster.elevation < np.radians(_STEEP):
+        doubtful = unclear or refuted or (isinstance(one, Detection) and self._seen_through(one.solid, cluster))
+        if not doubtful or cluster.elevation < np.radians(_STEEP):
             return [one]
         parts, loose = self._parts(cluster, draws), self.settings.object.loose
-        if parts or not unclear or loose is None or solids[0].error > loose:
+        if parts or not unclear or loose is None or not solids or solids[0].error > loose:
             return parts or [one]
         points = cluster.world(cluster.points)
         doubt = self._workspace(solids[0])
@@ -107,12 +109,16 @@ class PerceptionPipeline:
 
     def _detected(
         self, cluster: Cluster, draws: np.random.Generator
-    ) -> tuple[Detection | PerceptionRefusal, list[Solid]]:
-        """The solid, or why none is it; and all that may be."""
+    ) -> tuple[Detection | PerceptionRefusal, list[Solid], bool]:
+        """The solid, or why none is it; all that may be; and whether what fits best is not there."""
         points = cluster.world(cluster.points)
-        solids = self._fitted(cluster, cluster.points, draws)
+        fitted = self._fitted(cluster, cluster.points, draws)
+        solids = [solid for solid in fitted if not self._seen_behind(solid, cluster)]
+        if fitted and not solids:
+            return _refuted(fitted[0], points), solids, True
         refused = self._doubt(solids, points, cluster.sigma, cluster.elevation)
-        return refused or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others), solids
+        one = refused or Detection(solids[0], cluster.plane, points, cluster.sigma, cluster.others)
+        return one, solids, bool(fitted) and fitted[0] is not solids[0]
 
     def _parts(self, cluster: Cluster, draws: np.random.Generator) -> list[Detection | PerceptionRefusal]:
         """What the cluster may consist of, or why one of these cannot be grasped: the likelier reading, with the other
@@ -154,6 +160,12 @@ class PerceptionPipeline:
         deep = max(_DEEP, _SCATTER * cluster.sigma)
         return see_through_share(solid, cluster.around, cluster.eye, deep) > _THROUGH
 
+    @staticmethod
+    def _seen_behind(solid: Solid, cluster: Cluster) -> bool:
+        """Whether the camera sees something behind a solid, through it: it is not there, whatever fits."""
+        deep = max(_DEEP, _SCATTER * cluster.sigma)
+        return seen_behind_share(solid, cluster.around, cluster.eye, deep) > _THROUGH
+
     def _fitted(self, cluster: Cluster, points: Array, draws: np.random.Generator) -> list[Solid]:
         """Solids in the world that may explain some of a cluster's points, (n, 3), m, in its axes."""
         middle = points.mean(axis=0) * [1.0, 1.0, 0.0]
@@ -184,6 +196,13 @@ class PerceptionPipeline:
             said = f"the {solid.shape} at {position_text(at)} is outside the workspace {space.lower} to {space.upper}"
             return PerceptionRefusal("outside", f"{said}; move it there, or set `workspace` to what the arm reaches")
         return None
+
+
+def _refuted(solid: Solid, points: Array) -> PerceptionRefusal:
+    size = " x ".join(f"{edge * 1e3:.0f}" for edge in solid.size)
+    said = f"the thing at {position_text(points.mean(axis=0))} is no ball, egg, cylinder or box"
+    seen = f"the camera sees the table through the best, of {size} mm"
+    return PerceptionRefusal("unclear", f"{said}: {seen}; where two things touch, move them 2 cm apart")
 
 
 def _placed(solid: Solid, origin: Array, cluster: Cluster) -> Solid:

@@ -110,14 +110,27 @@ def _nested(found: list[Separated]) -> bool:
 def see_through_share(solid: Solid, points: Array, eye: Vector, deep: float) -> float:
     """How many of points, (n, 3), m, the camera, at `eye`, (3,), m, sees through a solid, more than `deep` inside of
     its surface, m: as a part of those that are seen on it or in it. What is one solid hides what is behind it."""
+    inside, at = _along_rays(solid, points, eye)
+    through = int(np.count_nonzero(inside < -deep))
+    return through / max(through + int(np.count_nonzero(np.abs(at) < deep)), 1)
+
+
+def seen_behind_share(solid: Solid, points: Array, eye: Vector, deep: float) -> float:
+    """Likewise, of points behind a solid alone: what is in a hollow of it does not count."""
+    inside, at = _along_rays(solid, points, eye)
+    behind = int(np.count_nonzero((inside < -deep) & (at > deep)))
+    return behind / max(behind + int(np.count_nonzero(np.abs(at) < deep)), 1)
+
+
+def _along_rays(solid: Solid, points: Array, eye: Vector) -> tuple[Vector, Vector]:
+    """Of some of the points, (k,) each, m: the least distance to a solid's surface of what is before it on the way from
+    the camera, and its own; negative inside."""
     points = points[:: max(1, len(points) // _RAYS)]
     away = points - eye
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     before = points[:, None] - _BACK[:, None] * away[:, None]
     inside = surface_distance(solid, before.reshape(-1, 3)).reshape(len(points), -1).min(axis=1)
-    through = int(np.count_nonzero(inside < -deep))
-    own = int(np.count_nonzero(np.abs(surface_distance(solid, points)) < deep))
-    return through / max(through + own, 1)
+    return inside, surface_distance(solid, points)
 
 
 def forms_one_body(solids: Sequence[Solid]) -> bool:

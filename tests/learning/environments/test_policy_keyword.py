@@ -25,6 +25,7 @@ POLICIES = {
     "grasp_right": "grasp_easy",
     "hold_disturbed_right": "holddisturbed",
     "lift_right": "lift",
+    "lift_leap": "lift_leap",
     "pinch_right": "pinch",
     "reach_right": "reach",
     "reorient_right": "reorient_on_palm",
