@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.policy.card import PolicyCard, read_card
 from allegro_twin.learning.tasks import TASKS
 
@@ -31,7 +32,7 @@ what stands beside them, 12.8 times; all else is at 26. An empty cell was not me
 | task | environment | who | sees | episodes | success | counted | of | seeds from, physics |
 |---|---|---|---|---|---|---|---|---|
 """
-_KEYWORDS = ("level", "palm", "goals", "position_noise")
+_KEYWORDS = ("level", "palm", "goals", "position_noise", "hand")
 """Keywords of an environment that say what is asked."""
 _BASELINES = "500,000,000, 3 ms"
 _MPC = "0, 3 ms"
@@ -106,7 +107,7 @@ def planned() -> Iterator[Row]:
 
 def environment(card: PolicyCard) -> str:
     """What a policy's environment asks otherwise than the task's default."""
-    own = card.environment or {}
+    own = (card.environment or {}) | ({} if card.hand == HAND else {"hand": card.hand})
     return ", ".join(f"`{key}={own[key]!r}`".replace("'", '"') for key in _KEYWORDS if key in own) or "default"
 
 

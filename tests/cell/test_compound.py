@@ -20,7 +20,7 @@ from allegro_twin.cell.perception.touching import (
     forms_one_body,
     make_compound,
     see_through_share,
-    seen_behind_share,
+    background_share,
 )
 from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, compound_object, detected_scenario
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
@@ -90,7 +90,7 @@ def test_what_is_in_a_hollow_of_a_solid_is_not_seen_behind_it() -> None:
     for height, share in ((0.08, 0.0), (0.2, 1.0)):
         mug = Solid("cylinder", np.array([0.0, 0.0, height / 2.0]), np.eye(3), (height, 0.08, 0.08), 0.001)
         assert see_through_share(mug, seen, eye, 0.006) > 0.8
-        assert seen_behind_share(mug, seen, eye, 0.006) == pytest.approx(share, abs=0.05)
+        assert background_share(mug, seen, eye, 0.006) == pytest.approx(share, abs=0.05)
 
 
 LEG = box(0.0, -(SHORT - THICK) / 2.0, (LONG, THICK, HIGH))

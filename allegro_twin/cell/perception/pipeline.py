@@ -18,7 +18,7 @@ from allegro_twin.cell.perception.touching import (
     forms_one_body,
     make_compound,
     see_through_share,
-    seen_behind_share,
+    background_share,
     separate_solids,
 )
 from allegro_twin.types import Array, Vector
@@ -164,7 +164,7 @@ class PerceptionPipeline:
     def _seen_behind(solid: Solid, cluster: Cluster) -> bool:
         """Whether the camera sees something behind a solid, through it: it is not there, whatever fits."""
         deep = max(_DEEP, _SCATTER * cluster.sigma)
-        return seen_behind_share(solid, cluster.around, cluster.eye, deep) > _THROUGH
+        return background_share(solid, cluster.around, cluster.eye, deep) > _THROUGH
 
     def _fitted(self, cluster: Cluster, points: Array, draws: np.random.Generator) -> list[Solid]:
         """Solids in the world that may explain some of a cluster's points, (n, 3), m, in its axes."""

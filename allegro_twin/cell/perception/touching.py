@@ -115,7 +115,7 @@ def see_through_share(solid: Solid, points: Array, eye: Vector, deep: float) -> 
     return through / max(through + int(np.count_nonzero(np.abs(at) < deep)), 1)
 
 
-def seen_behind_share(solid: Solid, points: Array, eye: Vector, deep: float) -> float:
+def background_share(solid: Solid, points: Array, eye: Vector, deep: float) -> float:
     """Likewise, of points behind a solid alone: what is in a hollow of it does not count."""
     inside, at = _along_rays(solid, points, eye)
     behind = int(np.count_nonzero((inside < -deep) & (at > deep)))
