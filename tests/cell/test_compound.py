@@ -17,10 +17,10 @@ from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.touching import (
+    background_share,
     forms_one_body,
     make_compound,
     see_through_share,
-    background_share,
 )
 from allegro_twin.cell.planning.adaptation import AdaptationSearch, GraspAdapter, compound_object, detected_scenario
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject

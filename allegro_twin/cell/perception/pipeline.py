@@ -15,10 +15,10 @@ from allegro_twin.cell.perception.segmentation import Cluster, TablePlane, find_
 from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.touching import (
     Separated,
+    background_share,
     forms_one_body,
     make_compound,
     see_through_share,
-    background_share,
     separate_solids,
 )
 from allegro_twin.types import Array, Vector
