@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-# All ours, set on grasps by hands 400 to 404 of benchmarks/mirrored_hands.py.
+# All ours, set on grasps by hands 400 to 404 of benchmarks/mirrored_hands.py; LET_GO by 930 to 934.
 RESTED, SINCE = 0.24, 0.12
 """s: how long a hand must have rested, and how long ago that may have ended."""
 STILL = 0.008
@@ -40,7 +40,7 @@ pushed back by more than the second does not hold either. Friction beyond the fi
 rest."""
 BACK = 0.5
 """Least share of a finger's push that its motors make: all of it but the finger's weight."""
-LET_GO, INWARD = 0.2, 0.004
+LET_GO, INWARD = 0.3, 0.004
 """Lost share of the push of one of several fingers; rad."""
 ALTOGETHER, ALONE = 0.7, 0.02
 """The same while the palm turns, and for one finger alone; rad, for one finger alone."""
