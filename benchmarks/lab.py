@@ -135,7 +135,9 @@ def _alter(cell: Cell, draws: np.random.Generator) -> None:
     joints = [int(model.joint(name).dofadr[0]) for name in spec.joints]
     motors = [model.actuator(name).id for name in spec.joints]
     model.dof_frictionloss[joints] *= np.exp(draws.uniform(np.log(0.5), np.log(2.0), len(joints)))
-    model.actuator_gear[motors, 0] *= draws.uniform(0.85, 1.15, len(motors))
+    strength = draws.uniform(0.85, 1.15, len(motors))[:, None]
+    model.actuator_gainprm[motors] *= strength  # Not the gear: a servo's angles would be scaled with it.
+    model.actuator_biasprm[motors] *= strength
 
 
 def _row(report: LabReport, name: str, wall: float) -> Row:

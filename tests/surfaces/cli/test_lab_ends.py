@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell import run
+from allegro_twin.cell.checks.grasp_check import GraspCheck
 from allegro_twin.cell.journal import observers
 from allegro_twin.cell.journal.observers import Observers
 from allegro_twin.cell.run import LabReport
@@ -164,3 +165,14 @@ def test_what_is_put_away_and_is_not_in_the_tray_in_truth_is_named_with_where_it
     said, last = lab.outcome_lines(report)
     assert said == "2 put into the tray; in truth in it: cube; on the table: pea; off the table: tall"
     assert last.startswith("missed: left; 2 objects put away")
+
+
+def test_an_object_that_is_off_the_table_is_said_to_be_and_not_how_far_it_fell() -> None:
+    checked = GraspCheck(0.0, 0.053, 0.0, 0.0, None, False, False, None, False)
+    end = CellOutcome("missed", "", "the thing is not in the hand")
+    off = LabReport(end, (), 1, None, None, checked, 0.0, float("nan"), "mug", off_table=("mug", "pea"))
+    seen, other, _ = lab.outcome_lines(off)
+    assert seen.endswith("camera: cannot tell; in truth mug is off the table")
+    assert other == "another object, pea, fell off the table"
+    low = LabReport(end, (), 1, None, None, checked, 0.0, -0.046, "mug")
+    assert lab.outcome_lines(low)[0].endswith("in truth mug is 46 mm lower than where it stood")
