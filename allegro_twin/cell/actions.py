@@ -82,7 +82,9 @@ class CellActions:
         self.checked: GraspCheck | None = None
         self.on_detection: Callable[[CameraFrame, Detection | PerceptionRefusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
-        self._selector = ObjectSelector(cell)
+        self.on_planning: Callable[[str], None] = lambda said: None
+        """Hears how far a search for a grasp is, while simulated time stands still."""
+        self._selector = ObjectSelector(cell, lambda said: self.on_planning(said))
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None

@@ -91,9 +91,11 @@ def perform(
     hand: SampleStage = iter,
     on_state: Callable[[MachineState], None] = lambda now: None,
     on_prepare: Callable[[CellActions], None] = lambda work: None,
+    on_planning: Callable[[str], None] = lambda said: None,
 ) -> LabReport:
     """From the security pose to an end. `arm` and `hand` are stages around their samples, `on_state` hears of states,
-    `on_prepare` of the run's memory before anything moves.
+    `on_prepare` of the run's memory before anything moves, `on_planning` how far a search for a grasp is, in sentences,
+    while simulated time stands still.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
     state has its longest time, and so has the run, by the periods of arm and hand. Raises ConfigError for a tray out of
@@ -103,6 +105,7 @@ def perform(
         check_tray(cell.settings.tray, cell)
     work, now = CellActions(cell), initial_state(0.0)
     seen = _Story(cell, work)
+    work.on_planning = on_planning
     on_prepare(work)
     law = arm_controller(cell, work.guide)
     grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)

@@ -176,3 +176,14 @@ def test_an_object_that_is_off_the_table_is_said_to_be_and_not_how_far_it_fell()
     assert other == "another object, pea, fell off the table"
     low = LabReport(end, (), 1, None, None, checked, 0.0, -0.046, "mug")
     assert lab.outcome_lines(low)[0].endswith("in truth mug is 46 mm lower than where it stood")
+
+
+def test_while_a_grasp_is_searched_the_terminal_says_for_what_and_how_far(
+    command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def perform(cell: Any, on_planning: Any, **stages: Any) -> LabReport:
+        on_planning("round 1 of 3: 0 adapted grasps close on it")
+        return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
+
+    monkeypatch.setattr(run, "perform", perform)
+    assert "  round 1 of 3: 0 adapted grasps close on it\n" in command(*CONFIG)[1]

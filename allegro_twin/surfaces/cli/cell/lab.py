@@ -202,8 +202,11 @@ def _performed(cell: Cell, observers: Observers, hand: SampleStage, *, live: boo
             say(f"           {now.cause.sentence}")
         observers.on_state(now)
 
+    def planning(said: str) -> None:
+        say(f"           {said}")
+
     arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
-    return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare)
+    return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare, on_planning=planning)
 
 
 def outcome_lines(report: LabReport) -> list[str]:
