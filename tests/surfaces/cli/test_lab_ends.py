@@ -187,3 +187,13 @@ def test_while_a_grasp_is_searched_the_terminal_says_for_what_and_how_far(
 
     monkeypatch.setattr(run, "perform", perform)
     assert "  round 1 of 3: 0 adapted grasps close on it\n" in command(*CONFIG)[1]
+
+
+def test_a_mesh_whose_file_has_the_name_of_a_part_of_the_hand_is_refused_with_both_ways_out(
+    command: Run, tmp_path: Path
+) -> None:
+    solid = cracker()
+    file = obj(tmp_path / "fer_link3.obj", solid.vertices, solid.faces.tolist())
+    code, _, errors = command(*CONFIG, "--object", file)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "give the object another one by its `name`, or rename its file where it is named after that" in errors
