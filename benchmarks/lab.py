@@ -146,7 +146,8 @@ def _row(report: LabReport, name: str, wall: float) -> Row:
         "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "tries": report.tries, "grasp": report.grasp, "error": report.error, "lifted": report.lifted, "wall": wall,
         "t": report.events[-1][0], "force": None if check is None else bool(check.by_force),
-        "torque": None if check is None else check.by_torque, "fingers": None if check is None else bool(check.by_fingers),
+        "torque": None if check is None else check.by_torque,
+        "fingers": None if check is None else bool(check.by_fingers),
         "between": None if check is None else check.between, "doubt": bool(check is not None and check.doubt),
         "weight": None if check is None else check.weight, "press": None if check is None else check.torque,
     }  # fmt: skip
