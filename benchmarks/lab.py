@@ -135,7 +135,9 @@ def _alter(cell: Cell, draws: np.random.Generator) -> None:
     joints = [int(model.joint(name).dofadr[0]) for name in spec.joints]
     motors = [model.actuator(name).id for name in spec.joints]
     model.dof_frictionloss[joints] *= np.exp(draws.uniform(np.log(0.5), np.log(2.0), len(joints)))
-    model.actuator_gear[motors, 0] *= draws.uniform(0.85, 1.15, len(motors))
+    strength = draws.uniform(0.85, 1.15, len(motors))[:, None]
+    model.actuator_gainprm[motors] *= strength  # Not the gear: a servo's angles would be scaled with it.
+    model.actuator_biasprm[motors] *= strength
 
 
 def _row(report: LabReport, name: str, wall: float) -> Row:
@@ -144,7 +146,8 @@ def _row(report: LabReport, name: str, wall: float) -> Row:
         "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "tries": report.tries, "grasp": report.grasp, "error": report.error, "lifted": report.lifted, "wall": wall,
         "t": report.events[-1][0], "force": None if check is None else bool(check.by_force),
-        "torque": None if check is None else check.by_torque, "fingers": None if check is None else check.by_fingers,
+        "torque": None if check is None else check.by_torque,
+        "fingers": None if check is None else bool(check.by_fingers),
         "between": None if check is None else check.between, "doubt": bool(check is not None and check.doubt),
         "weight": None if check is None else check.weight, "press": None if check is None else check.torque,
     }  # fmt: skip

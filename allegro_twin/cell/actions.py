@@ -14,10 +14,12 @@ from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera, lifted_part
 from allegro_twin.cell.checks.grasp_check import (
+    NOTHING,
     GraspCheck,
     check_grasp,
     detectable_weight,
     grasp_verdict,
+    may_weigh_more,
     presses_surely,
     pressing_torque,
     stopping_torque,
@@ -64,7 +66,6 @@ WATCHED = 0.5
 _FAR = ("ToSecurityPose", "ToTargetPose", "ToReleasePose", "PutBack")  # States that may have several far ways.
 _SLOWLY = 0.15  # m/s, on average, on a straight way.
 _ASIDE = 0.03  # m. So far from above where it grasped the palm does not go straight down.
-_LOST = 0.25  # Of the torque between fingers that says that something is there: with less nothing is, any more.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
 
@@ -81,7 +82,9 @@ class CellActions:
         self.checked: GraspCheck | None = None
         self.on_detection: Callable[[CameraFrame, Detection | PerceptionRefusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
-        self._selector = ObjectSelector(cell)
+        self.on_planning: Callable[[str], None] = lambda said: None
+        """Hears how far a search for a grasp is, while simulated time stands still."""
+        self._selector = ObjectSelector(cell, lambda said: self.on_planning(said))
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
@@ -302,7 +305,7 @@ class CellActions:
             return True
         nothing = empty_grasp(self.cell.settings.hand, self._grasp, self.cell.robot.palm(state).rotation)
         _, _, between = self._torques(self._hand, nothing)
-        return between > _LOST * self.cell.settings.validation.torque
+        return between > NOTHING * self.cell.settings.validation.torque
 
     def _torques(self, hand: HandState, nothing: EmptyGrasp) -> tuple[Vector, Vector, float]:
         """What the motors give and what gravity takes, (n,) each, and what is between the fingers, N·m."""
@@ -325,7 +328,7 @@ class CellActions:
         if self._sight is None and self._asked is None:
             self._look_again(state)
         told = self.checked
-        found = self._check(state)
+        found = self._check(state, again=True)
         if found.held:
             self.checked = told  # What the verdict went by.
         return found
@@ -502,7 +505,8 @@ class CellActions:
         self._track = track_target(self._track, target, time, settings.steady)
         return check_steadiness(self._track, settings.steady) or seen
 
-    def _check(self, state: HandState) -> Observation:
+    def _check(self, state: HandState, *, again: bool = False) -> Observation:
+        """What the state machine hears of the checks; `again`: it was held by those before."""
         cell, settings = self.cell, self.cell.settings.validation
         if len(self._after) < self._enough or self._hand is None or self.way is None or self._grasp is None:
             return Observation(state.t)
@@ -526,8 +530,10 @@ class CellActions:
             meet = touching_joints(cell.settings.hand, ways)
             return presses_surely(off, nothing, meet, [finger.joints for finger in spec.fingers], settings.torque)
 
-        seen = grasp_verdict(state.t, self.checked, sight, sure, settings)
-        if seen.fault is not None and seen.fault.reason == "not confirmed" and len(self._after) < settings.long:
+        seen = grasp_verdict(state.t, self.checked, sight, sure, settings, again=again)
+        unsure = seen.fault is not None and seen.fault.reason == "not confirmed"
+        unsure = unsure or (not seen.held and may_weigh_more(self.checked, sight))
+        if unsure and len(self._after) < settings.long:
             self._enough = settings.long  # It may be light: weigh it for longer.
             return Observation(state.t)
         return seen

@@ -27,6 +27,7 @@ from allegro_twin.cell.states import (
     Observation,
     StateName,
     StateRules,
+    ended,
     endless_run,
     initial_state,
     next_state,
@@ -60,12 +61,12 @@ class LabReport:
     error: float
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float
-    """How much higher the thing is than it was when the hand went for it, m; 0 where it never did. Only a simulation
-    knows."""
+    """How much higher the thing's middle of mass is than it was when the hand went for it, m; 0 where it never did; NaN
+    where it is off the table, for there is no floor beside it. Only a simulation knows."""
     thing: str = ""
     """Its name: of those in the scene the one that is nearest to what was seen last. Only a simulation knows."""
     moved: tuple[tuple[str, float], ...] = ()
-    """Other objects that are not where they were, and how far, m. Only a simulation knows."""
+    """Other objects on the table that are not where they were, and how far, m. Only a simulation knows."""
     released: int = 0
     """Objects that were put into the tray, as the run itself counts them."""
     in_tray: tuple[str, ...] = ()
@@ -73,7 +74,7 @@ class LabReport:
     on_table: tuple[str, ...] = ()
     """With a tray: those that are anywhere else above the table. Only a simulation knows."""
     off_table: tuple[str, ...] = ()
-    """With a tray: those that have fallen off the table. Only a simulation knows."""
+    """Those that have fallen off the table. Only a simulation knows."""
     believed: CellOutcome | None = None
     """How the cell itself takes it to have ended, where a simulation knows better, as `end` says."""
 
@@ -90,9 +91,11 @@ def perform(
     hand: SampleStage = iter,
     on_state: Callable[[MachineState], None] = lambda now: None,
     on_prepare: Callable[[CellActions], None] = lambda work: None,
+    on_planning: Callable[[str], None] = lambda said: None,
 ) -> LabReport:
     """From the security pose to an end. `arm` and `hand` are stages around their samples, `on_state` hears of states,
-    `on_prepare` of the run's memory before anything moves.
+    `on_prepare` of the run's memory before anything moves, `on_planning` how far a search for a grasp is, in sentences,
+    while simulated time stands still.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
     state has its longest time, and so has the run, by the periods of arm and hand. Raises ConfigError for a tray out of
@@ -102,6 +105,7 @@ def perform(
         check_tray(cell.settings.tray, cell)
     work, now = CellActions(cell), initial_state(0.0)
     seen = _Story(cell, work)
+    work.on_planning = on_planning
     on_prepare(work)
     law = arm_controller(cell, work.guide)
     grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)
@@ -146,12 +150,7 @@ def perform(
                 seen.enter(now, on_state)
                 work.enter(now, state)
     except (HandFault, LinkError) as error:
-        now = MachineState(
-            "Done",
-            0.0 if last is None else last.state.t,
-            now.tries,
-            CellOutcome("fault", _who(error, cell), str(error)),
-        )
+        now = ended(now, 0.0 if last is None else last.state.t, CellOutcome("fault", _who(error, cell), str(error)))
         seen.enter(now, on_state)
         _hold(cell, work, last, (arms, hands))
     assert now.end is not None
@@ -195,12 +194,13 @@ class _Story:
         self._events: list[tuple[float, StateName]] = []
         self._first: dict[str, Array] = {}
         self._taken: dict[str, Array] = {}
+        self._heights: dict[str, float] = {}
 
     def enter(self, now: MachineState, on_state: Callable[[MachineState], None]) -> None:
         if not self._first:
             self._first = self._places()
         if now.state == "ToTargetPose":
-            self._taken = self._places()
+            self._taken, self._heights = self._places(), self._middles()
         self._events.append((now.since, now.state))
         on_state(now)
 
@@ -209,22 +209,30 @@ class _Story:
         work, first, last = self._work, self._first, self._places()
         error, chosen = float("nan"), self._cell.settings.objects[0].name
         if work.solid is not None:
-            off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in (self._taken or first).items()}
-            chosen = min(off, key=off.__getitem__)
-            error = off[chosen]
+            stood = self._taken or first
+            errors = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in stood.items()}
+            chosen = min(errors, key=errors.__getitem__)
+            error = errors[chosen]
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
-        moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
-        places = object_places(self._cell)
-        risen = {name: float((last[name] - at)[2]) for name, at in self._taken.items()}
+        places, heights = object_places(self._cell), self._middles()
+        off = places.off_table
+        moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED and name not in off)
+        risen = {name: float("nan") if name in off else heights[name] - at for name, at in self._heights.items()}
         end = other_than_wanted(now.end, chosen, risen, self._cell)
         end = other_than_cleared(end, places, self._cell)
         if self._cell.settings.tray is None:
-            places = ObjectPlaces()
+            places = ObjectPlaces(off_table=off)
         return LabReport(
             end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen.get(chosen, 0.0), chosen,
             moved, now.released, places.in_tray, places.on_table, places.off_table, None if end is now.end else now.end,
         )  # fmt: skip
+
+    def _middles(self) -> dict[str, float]:
+        """How high every object's middle of mass really is, m: what tips over turns about that."""
+        world = self._cell.robot.world
+        names = [thing.name for thing in self._cell.settings.objects]
+        return {name: float(world.data.subtree_com[world.model.body(name).id][2]) for name in names}
 
     def _places(self) -> dict[str, Array]:
         """Where every object really is, (3,), m."""

@@ -74,6 +74,8 @@ class MachineState:
     """What was checked is on its way to the tray, or back."""
     put_back: CellOutcome | None = None
     """Why it is on its way back."""
+    earlier: tuple[CellOutcome, ...] = ()
+    """What the tries before this one came to, in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,7 @@ def endless_run(now: MachineState, t: float, rules: StateRules, whose: str) -> M
         f"the run was in {now.state} after {rules.longest:.0f} s of the {whose}'s periods, and all states last less: "
         f"the {whose}'s clock or the state machine stands still"
     )
-    return _over(now, t, CellOutcome("fault", "endless", said))
+    return ended(now, t, CellOutcome("fault", "endless", said))
 
 
 def next_state(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
@@ -137,21 +139,21 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
     if seen.fault is not None:
         if now.state == "Validate" and rules.objects and seen.fault.reason in _UNSURE:
             return _put_back(now, seen.t, seen.fault)
-        return _over(now, seen.t, seen.fault)
+        return ended(now, seen.t, seen.fault)
     if seen.reflex is not None:
         if now.state == "Retreat":
-            return _over(now, seen.t, seen.reflex)  # Whichever way it goes.
+            return ended(now, seen.t, seen.reflex)  # Whichever way it goes.
         return replace(now, state="Retreat", since=seen.t, cause=seen.reflex)
     late = seen.t - now.since >= rules.timeouts[now.state] - 1e-9
     match now.state:
         case "Look":
             if seen.done and rules.objects and now.released >= rules.objects:
-                return _over(now, seen.t, _cleared(now, _full(rules), seen.doubt))
+                return ended(now, seen.t, _cleared(now, _full(rules), seen.doubt))
             if seen.done:
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
                 refused = seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
-                return _over(now, seen.t, _cleared(now, refused, seen.doubt) if rules.objects else refused)
+                return ended(now, seen.t, _cleared(now, refused, seen.doubt) if rules.objects else refused)
             return now
         case "Retreat" if now.cause is not None:
             return _again(now, seen.t, rules, now.cause) if seen.done or late else now
@@ -161,7 +163,7 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             if seen.held and rules.objects:
                 return replace(now, state="ToReleasePose", since=seen.t, carries=True)
             if seen.held:
-                return _over(now, seen.t, CellOutcome("held", "", seen.doubt))
+                return ended(now, seen.t, CellOutcome("held", "", seen.doubt))
             said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
             missed = CellOutcome("missed", "", said)
             if seen.loaded:
@@ -186,12 +188,12 @@ def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> Ma
     if now.end is None or now.end.word != "held":
         return now
     if seen.fault is not None:
-        return _over(now, seen.t, seen.fault)
+        return ended(now, seen.t, seen.fault)
     if seen.held is False:
         said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.doubt)))
-        return _over(now, seen.t, CellOutcome("fault", "dropped", said))
+        return ended(now, seen.t, CellOutcome("fault", "dropped", said))
     if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
-        return _over(
+        return ended(
             now, seen.t, CellOutcome("fault", "not confirmed", "the second check was not over; see to the camera")
         )
     return now
@@ -203,9 +205,9 @@ def _again(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
         first: StateName = "ToReleasePose" if now.carries else "ToSecurityPose"
         if now.put_back is not None:
             first = "PutBack"
-        return replace(now, state=first, since=t, tries=now.tries + 1, cause=None)
+        return replace(now, state=first, since=t, tries=now.tries + 1, cause=None, earlier=(*now.earlier, end))
     if now.carries:
-        return _over(now, t, end)
+        return ended(now, t, end)
     return _later(now, t, rules, end)
 
 
@@ -217,7 +219,7 @@ def _later(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
     """The next object of a table that is cleared, or the end."""
     if len(now.left) + 1 < rules.objects:
         return MachineState("ToSecurityPose", t, released=now.released, left=(*now.left, end))
-    return _over(now, t, end)
+    return ended(now, t, end)
 
 
 def _cleared(now: MachineState, refused: CellOutcome, doubt: str) -> CellOutcome:
@@ -238,7 +240,13 @@ def _full(rules: StateRules) -> CellOutcome:
     return CellOutcome("refused", "full", said)
 
 
-def _over(now: MachineState, t: float, end: CellOutcome) -> MachineState:
+def ended(now: MachineState, t: float, end: CellOutcome) -> MachineState:
+    """The end of the run. What the tries before came to is told with it, unless something is held or all is cleared:
+    a try that threw the object down is why there is nothing to take."""
+    if end.word not in ("held", "cleared"):
+        before = dict.fromkeys(each for each in now.earlier if each != end)
+        told = [f"try {now.earlier.index(each) + 1}: {each}, {each.sentence}" for each in before]
+        end = replace(end, sentence="; ".join(filter(None, (end.sentence, *told))))
     return replace(now, state="Done", since=t, end=end)
 
 

@@ -133,3 +133,76 @@ def test_draws_end_with_the_first_grasp_that_holds_in_all_and_that_the_arm_gets_
     monkeypatch.setattr(AdaptationSearch, "_held", held)
     found = adapter().plan(BOX, lambda card: card if sum(more) < 15 or card.name == wanted else None)
     assert (found.name, len(counts)) == (wanted, drawn)
+
+
+class Counted:
+    """The searches of an adapter, each of which comes to what it is told to."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **counts: int) -> None:
+        self.masses = list[float]()
+
+        def searched(search: AdaptationSearch, reaches: object) -> None:
+            self.masses.append(search.mass)
+            for name, count in counts.items():
+                setattr(search, name, count)
+
+        monkeypatch.setattr(AdaptationSearch, "round", searched)
+
+
+@pytest.mark.parametrize(("counts", "searches"), [
+    ({"grown": 0}, 1), ({"grown": 9, "looked": 9}, 1), ({"grown": 9, "looked": 9, "reached": 2, "lifted": 1}, 1),
+    ({"grown": 9, "looked": 9, "reached": 2}, 2), ({"grown": 9, "weak": 9}, 2),
+])  # fmt: skip
+def test_a_thing_is_tried_as_a_lighter_one_only_where_its_weight_may_be_in_the_way(
+    counts: dict[str, int], searches: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted = Counted(monkeypatch, **counts)
+    with pytest.raises(ConfigError):
+        adapter().plan(BOX, itself)
+    assert len(counted.masses) == searches
+    assert len(set(counted.masses)) == searches
+
+
+def test_what_weighs_the_least_already_is_not_tried_as_a_lighter_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = Counted(monkeypatch, reached=2)
+    with pytest.raises(ConfigError):
+        adapter().plan(replace(BOX, extents=(0.03, 0.02, 0.02), position=np.array([0.0, 0.0, 0.01])), itself)
+    assert counted.masses == pytest.approx([0.02])
+
+
+def test_what_scatters_between_two_pictures_is_not_searched_again_and_what_was_moved_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counted, mine = Counted(monkeypatch, grown=9, looked=9), adapter()
+    rod = TableObject("lying cylinder", (0.0886, 0.0138, 0.0138), 0.0, np.array([-0.010, 0.062, 0.007]))
+    again = replace(rod, extents=(0.0895, 0.0145, 0.0145), yaw=0.04, position=np.array([-0.010, 0.057, 0.007]))
+    moved = replace(rod, position=np.array([0.010, 0.062, 0.007]))
+    for body in (rod, again, moved):
+        with pytest.raises(ConfigError):
+            mine.plan(body, itself)
+    assert len(counted.masses) == 2
+
+
+def test_what_no_finger_closes_on_is_searched_once_wherever_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted, mine = Counted(monkeypatch, grown=1, looked=1, reached=1), adapter()
+    rod = TableObject("lying cylinder", (0.0886, 0.0138, 0.0138), 0.0, np.array([-0.010, 0.062, 0.007]))
+    for body in (rod, replace(rod, yaw=0.2, position=np.array([0.1, 0.05, 0.007]))):
+        with pytest.raises(ConfigError, match=rf"at \({body.position[0]:.3f}, "):
+            mine.plan(body, itself)
+    assert len(counted.masses) == 1
+    with pytest.raises(ConfigError):
+        mine.plan(replace(rod, extents=(0.0886, 0.03, 0.03)), itself)
+    assert len(counted.masses) >= 2
+
+
+def test_a_search_says_what_it_searches_for_and_how_far_each_round_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = list[str]()
+    Counted(monkeypatch, grown=9, looked=4)
+    mine = replace(adapter(settings=FEW.model_copy(update={"rounds": 3})), on_progress=said.append)
+    with pytest.raises(ConfigError):
+        mine.plan(BOX, itself)
+    assert said[0].startswith(
+        "adapts stored grasps to the box of 60 x 45 x 90 mm at (0.000, 0.000, 0.045), taken to weigh"
+    )
+    assert [line.split(":")[0] for line in said[1:]] == ["round 1 of 3", "round 2 of 3", "round 3 of 3"]
+    assert "9 adapted grasps close on it, the arm gets to 0 of the 4 best" in said[-1]

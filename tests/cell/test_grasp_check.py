@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from allegro_twin.cell.checks.grasp_check import (
     check_grasp,
     detectable_weight,
     grasp_verdict,
+    may_weigh_more,
     presses_surely,
     pressing_torque,
     stopping_torque,
@@ -139,7 +142,7 @@ def test_a_motor_at_its_own_stop_that_is_read_a_little_short_of_it_presses_on_no
 @pytest.mark.parametrize(("by", "held"), [("force", False), ("torque", True), ("fingers", False)])
 def test_the_settings_say_which_check_decides(by: str, held: bool) -> None:
     settings = GraspCheckSettings.model_validate({"by": by})
-    found = check_grasp(0.03, 0.053, 1.0, 0.1, CameraCheck(), settings)
+    found = check_grasp(0.03, 0.053, 1.0, 0.0, CameraCheck(), settings)
     assert (found.by_force, found.by_torque, found.by_fingers, found.held) == (None, True, False, held)
 
 
@@ -225,3 +228,55 @@ def test_a_force_to_the_side_is_no_weight() -> None:
     aside = [each + AXES.T @ [0.0, 3.0, 0.0] @ np.eye(3, 6) for each in felt(0.3, 100, 2)]
     found, settings = empty(0.3, 1.0)
     assert "sideways" in check_plausibility(found, felt(0.0, 100, 1), aside, AXES, settings)
+
+
+@pytest.mark.parametrize("by", ["fingers", "torque", "force"])
+@pytest.mark.parametrize(("weight", "torque", "sight", "held"), [
+    (0.057, 1.0, SEEN, True), (0.02, 1.0, SEEN, False), (0.057, 1.0, HIDDEN, False), (0.057, 1.0, FROZEN, False),
+    (0.057, 0.0, SEEN, False), (0.057, 1.0, TABLE, False),
+])  # fmt: skip
+def test_what_fingers_cannot_tell_is_held_where_torque_weight_and_camera_all_say_so(
+    by: str, weight: float, torque: float, sight: CameraCheck, held: bool
+) -> None:
+    """An apple in the hand of the LEAP demo: the fingers that do not touch each other press with 0.09 N·m."""
+    settings = GraspCheckSettings.model_validate({"by": by})
+    found = check_grasp(weight, 0.053, torque, 0.0912, sight, settings)
+    assert found.by_fingers is None
+    assert (grasp_verdict(1.0, found, sight, lambda: True, settings).held is True) == held
+
+
+def test_a_doubted_weight_does_not_stand_in_for_fingers_that_cannot_tell() -> None:
+    found = replace(check_grasp(0.3, 0.053, 1.0, 0.0912, SEEN, SETTINGS), doubt="its zero moved")
+    said = grasp_verdict(1.0, found, SEEN, lambda: True, SETTINGS)
+    assert (said.held, said.loaded) == (False, True)
+    assert "the fingers cannot tell whether it was: 0.09 N·m are between them" in said.doubt
+
+
+@pytest.mark.parametrize(("between", "weight", "sight", "held"), [
+    (0.09, 0.3, CameraCheck(), True), (0.09, 0.02, SEEN, True), (0.09, 0.02, HIDDEN, None), (0.02, 0.3, SEEN, False),
+])  # fmt: skip
+def test_what_was_held_is_not_dropped_because_the_fingers_press_a_little_less(
+    between: float, weight: float, sight: CameraCheck, held: bool | None
+) -> None:
+    found = check_grasp(weight, 0.053, 1.0, between, sight, SETTINGS)
+    said = grasp_verdict(1.0, found, sight, lambda: False, SETTINGS, again=True)
+    assert said.held is held
+    assert (said.fault is not None and said.fault.reason == "not confirmed") == (held is None)
+
+
+def test_what_the_camera_sees_and_the_fingers_cannot_tell_is_weighed_for_longer() -> None:
+    light = check_grasp(0.03, 0.053, 1.0, 0.09, SEEN, SETTINGS)
+    assert may_weigh_more(light, SEEN)
+    assert not may_weigh_more(check_grasp(0.03, 0.053, 1.0, 0.02, SEEN, SETTINGS), SEEN)  # The fingers say no.
+    assert not may_weigh_more(check_grasp(0.03, 0.053, 1.0, 0.09, HIDDEN, SETTINGS), HIDDEN)
+
+
+@pytest.mark.parametrize(
+    ("press", "sight", "doubted"), [(0.0, CameraCheck(), True), (0.0, SEEN, False), (0.09, HIDDEN, False)]
+)
+def test_a_weight_is_not_doubted_for_fingers_that_cannot_tell_or_for_fingers_alone(
+    press: float, sight: CameraCheck, doubted: bool
+) -> None:
+    found = check_grasp(0.3, 0.053, 1.0, press, sight, SETTINGS)
+    said = check_plausibility(found, felt(0.0, 100, 1), felt(0.3, 100, 2), AXES, SETTINGS)
+    assert bool(said) == doubted

@@ -42,6 +42,15 @@ def test_what_stands_in_a_hands_own_config_is_held_and_said_to_be(hand: str) -> 
     assert report.checked.by_fingers
 
 
+@pytest.mark.slow
+def test_an_apple_in_the_hand_is_held_at_the_first_try_where_the_fingers_that_tell_hardly_press() -> None:
+    """Two fingers of the LEAP Hand touch each other beside it, and the one that is left presses with 0.09 N·m."""
+    report = taken(shipped("leap").model_copy(update={"seed": 102}))
+    assert (str(report.end), report.tries, report.is_lifted) == ("held", 1, True)
+    assert report.checked is not None
+    assert report.checked.by_fingers is None
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("hand", OTHERS)
 def test_a_hand_holds_most_things_of_the_demo_wherever_they_stand_and_says_nothing_false(hand: str) -> None:

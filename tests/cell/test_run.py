@@ -138,6 +138,8 @@ def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
     assert str(report.end) == "missed"
     assert report.end.sentence == "the thing is not in the hand"
     assert not report.is_lifted
+    assert np.isnan(report.lifted)  # It falls for ever.
+    assert report.off_table == ("apple",)
 
 
 @pytest.mark.parametrize("at", [0.3, pytest.param(3.5, marks=pytest.mark.slow)])

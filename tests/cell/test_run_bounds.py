@@ -133,7 +133,7 @@ def sources() -> dict[str, str]:
 
 SOURCES = sources()
 PERFORM = exits(SOURCES[plain.__name__], "perform")
-DECIDED = [(name, place) for name in ("next_state", "watch_outcome", "_again", "_over")
+DECIDED = [(name, place) for name in ("next_state", "watch_outcome", "_again", "ended")
            for place in exits(SOURCES[states.__name__], name)]  # fmt: skip
 QUICK = 3
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
 
 from allegro_twin.cell.assembly import make_cell
-from allegro_twin.cell.settings import LabSettings
+from allegro_twin.cell.planning.release import check_tray
+from allegro_twin.cell.settings import LabSettings, TraySettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
@@ -44,6 +46,34 @@ def test_a_cell_that_cannot_stand_so_is_refused_when_it_is_made(changes: dict[st
     with pytest.raises(ConfigError, match=said) as refused:
         cell_of(**changes)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"tray": {"at": [-0.5, 0.15]}},
+     r"tray.at: the tray stands 40 mm deep in fer_link1, and the arm stands at \(-0.55, 0.00\) .*; move the tray away"),
+    ({"objects": [{"name": "post", "shape": "box", "size": [0.16, 0.1, 0.3], "mass": 0.1, "at": [-0.44, 0.0]}]},
+     r"the `at` of post: post stands \d+ mm deep in fer_link\d, and the arm stands at .*; move post away"),
+])  # fmt: skip
+def test_what_stands_in_the_foot_of_the_arm_is_moved_and_not_the_waiting_pose(
+    changes: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        cell_of(**changes)
+
+
+@pytest.mark.parametrize(("at", "way"), [
+    ((-0.75, 0.0), r"0.20 m from its base .*; put the tray farther away, such as at"),
+    ((0.6, 0.5), r"1.25 m from its base .*; put the tray nearer, such as at"),
+])  # fmt: skip
+def test_a_tray_out_of_reach_is_refused_with_the_way_to_where_the_arm_reaches(
+    at: tuple[float, float], way: str
+) -> None:
+    cell = cell_of(tray={"at": at})
+    with pytest.raises(ConfigError, match=way) as refused:
+        check_tray(TraySettings(at=at), cell)
+    place = re.search(r"such as at \((\S+), (\S+)\)", str(refused.value))
+    assert place is not None
+    check_tray(TraySettings(at=(float(place[1]), float(place[2]))), cell)
 
 
 def test_objects_that_touch_each_other_are_no_overlap() -> None:

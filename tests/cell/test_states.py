@@ -12,8 +12,10 @@ from allegro_twin.cell.states import (
     Observation,
     StateName,
     StateRules,
+    ended,
     initial_state,
     next_state,
+    watch_outcome,
 )
 
 RULES = StateRules(
@@ -58,7 +60,8 @@ def test_nothing_changes_while_nothing_has_happened_and_it_is_not_late(state: St
 @pytest.mark.parametrize("state", ["ToSecurityPose", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose"])
 def test_a_motion_that_takes_too_long_begins_anew_and_then_ends_by_its_name(state: StateName) -> None:
     late = Observation(RULES.timeouts[state])
-    assert next_state(MachineState(state, 0.0), late, RULES) == MachineState("ToSecurityPose", late.t, 2)
+    again = next_state(MachineState(state, 0.0), late, RULES)
+    assert (again.state, again.since, again.tries) == ("ToSecurityPose", late.t, 2)
     last = next_state(MachineState(state, 0.0, 2), late, RULES).end
     assert last is not None
     assert str(last) == f"fault: timeout in {state}"
@@ -67,7 +70,9 @@ def test_a_motion_that_takes_too_long_begins_anew_and_then_ends_by_its_name(stat
 def test_what_is_not_held_is_tried_again_as_often_as_the_rules_say() -> None:
     missed = Observation(1.0, held=False)
     again = next_state(MachineState("Validate", 0.0), missed, RULES)
-    assert again == MachineState("ToSecurityPose", 1.0, 2)
+    assert again == MachineState(
+        "ToSecurityPose", 1.0, 2, earlier=(CellOutcome("missed", "", "the thing is not in the hand"),)
+    )
     assert str(next_state(replace(again, state="Validate"), missed, RULES).end) == "missed"
 
 
@@ -92,8 +97,9 @@ def test_an_arm_that_stopped_by_itself_is_led_away_from_every_state_and_begins_a
     back = next_state(MachineState(state, 0.0), Observation(0.1, done=True, reflex=REFLEX), RULES)
     assert back == MachineState("Retreat", 0.1, 1, cause=REFLEX)
     assert next_state(back, Observation(0.2), RULES) is back
-    assert next_state(back, Observation(0.9, done=True), RULES) == MachineState("ToSecurityPose", 0.9, 2)
-    assert next_state(back, Observation(2.2), RULES) == MachineState("ToSecurityPose", 2.2, 2)
+    again = MachineState("ToSecurityPose", 0.9, 2, earlier=(REFLEX,))
+    assert next_state(back, Observation(0.9, done=True), RULES) == again
+    assert next_state(back, Observation(2.2), RULES) == replace(again, since=2.2)
 
 
 def test_after_the_retries_a_reflex_is_the_end_and_so_is_one_on_the_way_back() -> None:
@@ -128,7 +134,7 @@ def test_what_there_is_no_way_to_the_tray_for_is_put_back_and_tried_again_and_le
     now = next_state(now, Observation(2.0, done=True), CLEARING)
     assert (now.state, now.put_back) == ("OpeningHand", no_way)
     now = next_state(now, Observation(3.0, done=True), CLEARING)
-    assert now == MachineState("ToSecurityPose", 3.0, 2, released=1)  # Not released.
+    assert now == MachineState("ToSecurityPose", 3.0, 2, released=1, earlier=(no_way,))  # Not released.
     second = replace(now, state="OpeningHand", carries=True, put_back=no_way)
     left = next_state(second, Observation(4.0, done=True), CLEARING)
     assert left == MachineState("ToSecurityPose", 4.0, released=1, left=(no_way,))
@@ -146,7 +152,7 @@ def test_what_meets_something_on_its_way_back_is_put_back_at_the_next_try_and_ne
     assert (now.state, now.tries, now.put_back) == ("PutBack", 2, missed)
     now = next_state(next_state(now, Observation(3.0, done=True), going), Observation(4.0, done=True), going)
     assert (now.released, now.carries, now.put_back) == (1, False, None)
-    assert missed in (*now.left, now.end)
+    assert [each.sentence.split("; ")[0] for each in (*now.left, now.end) if each] == [missed.sentence]
 
 
 @pytest.mark.parametrize("rules", ["RULES", "CLEARING"])
@@ -257,3 +263,46 @@ def test_after_as_many_objects_as_may_be_a_last_look_says_whether_the_table_is_c
 def test_clearing_ends_after_as_many_misses_as_objects_may_be() -> None:
     left = (CellOutcome("missed", "", "it slipped"),) * 2
     assert str(next_state(MachineState("Validate", 0.0, 2, left=left), MISSED, CLEARING).end) == "missed"
+
+
+DOWN = CellOutcome("missed", "", "the thing is not in the hand; it stood here, and an object is on the table there")
+
+
+def missed_once() -> MachineState:
+    checked = Observation(1.0, held=False, doubt="it stood here, and an object is on the table there")
+    now = next_state(MachineState("Validate", 0.0), checked, RULES)
+    assert (now.state, now.earlier) == ("ToSecurityPose", (DOWN,))
+    return now
+
+
+def test_a_look_that_finds_nothing_to_take_ends_with_what_the_try_before_came_to() -> None:
+    refused = CellOutcome("refused", "cut_off", "move it to the middle")
+    now = next_state(replace(missed_once(), state="Look"), Observation(3.0, refused=refused), RULES)
+    assert now.end is not None
+    assert str(now.end) == "refused: cut_off"
+    assert now.end.sentence == f"move it to the middle; try 1: missed, {DOWN.sentence}"
+
+
+def test_a_device_that_stops_in_the_second_try_ends_with_what_the_first_came_to() -> None:
+    now = ended(missed_once(), 3.0, CellOutcome("fault", "hand stopped", "it is hot"))
+    assert now.end is not None
+    assert now.end.sentence == f"it is hot; try 1: missed, {DOWN.sentence}"
+
+
+def test_what_is_held_at_the_second_try_and_then_dropped_ends_with_both() -> None:
+    held = next_state(replace(missed_once(), state="Validate"), Observation(3.0, held=True), RULES)
+    assert held.end == CellOutcome("held")
+    end = watch_outcome(held, Observation(3.5, held=False), RULES).end
+    assert end is not None
+    assert end.sentence.startswith("it was held after the lift, and is no longer; try 1: missed, ")
+
+
+def test_a_try_that_came_to_the_same_is_told_once() -> None:
+    assert (
+        next_state(
+            replace(missed_once(), state="Validate"),
+            Observation(3.0, held=False, doubt=DOWN.sentence.split("; ")[1]),
+            RULES,
+        ).end
+        == DOWN
+    )

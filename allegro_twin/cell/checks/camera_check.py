@@ -137,4 +137,7 @@ def _on_table(
     if sizes.max() < settings.object.least:
         return ""
     middle = world[grid.of(world[:, :2]) == int(np.argmax(sizes)) + 1].mean(axis=0)
-    return f"the camera sees an object on the table at {position_text(middle)}"
+    return (
+        f"the camera sees an object on the table at {position_text(middle)}, where none was; what was to be taken "
+        f"stood at {position_text(before.solid.position)}"
+    )

@@ -18,6 +18,9 @@ _GRAVITY = 9.81  # m/s².
 _LIGHT = 120.0  # kg/m³ of its box: YCB's fruits of plastic have 120 to 150, an orange of 73 mm 47 g.
 _CHANCE = 3.0  # Standard deviations of a weight: one empty hand in 740 weighs more by chance.
 _PART = 0.1  # Of the pressure: a finger that gives less does not count as one that presses.
+NOTHING = 0.25
+"""Of the torque between fingers that says that something is there: with less nothing is. Between both they cannot tell,
+for fingers that touch each other are left out, and those that are left may hardly press."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +38,12 @@ class GraspCheck:
     by_force: bool | None
     """None: less than the sensor can tell."""
     by_torque: bool
-    by_fingers: bool
+    by_fingers: bool | None
+    """None: more than around nothing, and less than says that something is there."""
     by_camera: bool | None
     """None: arm or hand hide the object, or no picture came."""
-    held: bool
-    """By the one of the checks that decides."""
+    held: bool | None
+    """By the one of the checks that decides; None where the fingers decide and cannot tell."""
     doubt: str = ""
     """Why the force sensor is not to be trusted; nothing where it is."""
 
@@ -64,7 +68,8 @@ def check_grasp(
 ) -> GraspCheck:
     """The verdicts of all four; `least`: the weight that can be told, kg."""
     force = True if weight > least else None
-    press, there = torque > settings.torque, between > settings.torque
+    press = torque > settings.torque
+    there = None if NOTHING * settings.torque < between <= settings.torque else between > settings.torque
     held = {"force": force is True, "torque": press, "fingers": there}[settings.by]
     return GraspCheck(weight, least, torque, between, force, press, there, sight.held, held)
 
@@ -122,23 +127,45 @@ def presses_surely(
     return bool((two & (np.where(meeting, 0.0, telling).sum(axis=1) > least)).all())
 
 
+def may_weigh_more(found: GraspCheck, sight: CameraCheck) -> bool:
+    """Whether a finer weight would make it held: the fingers cannot tell, are stopped, and the camera sees it."""
+    return found.by_fingers is None and found.by_torque and sight.there and not sight.left and not found.by_force
+
+
 def grasp_verdict(
-    t: float, found: GraspCheck, sight: CameraCheck, sure: Callable[[], bool], settings: GraspCheckSettings
-) -> Observation:
-    """What the state machine hears.
+    t: float, found: GraspCheck, sight: CameraCheck, sure: Callable[[], bool], settings: GraspCheckSettings, *,
+    again: bool = False,
+) -> Observation:  # fmt: skip
+    """What the state machine hears. `again`: it was held by the check before this one.
 
     Held is what the deciding check says and no other denies, and what something beside the hand's own joints confirms:
     weight, or the camera that sees it in the hand. What is too light to be weighed and hidden by the hand is confirmed
-    by fingers that press for `sure`, once a new picture does not show it on the table. A fault where the force
-    sensor decides and is doubted, and where checks disagree or nothing confirms.
+    by fingers that press for `sure`, once a new picture does not show it on the table. Where the fingers cannot tell,
+    it takes weight and camera both, the first time, and torque. A fault where the force sensor decides and is doubted,
+    and where checks disagree or nothing confirms.
     """
     if found.doubt and settings.by == "force":
         return Observation(t, fault=CellOutcome("fault", "force sensor", found.doubt))
-    if not found.held or sight.left:
+    weighed = found.by_force is True and not found.doubt
+    confirmed = (weighed or sight.there) if again else (weighed and sight.there)
+    unsure = found.by_fingers is None and found.by_torque and found.held is not False and not sight.left
+    if unsure and confirmed:
+        return Observation(t, held=True, doubt=found.doubt)
+    if sight.left or not (found.held or (unsure and again)):
         loaded = not sight.left and (found.by_force is True or sight.there or sight.gone)
-        return Observation(t, held=False, loaded=loaded, doubt="; ".join(filter(None, (sight.left, found.doubt))))
+        little = ""
+        if found.held is None:
+            little = (
+                f"the fingers cannot tell whether it was: {found.between:.2f} N·m are between them, and more than "
+                f"{settings.torque:.2f} say yes"
+            )
+        return Observation(
+            t, held=False, loaded=loaded, doubt="; ".join(filter(None, (sight.left, little, found.doubt)))
+        )
     denied = [
-        f"{name} say no" for name, word in (("torques", found.by_torque), ("fingers", found.by_fingers)) if not word
+        f"{name} {'cannot tell' if word is None else 'say no'}"
+        for name, word in (("torques", found.by_torque), ("fingers", found.by_fingers))
+        if not word and not (unsure and again)
     ]
     if denied:
         said = (
@@ -146,7 +173,7 @@ def grasp_verdict(
         )
         said += f"{found.between:.2f} N·m press on something; see what the fingers do before the hand is opened"
         return Observation(t, fault=CellOutcome("fault", "checks disagree", said))
-    if not (found.by_force or found.by_camera or (sight.fresh and sure())):
+    if unsure or not (found.by_force or found.by_camera or (sight.fresh and sure())):
         said = (
             f"the fingers press with {found.between:.2f} N·m, and nothing confirms that on an object: it weighs "
             f"{1e3 * found.weight:.0f} g of the {1e3 * found.least:.0f} g that can be told, and {sight.hidden}; see "

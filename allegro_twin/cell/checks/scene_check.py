@@ -36,11 +36,30 @@ def check_scene(robot: ArmWithHand, settings: LabSettings, things: Sequence[Plac
                 "`at`"
             )
         there = into[0] if into[0] in names else f"the {into[0]}"
+        at = "tray.at" if into[0] == _TRAY else f"the `at` of {into[0]}"
+        if what[0] in _foot(robot) and into[0] != _TABLE:
+            raise ConfigError(
+                f"{at}: {there} stands {1e3 * depth:.0f} mm deep in {what[0]}, and the arm stands at "
+                f"{_place(robot.base.position[:2])} whatever it does; move {there} away from it"
+            )
+        other = "" if into[0] == _TABLE else f", or move {there} by {at}"
         raise ConfigError(
             f"security.position {_place(settings.security.position)}: {what[0]} would wait {1e3 * depth:.0f} mm deep "
-            f"in {there}; take a place with more room, such as a higher one"
+            f"in {there}; take a place with more room, such as a higher one{other}"
         )
     _check_camera(settings)
+
+
+def _foot(robot: ArmWithHand) -> set[str]:
+    """Bodies of the arm that are in the same place in every posture: the one that its first joint turns, and those
+    below it."""
+    model = robot.world.model
+    body = int(model.jnt_bodyid[model.joint(robot.spec.joints[0]).id])
+    found = set[str]()
+    while body:
+        found.add(model.body(body).name)
+        body = int(model.body_parentid[body])
+    return found
 
 
 def _waiting(robot: ArmWithHand) -> Vector:

@@ -38,7 +38,7 @@ def check_plausibility(
         return f"it feels {force[2]:.1f} N upwards, and nothing lifts the hand"
     if found.weight > settings.most:
         return f"it feels {found.weight:.2f} kg, more than the arm carries"
-    if found.by_force and not found.by_fingers:
+    if found.by_force and found.by_fingers is False and not found.by_camera:
         return f"it feels {1e3 * found.weight:.0f} g, and the fingers are where they would be around nothing"
     if settings.by == "force" and found.by_fingers and not found.by_force:
         return (

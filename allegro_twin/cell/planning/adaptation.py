@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -78,8 +78,9 @@ _GOOD, _ENOUGH = 0.85, 0.6
 """Shares of draws held: with the first it is taken at once, with the second when nothing better comes."""
 _SIMILAR = 0.03
 """Logarithm of a ratio of extents, up to which a grasp that was found before is taken again."""
-_STIRRED, _TURNED_BY = 0.004, 0.05
-"""m, and the sine of an angle: what has moved by less stands where it stood."""
+_STIRRED, _TURNED_BY, _SCATTER = 0.01, 0.1, 0.002
+"""m, the sine of an angle, and m of an edge: what differs by less between two pictures stands where it stood. What is
+seen of a rod of 90 mm that nobody touches scatters by 5 mm."""
 _GAP = (0.006, 0.011)
 """m, between hand and table: an arm that comes down in a second goes 3 mm too far."""
 _FAR, _THIN = 0.4, 0.004
@@ -109,6 +110,19 @@ class AdaptedGrasp:
         return self.held / self.tried
 
 
+class _Failure(NamedTuple):
+    """A search that found nothing."""
+
+    body: TableObject
+    room: float
+    error: ConfigError
+    mass: float
+    """kg."""
+    said: str
+    anywhere: bool
+    """The arm got to all that it looked at, and nothing stood beside: wherever such a thing lies, nothing is found."""
+
+
 @dataclass(slots=True, eq=False)
 class GraspAdapter:
     """Finds grasps for solids on a table, for one hand, and remembers them."""
@@ -118,7 +132,9 @@ class GraspAdapter:
     gains: str = "default"
     seed: int = 0
     found: list[AdaptedGrasp] = field(default_factory=list)
-    _failed: list[tuple[TableObject, float, ConfigError]] = field(default_factory=list)
+    on_progress: Callable[[str], None] = lambda said: None
+    """Hears how far a search is, as sentences: one where it begins, and one for each round."""
+    _failed: list[_Failure] = field(default_factory=list)
 
     def forget_failures(self) -> None:
         """Where something has changed on the table, what was out of reach may be in it."""
@@ -142,34 +158,45 @@ class GraspAdapter:
                 plan = feasible(known.card)
                 if plan is not None and prefer(plan):
                     return plan
-        for other, kept, error in self._failed:
-            if _is_same(other, body) and kept == room:
-                raise error
+        for failure in self._failed:
+            if _is_same(failure.body, body) and failure.room == room:
+                raise failure.error
+            if failure.anywhere and not others and _alike(failure.body, body):
+                raise self._none_for(body, failure.mass, failure.said)
         for density in (self.settings.density, _LIGHTER * self.settings.density):
             with TemporaryDirectory(prefix="compound") as folder:
                 search = AdaptationSearch(self, body, others, density, Path(folder))
+                self.on_progress(
+                    f"adapts stored grasps to the {body_text(body)}, taken to weigh {1e3 * search.mass:.0f} g"
+                )
                 found = self._searched(search, feasible, prefer)
             if found is not None:
                 option, plan = found
                 if not others:
                     self.found.append(option)
                 return plan
-            if search.lifted:
+            if not search.too_heavy:
                 break  # Its weight is not what is in the way.
-        failure = ConfigError(
-            f"no grasp of {self.spec.model} is for the {body_text(body)}, of {1e3 * search.mass:.0f} g if it is as "
-            f"dense as most: {search.said()}; move it to where the arm has more room, or put it on another side"
+        error = self._none_for(body, search.mass, search.said())
+        anywhere = search.looked == search.reached and not others
+        self._failed.append(_Failure(body, room, error, search.mass, search.said(), anywhere))
+        raise error
+
+    def _none_for(self, body: TableObject, mass: float, said: str) -> ConfigError:
+        return ConfigError(
+            f"no grasp of {self.spec.model} is for the {body_text(body)}, of {1e3 * mass:.0f} g if it is as "
+            f"dense as most: {said}; move it to where the arm has more room, or put it on another side"
         )
-        self._failed.append((body, room, failure))
-        raise failure
 
     def _searched(
         self, search: AdaptationSearch, feasible: Callable[[StoredGrasp], P | None], prefer: Callable[[P], bool]
     ) -> tuple[AdaptedGrasp, P] | None:
         """The best that a search finds and the arm gets to, and the arm's plan."""
         found = list[tuple[AdaptedGrasp, P]]()
-        for enough in [_GOOD] * (self.settings.rounds - 1) + [_ENOUGH]:
+        rounds = self.settings.rounds
+        for number, enough in enumerate([_GOOD] * (rounds - 1) + [_ENOUGH], 1):
             search.round(lambda card: feasible(card) is not None)
+            self.on_progress(f"round {number} of {rounds}: {search.said()}")
             while (option := search.draw_more()) is not None:
                 if option.held == option.tried and (plan := feasible(option.card)) is not None and prefer(plan):
                     return option, plan  # Nothing that is left can be better.
@@ -217,9 +244,16 @@ class AdaptationSearch:
         self._round, self._shown, self.options = 0, list[Candidate](), list[AdaptedGrasp]()
         self._standing = list[tuple[int, Candidate, Grasp]]()
         self.mass = self._bench.mass
-        self.grown = self.looked = self.reached = self.lifted = 0
+        self.grown = self.looked = self.reached = self.lifted = self.weak = 0
         """Candidates that closed in geometry; those of them that the arm looked at, that it gets to, and that held
-        through a lift."""
+        through a lift; and those for which a motor is too weak."""
+
+    @property
+    def too_heavy(self) -> bool:
+        """Whether it may be its weight for which nothing lifts it: something could be closed on it, and it may weigh
+        less. What nothing closes on, and what the arm does not get to, is not taken however light it is."""
+        lightest = _LIGHTEST * max(len(self._body.parts), 1)
+        return not self.lifted and bool(self.reached or self.weak) and self.mass > lightest
 
     def said(self) -> str:
         """What became of the candidates, for a person."""
@@ -274,6 +308,7 @@ class AdaptationSearch:
             if found == self._settings.closed or looked == _LOOKED * self._settings.closed:
                 return
             weak = not self._spec.followers and candidate.score < -_STRONG
+            self.weak += weak
             if weak or any(self._same_palm(candidate, other) for other in self._shown):
                 continue
             self._shown.append(candidate)
@@ -432,7 +467,13 @@ def _is_same(one: TableObject, other: TableObject) -> bool:
     """Whether it still stands there."""
     near = float(np.linalg.norm(one.position - other.position)) < _STIRRED
     turned = abs(np.sin(one.yaw - other.yaw)) < _TURNED_BY or one.kind in ("sphere", "cylinder")
-    return one.kind == other.kind and near and turned and extent_mismatch(one, other) < _SIMILAR
+    return near and turned and _alike(one, other)
+
+
+def _alike(one: TableObject, other: TableObject) -> bool:
+    """Whether it is of the same kind and size, within what pictures of it scatter by."""
+    edges = float(np.abs(np.subtract(one.extents, other.extents)).max()) < _SCATTER and not (one.parts or other.parts)
+    return one.kind == other.kind and (edges or extent_mismatch(one, other) < _SIMILAR)
 
 
 def _unlike(one: TableObject, other: TableObject) -> float:

@@ -54,14 +54,16 @@ class _Reading(NamedTuple):
 
 
 class ObjectSelector:
-    """Chooses, and remembers what was put away, missed and left."""
+    """Chooses, and remembers what was put away, missed and left. `on_progress` hears how far a search is."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: Cell, on_progress: Callable[[str], None] = lambda said: None) -> None:
         self._cell, settings = cell, cell.settings
         self._adapter = (
             None
             if settings.planning is None
-            else GraspAdapter(cell.hand.spec, settings.planning, settings.hand.gains, settings.seed)
+            else GraspAdapter(
+                cell.hand.spec, settings.planning, settings.hand.gains, settings.seed, on_progress=on_progress
+            )
         )
         self._left = list[Solid]()
         self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.

@@ -31,6 +31,8 @@ _LOW, _HIGH = 0.25, 0.45
 """m: the palm is carried at the first height at least, and at the second at most."""
 _PLACES = np.array([[0.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) / 6.0
 """Where objects are let go, in edges of the tray from its middle."""
+_DISTANCES = np.arange(0.25, 0.85, 0.05)
+"""m from the arm's base, at which another place for a tray is looked for."""
 _ALIKE = 0.02
 """m: places under which things differ by less are as empty as each other."""
 _NOTHING: Array = np.zeros((0, 3))
@@ -105,16 +107,31 @@ def reaches_tray(tray: TraySettings, grasped: Pose, solid: Solid, lifted: Vector
 
 
 def check_tray(tray: TraySettings, cell: Cell) -> None:
-    """Raises ConfigError for a tray that is out of the arm's reach, however the hand is turned over it."""
-    palm = cell.security
+    """Raises ConfigError for a tray out of the arm's reach, however the hand is turned over it, with the nearest
+    place on the line through the arm's base that is in reach."""
+    if _reaches_above(np.array(tray.at), cell):
+        return
+    base = cell.robot.base.position[:2]
+    away = np.array(tray.at) - base
+    far = float(np.linalg.norm(away))
+    line = away / far if far > 0.0 else np.array([1.0, 0.0])
+    reached = (at for at in sorted(_DISTANCES, key=lambda at: abs(at - far)) if _reaches_above(base + at * line, cell))
+    other = next(reached, None)
+    there = f"({tray.at[0]:g}, {tray.at[1]:g}), {far:.2f} m from its base at ({base[0]:g}, {base[1]:g})"
+    way = "it reaches nothing on that side: put the tray on another side of it"
+    if other is not None:
+        x, y = base + other * line
+        way = f"put the tray {'nearer' if other < far else 'farther away'}, such as at ({x:.2f}, {y:.2f})"
+    raise ConfigError(f"tray.at: {cell.robot.spec.name} does not reach above {there}, however it turns the hand; {way}")
+
+
+def _reaches_above(place: Array, cell: Cell) -> bool:
+    """Whether the arm gets above a place on the table, (2,), m, with the hand turned in some way."""
     for height, turn in product((_LOW, _HIGH), _turns()):
-        above = Pose(np.array([*tray.at, height]), turn @ palm.rotation)
+        above = Pose(np.array([*place, height]), turn @ cell.security.rotation)
         if _postures([above], cell.posture, _ROOMS[-1], cell):
-            return
-    raise ConfigError(
-        f"tray.at: {cell.robot.spec.name} does not reach above ({tray.at[0]:g}, {tray.at[1]:g}), however it turns the "
-        "hand; put the tray nearer to the arm"
-    )
+            return True
+    return False
 
 
 def _turns() -> list[Array]:

@@ -137,9 +137,12 @@ def add_object(
     """
     thing = placement.thing
     if any(find(thing.name) is not None for find in (spec.body, spec.joint, spec.geom, spec.mesh)):
+        other = "give the object another one by its `name`"
+        if thing.shape == "mesh":
+            other += ", or rename its file where it is named after that, as with --object"
         raise ConfigError(
             f"object {thing.name}: another part of the scene has this name, of the hand, of the arm or of what stands "
-            "there; give the object another one"
+            f"there; {other}"
         )
     if thing.shape == "mjcf":
         _attach(spec, placement)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell import run
+from allegro_twin.cell.checks.grasp_check import GraspCheck
 from allegro_twin.cell.journal import observers
 from allegro_twin.cell.journal.observers import Observers
 from allegro_twin.cell.run import LabReport
@@ -164,3 +165,35 @@ def test_what_is_put_away_and_is_not_in_the_tray_in_truth_is_named_with_where_it
     said, last = lab.outcome_lines(report)
     assert said == "2 put into the tray; in truth in it: cube; on the table: pea; off the table: tall"
     assert last.startswith("missed: left; 2 objects put away")
+
+
+def test_an_object_that_is_off_the_table_is_said_to_be_and_not_how_far_it_fell() -> None:
+    checked = GraspCheck(0.0, 0.053, 0.0, 0.0, None, False, False, None, False)
+    end = CellOutcome("missed", "", "the thing is not in the hand")
+    off = LabReport(end, (), 1, None, None, checked, 0.0, float("nan"), "mug", off_table=("mug", "pea"))
+    seen, other, _ = lab.outcome_lines(off)
+    assert seen.endswith("camera: cannot tell; in truth mug is off the table")
+    assert other == "another object, pea, fell off the table"
+    low = LabReport(end, (), 1, None, None, checked, 0.0, -0.046, "mug")
+    assert lab.outcome_lines(low)[0].endswith("in truth mug is 46 mm lower than where it stood")
+
+
+def test_while_a_grasp_is_searched_the_terminal_says_for_what_and_how_far(
+    command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def perform(cell: Any, on_planning: Any, **stages: Any) -> LabReport:
+        on_planning("round 1 of 3: 0 adapted grasps close on it")
+        return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "mug")
+
+    monkeypatch.setattr(run, "perform", perform)
+    assert "  round 1 of 3: 0 adapted grasps close on it\n" in command(*CONFIG)[1]
+
+
+def test_a_mesh_whose_file_has_the_name_of_a_part_of_the_hand_is_refused_with_both_ways_out(
+    command: Run, tmp_path: Path
+) -> None:
+    solid = cracker()
+    file = obj(tmp_path / "fer_link3.obj", solid.vertices, solid.faces.tolist())
+    code, _, errors = command(*CONFIG, "--object", file)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "give the object another one by its `name`, or rename its file where it is named after that" in errors

@@ -202,8 +202,11 @@ def _performed(cell: Cell, observers: Observers, hand: SampleStage, *, live: boo
             say(f"           {now.cause.sentence}")
         observers.on_state(now)
 
+    def planning(said: str) -> None:
+        say(f"           {said}")
+
     arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
-    return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare)
+    return perform(cell, arm=arm, hand=hand, on_state=entered, on_prepare=observers.on_prepare, on_planning=planning)
 
 
 def outcome_lines(report: LabReport) -> list[str]:
@@ -216,7 +219,7 @@ def outcome_lines(report: LabReport) -> list[str]:
         lines.append(
             f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
             f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; camera: "
-            f"{_there(check.by_camera)}; in truth {report.thing} was lifted by {1e3 * report.lifted:.0f} mm"
+            f"{_there(check.by_camera)}; in truth {_truth(report)}"
         )
     if report.released or report.in_tray:
         places = {"in it": report.in_tray, "on the table": report.on_table, "off the table": report.off_table}
@@ -224,8 +227,17 @@ def outcome_lines(report: LabReport) -> list[str]:
         lines.append(f"{report.released} put into the tray; in truth {said or 'none is in it'}")
         return [*lines, f"{report.end}; {report.end.sentence}"]
     lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
+    lines += [f"another object, {name}, fell off the table" for name in report.off_table if name != report.thing]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
+
+
+def _truth(report: LabReport) -> str:
+    """Where the thing really is, by its name."""
+    if report.thing in report.off_table:
+        return f"{report.thing} is off the table"
+    higher = "higher" if report.lifted >= 0.0 else "lower"
+    return f"{report.thing} is {1e3 * abs(report.lifted):.0f} mm {higher} than where it stood"
 
 
 def solid_text(solid: Solid) -> str:
