@@ -12,6 +12,7 @@ from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.camera.sources import RecordedCamera
 from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera, lifted_part
 from allegro_twin.cell.checks.grasp_check import (
     NOTHING,
@@ -85,7 +86,9 @@ class CellActions:
         self.on_planning: Callable[[str], None] = lambda said: None
         """Hears how far a search for a grasp is, while simulated time stands still."""
         self._selector = ObjectSelector(cell, lambda said: self.on_planning(said))
-        self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
+        # A live camera is there, and its next picture must be a new one. A recording plays from the first look on.
+        self._recorded = isinstance(cell.camera, RecordedCamera)
+        self._last = None if self._recorded else cell.camera.capture(cell.robot.world.data)
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: CellOutcome | None = None
         self._in_tray = np.zeros((0, 3))  # Points of what is in the tray, and of itself, world, m.
@@ -349,7 +352,7 @@ class CellActions:
         if state.t < frame.ready - 1e-9:
             return None
         self._asked, cell = None, self.cell
-        if frame.number == self._last.number or self._found is None:
+        if self._is_old(frame) or self._found is None:
             self._sight = CameraCheck(fresh=False)
             return self._sight
         self._last = frame
@@ -441,8 +444,8 @@ class CellActions:
         if state.t < frame.ready - 1e-9:
             return
         self._asked = None
-        if frame.number == self._last.number:
-            old = check_age(frame.time, state.t, cell.settings.perception.oldest)
+        if self._is_old(frame):
+            old = check_age(frame.time, state.t, cell.settings.perception.oldest, self._recorded)
             self._refused = None if old is None else CellOutcome("fault", "camera", old.sentence)
             return
         self._last = frame
@@ -475,6 +478,10 @@ class CellActions:
             self._refused = refusal_outcome(seen)
             return
         self._take(self._selector.first([seen], frame, alone))
+
+    def _is_old(self, frame: CameraFrame) -> bool:
+        """Whether it is the picture that was looked at last."""
+        return self._last is not None and frame.number == self._last.number
 
     def _take(self, chosen: SelectedObject | CellOutcome) -> None:
         """Go for it, or remember why that cannot be."""

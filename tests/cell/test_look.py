@@ -8,8 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.cell.actions import CellActions
 from allegro_twin.cell.assembly import make_cell
 from allegro_twin.cell.camera.camera import CameraFrame
+from allegro_twin.cell.camera.settings import RecordingSource
+from allegro_twin.cell.perception.errors import check_age
+from allegro_twin.cell.perception.pipeline import Detection
+from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
@@ -59,6 +64,40 @@ def place(shown: str) -> list[float]:
     found = re.search(r"seen: a sphere of 7[0-9] mm at \((.*), (.*), (.*)\) m", shown)
     assert found, shown
     return [float(value) for value in found.groups()]
+
+
+class Seen(Exception):
+    """The first answer of perception."""
+
+
+def test_a_bag_of_one_picture_is_looked_at_in_a_run(frame: CameraFrame, tmp_path: Path) -> None:
+    with bag(tmp_path / "one.mcap") as made:
+        made.info(T0, (*frame.lens,))
+        made.image(T0, np.rint(1000.0 * np.nan_to_num(frame.depth)))
+    settings = load_settings(LabSettings, data_root() / "conf/lab_allegro.yaml")
+    source = RecordingSource(file=str(tmp_path / "one.mcap"))
+    camera = settings.camera.model_copy(update={"source": source})
+    cell = make_cell(settings.model_copy(update={"camera": camera}))
+
+    def prepare(actions: CellActions) -> None:
+        def seen(picture: CameraFrame, what: object) -> None:
+            raise Seen(what)
+
+        actions.on_detection = seen
+
+    with pytest.raises(Seen) as told:
+        perform(cell, on_prepare=prepare)
+    cell.close()
+    what = told.value.args[0]
+    assert isinstance(what, Detection)
+    assert what.solid.shape == "sphere"
+
+
+def test_a_recording_that_has_ended_is_not_said_to_have_a_cable() -> None:
+    old = check_age(1.0, 2.0, 0.3, recorded=True)
+    assert old is not None
+    assert "the recording's newest picture is 1.00 s old, more than 0.3 s: it has ended" in old.sentence
+    assert "cable" not in old.sentence
 
 
 @pytest.mark.parametrize("cloud", [False, True])

@@ -24,10 +24,15 @@ class PerceptionRefusal:
         return self.sentence
 
 
-def check_age(taken: float, now: float, most: float) -> PerceptionRefusal | None:
-    """Whether a picture is too old to act on: taken at one time, looked at at another, s of one clock."""
+def check_age(taken: float, now: float, most: float, recorded: bool = False) -> PerceptionRefusal | None:
+    """Whether a picture is too old to act on: taken at one time, looked at at another, s of one clock.
+    `recorded`: it is of a recording, which has no cable."""
     if now - taken <= most:
         return None
+    if recorded:
+        age = f"{now - taken:.2f} s old, more than {most} s"
+        said = f"camera: the recording's newest picture is {age}: it has ended, or pauses"
+        return PerceptionRefusal("stale", f"{said}; record until the last look, or set `decide.retries` to 0")
     said = (
         f"camera: the newest picture is {now - taken:.2f} s old, more than {most} s: it is frozen, or its cable is out"
     )

@@ -89,6 +89,9 @@ _TOP = 0.9
 """What is higher than this part of a thing is its top."""
 SPECK = 4
 """Thinned points that touch; fewer are taken for the camera's scatter."""
+_DEVIATION = 1.4826  # Of a normal deviate, the standard deviation by the median of what is off.
+_NOISY = 0.5
+"""Times the height from which points are of things: a table that scatters further makes things by itself."""
 _SIDES = ("left", "upper", "right", "lower")
 
 
@@ -165,9 +168,14 @@ def find_objects(
     if isinstance(plane, PerceptionRefusal):
         return [plane]
     axes = plane.axes(view.rotation[:, 2])
-    above = plane.height(world) > np.maximum(
-        settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2
+    height, least = (
+        plane.height(world),
+        np.maximum(settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2),
     )
+    noisy = _too_noisy(height, least, settings)
+    if noisy is not None:
+        return [noisy]
+    above = height > least
     above[above] = view.not_robot(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
@@ -216,6 +224,21 @@ def _table_off(plane: TablePlane, settings: PerceptionSettings) -> PerceptionRef
     return PerceptionRefusal(
         "table", f"{said}; put it level with the arm's base, or calibrate the camera's pose and lens"
     )
+
+
+def _too_noisy(height: Points, least: Points, settings: PerceptionSettings) -> PerceptionRefusal | None:
+    """Whether the table's own points, of heights (n,), m, scatter so far that they make things: those higher than
+    `least` (n,), m, are taken for some."""
+    on = np.abs(height) < settings.table.near
+    part = _DEVIATION * float(np.median(np.abs(height[on]) / least[on])) if on.any() else 0.0
+    if part <= _NOISY:
+        return None
+    scatter = 1e3 * _DEVIATION * float(np.median(np.abs(height[on])))
+    said = (
+        f"the table's own points scatter by {scatter:.1f} mm, and what is {1e3 * float(np.median(least[on])):.1f} mm "
+        f"high is taken for a thing: the camera is noisier than `perception.disparity` says, {settings.disparity:g}"
+    )
+    return PerceptionRefusal("table", f"{said}; set it to what the camera has, or light the table evenly")
 
 
 def _bounds(settings: PerceptionSettings) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.camera.mount import CameraMount
-from allegro_twin.cell.camera.settings import DepthCameraSettings
+from allegro_twin.cell.camera.settings import DepthCameraSettings, DepthNoise
 from allegro_twin.cell.perception.cloud import Points
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
@@ -190,6 +190,20 @@ def test_a_camera_that_is_turned_from_where_the_cell_has_it_shows_in_the_tables_
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(turn), -np.sin(turn)], [0.0, np.sin(turn), np.cos(turn)]])
     seen = PerceptionPipeline(SETTINGS).detect(frame.cloud, frame.pose.position, tilt @ frame.pose.rotation)
     assert re.search(r"stands 1\d mm (higher|lower)", said(seen, "table"))
+
+
+def test_a_camera_that_is_noisier_than_told_shows_in_the_tables_scatter() -> None:
+    def seen(disparity: float) -> Detection | PerceptionRefusal:
+        model, data = compile_tabletop([put("mug")])
+        mount, noise = CameraMount(position=EYE, towards=(0.0, 0.0, 0.03)), DepthNoise(disparity=disparity)
+        camera = DepthCamera(model, DepthCameraSettings(mount=mount, noise=noise), seed=3)
+        frame = camera.capture(data)
+        camera.close()
+        return look(frame)
+
+    assert isinstance(seen(0.08), Detection)
+    sentence = said(seen(0.35), "table")
+    assert "noisier than `perception.disparity` says, 0.08" in sentence
 
 
 def test_the_larger_one_of_two_things_that_touch_is_found() -> None:
