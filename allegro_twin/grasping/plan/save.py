@@ -50,17 +50,15 @@ def check_names(name: str, n: int) -> None:
 
 
 def check_store(name: str, n: int, folder: Path) -> None:
-    """Raise ConfigError or RecordingError unless so many grasps of an object can be stored in a library's folder."""
+    """Raise ConfigError or RecordingError unless so many grasps of an object can be stored in a library's folder, where
+    nothing is replaced: an entry may be another hand's, or changed by hand."""
     files = [folder / f"{name}_{number}.yaml" for number in range(1, n + 1)]
     for file in files:
         refuse_shipped(file)
         check_place(file)
     there = read_all([folder])
-    for file in files:
-        if file.stem in there and there[file.stem].path != file.resolve():
-            raise ConfigError(
-                f"{file.stem!r} is in {there[file.stem].path} already; delete it there, or use another folder"
-            )
+    if taken := next((there[file.stem] for file in files if file.stem in there), None):
+        raise ConfigError(f"{taken.name!r} is in {taken.path} already; delete it there, or use another folder")
 
 
 def written_out(

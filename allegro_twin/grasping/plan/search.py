@@ -260,7 +260,7 @@ class _Rounds:
         search, population, effort = self._search, self._population, self._effort
         over = self._clock.over if search.closed else self._clock.first_over
         begun = population is not None and len(population.elite) >= population.kept // 2
-        guessed = _next(self._proposed, math.ceil(part * effort.guessed / (4 if begun else 1)), over)
+        guessed = _next(self._proposed, math.ceil(part * effort.guessed / (4 if begun else 1)), over, self._clock.over)
         ended = not over()
         if not guessed:
             return None
@@ -356,15 +356,17 @@ def _round_size(n: int) -> RoundSize:
     return RoundSize(*(math.ceil(part * most) for most in (usual.guessed, usual.closed, usual.drawn)))
 
 
-def _next(proposed: Iterator[Candidate | None], count: int, over: Callable[[], bool]) -> list[Candidate]:
+def _next(
+    proposed: Iterator[Candidate | None], count: int, over: Callable[[], bool], spent: Callable[[], bool]
+) -> list[Candidate]:
     """The next candidates, so many or as many as come in so many tries; or, where time is `over`, as many as there
-    are."""
+    are; none where all of it is `spent`."""
     found, tries = list[Candidate](), 0
     for candidate in proposed:
         if candidate is None:
             tries += 1
         else:
             found.append(candidate)
-        if len(found) == count or tries == TRIES or (found and over()):
+        if len(found) == count or tries == TRIES or (over() if found else spent()):
             break
     return found

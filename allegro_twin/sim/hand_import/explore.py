@@ -47,7 +47,10 @@ class ImportedMotor:
         if self.torque and on_tendon:
             raise ConfigError(f"{where} pulls a tendon with a given force, and nobody would know where its joints are")
         if not self.torque and bias[1] >= 0.0:
-            raise ConfigError(f"{where} is no position servo: a velocity, say, is no place to go to")
+            raise ConfigError(
+                f"{where} is no position servo: with kp {-bias[1]:g} nothing brings it to a place; a <position> has a "
+                "positive kp"
+            )
         self.lower, self.upper = _span(model, number, target, on_tendon, self.torque, where)
         self.effort = _effort(model, number, gain, self.torque)
         """The most that it gives by the file; None: the file does not say it."""
@@ -186,7 +189,11 @@ def explore_hand(
     _check_one_each(motors, path)
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
-        raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
+        odd = next(motor for motor in motors if motor.torque != motors[0].torque)
+        takes = [f"{motor.actuator} takes {'a torque' if motor.torque else 'a position'}" for motor in (motors[0], odd)]
+        raise ConfigError(
+            f"{path}: {' and '.join(takes)}; a hand takes one of them: make all <motor>, or all <position>"
+        )
     for motor in motors:
         if motor.joint is not None:
             motor.lower, motor.upper, note = reachable_range(model, motor.joint, motor.lower, motor.upper, path)

@@ -148,7 +148,7 @@ def search_summary(search: GraspSearch, seeds: int, found: Sequence[PlannedGrasp
     from allegro_twin.grasping.plan.validate import JUDGED
 
     closed, times = search.closed, f"{search.cpu:.0f} CPU-s"
-    again = f"--seed {search.seed} --candidates {closed} finds the same"
+    again = f"--seed {search.seed} --candidates {closed} finds the same" if closed else "there is nothing to repeat"
     if seeds > 1:
         again = "; ".join(f"seed {seed}: --candidates {count}" for seed, count in search.counts.items())
     if search.cut:
@@ -156,7 +156,7 @@ def search_summary(search: GraspSearch, seeds: int, found: Sequence[PlannedGrasp
     if search.interrupted:
         again = "it was interrupted, so no number of candidates repeats it"
     judged = f" Judged afterwards on {JUDGED} draws of their own, in the whole trial."
-    said = f"Searched: {closed} candidates closed in physics, {times}; {again}."
+    said = f"Searched: {closed} candidates, {times}; {again}."
     return said + (judged if any(each.judged for each in found) else "")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, count, repeat
 from pathlib import Path
@@ -21,7 +21,7 @@ from allegro_twin.grasping.plan.candidate import Candidate, ObjectSymmetry, limi
 from allegro_twin.grasping.plan.draft import first_guess
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
 from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
-from allegro_twin.grasping.plan.search import LEAST, GraspSearch, RoundSize, SearchBudget, _Clock
+from allegro_twin.grasping.plan.search import LEAST, GraspSearch, RoundSize, SearchBudget, _Clock, _next
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import (
     CHOSEN,
@@ -362,3 +362,15 @@ def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
 def test_templates_of_a_type_without_closing_fingers_are_an_error() -> None:
     with pytest.raises(ConfigError):
         grasp_templates(SPEC, "no such type")
+
+
+def test_where_no_guess_comes_a_search_ends_with_its_time_and_not_with_its_first_part() -> None:
+    asked = list[None]()
+
+    def never() -> Iterator[None]:
+        while True:
+            asked.append(None)
+            yield None
+
+    assert _next(never(), 3, lambda: True, lambda: len(asked) == 5) == []
+    assert len(asked) == 5

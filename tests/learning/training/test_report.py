@@ -286,7 +286,7 @@ def test_a_recipe_with_the_name_of_a_task_is_the_task_as_gymnasium_makes_it(name
     own = {task.lower(): task for task in TASKS}
     found = as_shipped(load_recipe(name).environment)
     if name not in own:
-        asked = {"palm", "level", "goals", "observation", "objects", "position_noise", "grip"}
+        asked = {"palm", "level", "goals", "observation", "objects", "position_noise", "grip", "hand"}
         assert asked & found.model_fields_set, f"{name}: the task as it is, under another name"
         return
     # A learner may decide less often, move less at once and see the past, and its critic see more: nothing of it makes

@@ -96,6 +96,8 @@ def test_a_library_that_cannot_take_what_is_found_is_refused_before_anything_is_
 ) -> None:
     finds(never)
     (file := tmp_path / "file").touch()
+    (mine := tmp_path / "mine").mkdir()
+    (mine / "lemon_1.yaml").write_text("kind: posture\nangles: {}\n")
     (library := tmp_path / "library").mkdir()
     (library / "others.yaml").write_text("entries: {lemon_2: {kind: posture, angles: {}}}\n")
     (broken := tmp_path / "broken").mkdir()
@@ -103,6 +105,7 @@ def test_a_library_that_cannot_take_what_is_found_is_refused_before_anything_is_
     for folder, message in (
         (file, f"cannot write {file / 'lemon_1.yaml'}: "),
         (library, "'lemon_2' is in "),
+        (mine, "'lemon_1' is in "),
         (broken, "mine.yaml"),
     ):
         given = command("plan", "lemon", "--n", 2, "--out", tmp_path / "out", "--keep", folder)
@@ -137,7 +140,10 @@ def test_a_table_of_fewer_grasps_than_were_asked_for_says_so() -> None:
 
 def test_where_no_pre_shape_goes_round_an_object_the_alternatives_that_were_not_taken_are_named() -> None:
     scenario, spec = scenario_of("lemon", "z", None, None, 0.8), load_spec()
-    edge, way = "--edge M, to push it over the table's edge first", "no pre-shape goes round it; try "
+    edge, way = (
+        "--edge M, to push it over the table's edge first",
+        "no pre-shape goes round it: too large, too flat or too small for the hand; try ",
+    )
     search = GraspSearch(scenario, spec, ())
     assert alternatives(search) == f"{way}{edge}, or another --hand"
     narrow = replace(search, region=parse_region("x>0"), kind="Tripod")

@@ -297,7 +297,7 @@ def alternatives(search: GraspSearch) -> str:
     if scenario.push is None and not load_protocol(scenario.protocol).floating:
         ways.insert(0, "--edge M, to push it over the table's edge first")
     ways += ["another --by"] * (search.region is not None) + ["another --type"] * (search.kind is not None)
-    return f"no pre-shape goes round it; try {', or '.join(ways)}"
+    return f"no pre-shape goes round it: too large, too flat or too small for the hand; try {', or '.join(ways)}"
 
 
 def _search(search: GraspSearch, n: int, budget: SearchBudget) -> list[PlannedGrasp]:
