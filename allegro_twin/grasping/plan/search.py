@@ -84,8 +84,9 @@ class SearchBudget:
 
 
 LEAST, IN_HAND = 4, 0.5
-"""Candidates of a round at least, where time does not suffice for a whole one; and of the time that is left, what such
-a round is planned for: what held before goes on under draws, whatever the round's size."""
+"""Candidates of a round at least, where time does not suffice for a whole one, but after a first one that was cut; and
+of the time that is left, what such a round is planned for: what held before goes on under draws, whatever the round's
+size."""
 EVOLVING = 0.4
 """Of the time, that the first round proposes and evolves at most."""
 
@@ -253,7 +254,8 @@ class _Rounds:
         if not self._search.closed:
             return int(min(self._full, left))
         fits = self._full * self._clock.part(self._longest, self._prover.settling_time(self._n))
-        return 0 if fits < min(self._full, LEAST) else int(min(self._full, fits, left))
+        least = 1 if self._search.cut else min(self._full, LEAST)
+        return 0 if fits < least else int(min(self._full, fits, left))
 
     def _candidates(self, most: int, part: float) -> _Candidates | None:
         """What physics is to close; None: there are no guesses, or no time for more than a first round."""

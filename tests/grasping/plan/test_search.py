@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, count, repeat
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +23,16 @@ from allegro_twin.grasping.plan.candidate import Candidate, ObjectSymmetry, limi
 from allegro_twin.grasping.plan.draft import first_guess
 from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, perturb_grasp
 from allegro_twin.grasping.plan.save import describe, save_grasps, store_grasp
-from allegro_twin.grasping.plan.search import LEAST, GraspSearch, RoundSize, SearchBudget, _Clock, _next
+from allegro_twin.grasping.plan.search import (
+    IN_HAND,
+    LEAST,
+    GraspSearch,
+    RoundSize,
+    SearchBudget,
+    _Clock,
+    _next,
+    _Rounds,
+)
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import (
     CHOSEN,
@@ -374,3 +385,13 @@ def test_where_no_guess_comes_a_search_ends_with_its_time_and_not_with_its_first
 
     assert _next(never(), 3, lambda: True, lambda: len(asked) == 5) == []
     assert len(asked) == 5
+
+
+@pytest.mark.parametrize(("cut", "most"), [(False, 0), (True, 3)])
+def test_time_that_a_first_round_cut_short_has_left_goes_to_a_round_however_small(cut: bool, most: int) -> None:
+    """16 of 40 s are spent, and a whole round of five candidates would take 16 more."""
+    rounds: Any = object.__new__(_Rounds)
+    rounds._search, rounds._n, rounds._full, rounds._longest = SimpleNamespace(closed=2, cut=cut), 1, 5, 16.0
+    rounds._budget, rounds._prover = SearchBudget(cpu=40.0), SimpleNamespace(settling_time=lambda n: 0.0)
+    rounds._clock = SimpleNamespace(part=lambda round_, settling: IN_HAND * (40.0 - 16.0 - settling) / round_)
+    assert rounds._affordable() == most
