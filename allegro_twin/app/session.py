@@ -107,7 +107,8 @@ def perform(
                 samples = paced(samples)  # Plans are made in a time that passes.
             samples = _until_over(samples, rig)
             if rig.seconds is not None:
-                samples = beside.until_done(samples, rig.seconds, asked=config.seconds is not None)
+                planned = isinstance(getattr(rig.controller, "reference", None), CollisionFreeMove)
+                samples = beside.until_done(samples, rig.seconds, asked=config.seconds is not None or not planned)
             samples = beside.followed(samples)
             samples = _kept(samples, rig, config, outputs, beside)
             samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
