@@ -18,7 +18,7 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.first_error import closing_noted
-from allegro_twin.loop import paced, resume, to_the_end
+from allegro_twin.loop import paced, resume, to_the_end, until
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -107,8 +107,8 @@ def perform(
                 samples = paced(samples)  # Plans are made in a time that passes.
             samples = _until_over(samples, rig)
             if rig.seconds is not None:
-                planned = isinstance(getattr(rig.controller, "reference", None), CollisionFreeMove)
-                samples = beside.until_done(samples, rig.seconds, asked=config.seconds is not None or not planned)
+                waits = config.seconds is None and _planned_move(rig) is not None
+                samples = beside.until_rested(samples, rig.seconds) if waits else until(rig.seconds, samples)
             samples = beside.followed(samples)
             samples = _kept(samples, rig, config, outputs, beside)
             samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
@@ -140,11 +140,16 @@ def perform(
 
 def _begun(rig: Rig) -> Iterator[Sample]:
     """Reset the hand and drive it; one whose time passes by itself is limp until its path is planned."""
-    state = rig.backend.reset()
-    reference = getattr(rig.controller, "reference", None)
-    if isinstance(reference, CollisionFreeMove):
-        state, _ = limp_while(rig, state, reference.prepare)
+    state, move = rig.backend.reset(), _planned_move(rig)
+    if move is not None:
+        state, _ = limp_while(rig, state, move.prepare)
     yield from resume(rig.backend, rig.controller, state)
+
+
+def _planned_move(rig: Rig) -> CollisionFreeMove | None:
+    """What the controller follows, where its path is planned when it begins."""
+    reference = getattr(rig.controller, "reference", None)
+    return reference if isinstance(reference, CollisionFreeMove) else None
 
 
 def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
@@ -189,7 +194,7 @@ class _Beside:
         self.motion = 0.0
         """How long the controller's motion takes, s."""
         self.began = 0.0
-        """When the controller began, s on the hand's clock."""
+        """When that began, s on the hand's clock."""
         self.ended = False
         """Whether the hand has no further sample."""
 
@@ -198,28 +203,22 @@ class _Beside:
         if self._rig.trial is not None:
             samples = self._rig.trial.watched(samples)
         reference = getattr(self._rig.controller, "reference", None)
-        path, first = None, True
+        path = None
         for sample in samples:
             state = sample.state
-            if first:
-                self.began, first = state.t, False
             if path is None and reference is not None:
-                path = reference.begin(state.position)
+                path, self.began = reference.begin(state.position), state.t
                 self.motion = float(getattr(path, "seconds", 0.0))
             if path is not None:
                 self._target = path(state.t - self.began).position
             yield sample
         self.ended = True
 
-    def until_done(self, samples: Iterator[Sample], seconds: float, *, asked: bool) -> Iterator[Sample]:
-        """Stop after so many s, on the hand's clock where somebody `asked` for them; else on that of the controller,
-        and not before its motion has ended and was seen to rest."""
+    def until_rested(self, samples: Iterator[Sample], seconds: float) -> Iterator[Sample]:
+        """Stop so many s after the motion began, and not before it has ended and was seen to rest."""
         for sample in samples:
             yield sample
-            t, end = sample.state.t, seconds
-            if not asked:
-                t, end = t - self.began, max(seconds, self.motion + STAY if self.motion else 0.0)
-            if t >= end - 1e-9:
+            if sample.state.t - self.began >= max(seconds, self.motion + STAY) - 1e-9:
                 return
 
     def __call__(self) -> dict[str, Array]:

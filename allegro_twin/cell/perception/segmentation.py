@@ -168,10 +168,8 @@ def find_objects(
     if isinstance(plane, PerceptionRefusal):
         return [plane]
     axes = plane.axes(view.rotation[:, 2])
-    height, least = (
-        plane.height(world),
-        np.maximum(settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2),
-    )
+    least = np.maximum(settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2)
+    height = plane.height(world)
     noisy = _too_noisy(height, least, settings)
     if noisy is not None:
         return [noisy]
