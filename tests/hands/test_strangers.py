@@ -94,6 +94,27 @@ def test_the_chosen_gains_are_critically_damped_and_give_full_effort_at_a_tenth_
     assert weak["kp"] == pytest.approx([0.2] * 4)
 
 
+@pytest.mark.parametrize(
+    ("odd", "said"),
+    [
+        (
+            '<motor name="a_{0}" joint="{0}" ctrlrange="-1 1"/>',
+            "a_f1_1 takes a position and a_f2_2 takes a torque; a hand",
+        ),
+        (
+            '<position name="a_{0}" joint="{0}" kp="-6" ctrlrange="-0.3 1.5"/>',
+            "a_f2_2 is no position servo: with kp -6",
+        ),
+        ('<velocity name="a_{0}" joint="{0}" kv="1" ctrlrange="-1 1"/>', "a_f2_2 is no position servo: with kp 0 "),
+    ],
+)
+def test_an_actuator_that_is_not_like_the_others_is_named(odd: str, said: str, tmp_path: Path) -> None:
+    path = mjcf(tmp_path, SERVO)
+    path.write_text(path.read_text().replace(SERVO.format("f2_2"), odd.format("f2_2")))
+    with pytest.raises(ConfigError, match=said):
+        explore_hand(path)
+
+
 def test_a_hand_that_is_called_as_ours_never_has_our_gains(tmp_path: Path) -> None:
     command("hand", "new", str(mjcf(tmp_path, MOTOR)), "--no-film", "--name", "allegro")
     gains = load_gains("default", load_spec("mine/allegro.yaml"))
