@@ -48,8 +48,8 @@ class ImportedMotor:
             raise ConfigError(f"{where} pulls a tendon with a given force, and nobody would know where its joints are")
         if not self.torque and bias[1] >= 0.0:
             raise ConfigError(
-                f"{where} is no position servo: with kp {0.0 - bias[1]:g} nothing brings it to a place; a <position> has a "
-                "positive kp"
+                f"{where} is no position servo: with kp {0.0 - bias[1]:g} nothing brings it to a place; a <position> "
+                "has a positive kp"
             )
         self.lower, self.upper = _span(model, number, target, on_tendon, self.torque, where)
         self.effort = _effort(model, number, gain, self.torque)
