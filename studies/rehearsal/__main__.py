@@ -15,8 +15,8 @@ from allegro_twin.files import atomic_file, fingerprint, read_yaml, source_finge
 from studies.rehearsal.films import PAGE, GraspFilm, film_grasps, write_page
 from studies.rehearsal.hidden_hand import draw_hand
 from studies.rehearsal.planned import try_planned
-from studies.rehearsal.policies import try_policies
-from studies.rehearsal.rehearse import POLICY_SEED, rehearse
+from studies.rehearsal.policies import POLICY_SEED, try_policies
+from studies.rehearsal.rehearse import rehearse
 from studies.rehearsal.report import planned_table, policy_table, scores, table, trajectory_table
 from studies.rehearsal.sessions import learnt_file
 from studies.rehearsal.trajectories import try_trajectories

@@ -25,6 +25,8 @@ from studies.rehearsal.hidden_hand import STEP, HiddenHand
 from studies.rehearsal.motor_laws import MotorLaws
 from studies.rehearsal.sessions import hidden_config
 
+POLICY_SEED = 3_100_000_000
+"""Of the episodes of policies: none that a training or a choice about one has seen."""
 SIMULATED = 0.001
 """s, of the physics in which a policy is tried before."""
 SURE = (0.025, 0.975)

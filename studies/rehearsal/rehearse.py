@@ -16,11 +16,7 @@ from allegro_twin import HandError
 from allegro_twin.grasping import Perturbation
 from allegro_twin.twin.rehearsal import Conversation, HandRehearsal, RehearsalProtocol
 from studies.rehearsal.hidden_hand import HiddenHand, draw_hand
-from studies.rehearsal.policies import try_policies
 from studies.rehearsal.sessions import RehearsedHiddenHand
-
-POLICY_SEED = 3_100_000_000
-"""Of the episodes of policies: none that a training or a choice about one has seen."""
 
 
 def rehearse(number: int, protocol: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,8 +39,6 @@ def rehearse(number: int, protocol: Mapping[str, Any]) -> dict[str, Any]:
             about["ended"] = str(error)  # What was measured until then counts.
         found, file = rehearsal.result(), Path(name) / "hand.yaml"
         text = file.read_text() if file.exists() else ""
-        if found["states"]["identify"] == "done" and "\nidentified:" in text:
-            about["policies"] = try_policies(hand, file, POLICY_SEED + 1000 * number)
     ends = [*(at for _, at in marks[1:]), time.process_time()]
     cpu = {step: end - at for (step, at), end in zip(marks, ends, strict=True)}
     about |= {"learnt": _learnt(hand, found, protocol, cpu), "file": text, "problems": found["problems"]}
