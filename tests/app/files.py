@@ -41,10 +41,10 @@ def scenario(folder: Path, friction: float = 0.8) -> Path:
     return mine
 
 
-def grasps(path: Path, count: int = 1, thing: str = "lemon") -> Grasps:
-    """The demo's grasp of the lemon as a file of DexGraspBench's, each 1 mm further along x."""
-    spec = load_spec()
-    settings, _ = load_scenario("lemon")
+def grasps(path: Path, count: int = 1, thing: str = "lemon", hand: str = "allegro") -> Grasps:
+    """A hand's own grasp of the lemon as a file of DexGraspBench's, each 1 mm further along x."""
+    spec = load_spec(hand)
+    settings, _ = load_scenario("lemon" if hand == "allegro" else f"{hand}_lemon")
     grasp = load_grasp(settings.grasp, spec)
     turn = quaternion_from_matrix(matrix_facing(settings.wrist.facing, settings.wrist.fingers))
     x, y, z = settings.wrist.position

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,18 @@ def test_grasps_of_a_file_are_tried_without_a_table_and_do_not_mix_with_other_pr
         find_targets([tmp_path / "0.npy"], TargetOptions("table_pick", object="lemon"))
     with pytest.raises(ConfigError, match=r"different protocols do not compare: fc \(0_1\), table_pick \(mine\)"):
         find_targets([tmp_path / "0.npy", scenario(tmp_path)], TargetOptions(object="lemon"))
+
+
+@pytest.mark.parametrize("hand", ["leap", "model_o"])
+def test_grasps_of_a_file_are_judged_with_the_hand_that_it_names(tmp_path: Path, hand: str) -> None:
+    grasps(tmp_path / "0.npy", hand=hand)
+    asked = TargetOptions(str(short(tmp_path, push=0.5)), object="lemon")
+    (found,) = find_targets([tmp_path / "0.npy"], asked)
+    assert (found.spec.model, found.case.scenario.hand) == (hand, hand)
+    (row,) = run_cases({"threads": 1}, [found.item])
+    assert row["hand"] == hand
+    with pytest.raises(ConfigError, match=f"is of the hand {hand}; this one is allegro"):
+        find_targets([tmp_path / "0.npy"], replace(asked, hand="allegro"))
 
 
 def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path: Path) -> None:

@@ -11,11 +11,12 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
 from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.trials import TrialCase, hand_name, load_case
-from allegro_twin.grasping.interchange.read import load_grasps
+from allegro_twin.grasping.interchange.read import load_grasps, own_hand
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.description.specs import card_side, load_spec
+from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import compile_scene
@@ -100,6 +101,8 @@ class TargetOptions:
     sides: tuple[Side, ...] | None = None
     grasp: str | None = None
     object: str | None = None
+    hand: str | None = None
+    """Model of hand, or a card; of grasp files alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,10 +194,13 @@ def _of_file(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
     protocol = asked.protocol or FLOATING
     if not load_protocol(protocol).floating:
         raise ConfigError(f"{path}: its grasps know of no table, which {protocol} has: say --protocol fc or strength")
-    side = asked.sides[0] if asked.sides else "right"
-    spec = load_spec(side=side)
+    own = own_hand(path)
+    hand = asked.hand or own.model or HAND
+    side = asked.sides[0] if asked.sides else own.side or card_side(hand) or "right"
+    spec = load_spec(hand, side)
     for row in range(len(load_grasps(path, spec))):
-        item = {"file": str(path), "row": row, "side": side, "protocol": protocol}
+        item: dict[str, Any] = {"file": str(path), "row": row, "side": side, "protocol": protocol}
+        item |= {} if hand == HAND else {"hand": spec.model_reference}
         item |= {} if asked.object is None else {"object": asked.object}
         yield EvaluationTarget(f"{path.stem}_{row}", item, load_case(item, spec), spec)
 

@@ -10,9 +10,18 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps, PalmFrame, check_grasps
+from allegro_twin.grasping.interchange.grasps import (
+    FRAMES,
+    MENAGERIE,
+    PALM,
+    Grasps,
+    PalmFrame,
+    check_grasps,
+    check_hand,
+)
 from allegro_twin.grasping.interchange.orders import joint_orders, menagerie_order, order_by_name, reorder_joints
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entries import HAND
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -25,31 +34,44 @@ def read_record(
     record: Mapping[str, Any], spec: HandSpec, source: Path, *, order: Order = None, frame: PalmFrame | None = None
 ) -> Grasps:
     """The grasps of a file's dictionary: `robot_pose` (BODex: of its URDF's palm), or the three `*_qpos` and perhaps
-    `approach_qpos` (DexGraspBench: of Menagerie's world). Raises ConfigError."""
+    `approach_qpos` (DexGraspBench: of Menagerie's world). Of another hand than the Allegro the pose is our palm's. A
+    file that we wrote says which hand, side and frame it has. Raises ConfigError."""
     where = str(source)
+    check_hand(record.get("hand"), record.get("side"), spec, where)
     raw = "robot_pose" in record
     stages = _robot_pose(record, where) if raw else _qpos(record, where)
     if stages.shape[-1] < 8:
         raise ConfigError(f"{where}: {stages.shape[-1]} numbers a grasp: a pose of 7 and one a joint are needed")
     if "joint_names" in record and order is None:
         order = order_by_name(_texts(record["joint_names"], where), spec, where)
-    if order is None and not raw:
+    menagerie = not raw and spec.model == HAND
+    if order is None and menagerie:
         order = menagerie_order(spec)
+    if frame is None:
+        frame = FRAMES.get(str(record.get("frame")), MENAGERIE if menagerie else PALM)
     return check_grasps(
         spec, stages[..., :7], reorder_joints(stages[..., 7:], spec, where, order),
         _of_object(record, "obj_pose", (1, 0, 0, 0), len(stages), where), _scale(record, len(stages), where),
         thing=next((str(record[key]) for key in _OBJECT if key in record), source.parent.name),
-        frame=frame or (PALM if raw else MENAGERIE), source=where,
+        frame=frame, source=where,
     )  # fmt: skip
 
 
 def make_record(grasps: Grasps) -> dict[str, Any]:
-    """The dictionary of DexGraspBench: of one grasp as its own tools take it, of more with one row a grasp."""
-    there, spec = grasps.in_frame(MENAGERIE), load_spec(side=grasps.side, serial=f"menagerie_{grasps.side}")
-    order = list(joint_orders(spec)[menagerie_order(spec)])
+    """The dictionary of DexGraspBench: of one grasp as its own tools take it, of more with one row a grasp. Of the
+    Allegro as Menagerie's file has it; of another hand with its own joints' names and the pose of our palm. With three
+    keys of ours: `hand`, `side`, `frame`."""
+    spec, frame, order = grasps.spec, PALM, list(range(grasps.spec.n_joints))
+    if spec.model == HAND:
+        spec, frame = load_spec(side=spec.side, serial=f"menagerie_{spec.side}"), MENAGERIE
+        order = list(joint_orders(spec)[menagerie_order(spec)])
+    there = grasps.in_frame(frame)
     rows = np.concatenate([there.hand, there.joints[..., order]], axis=-1)
-    names = spec.foreign.joints if spec.foreign is not None else spec.joints
+    names = spec.joints if spec.foreign is None or spec.foreign.keeps else spec.foreign.joints
     record: dict[str, Any] = {
+        "hand": spec.model,
+        "side": spec.side,
+        "frame": frame.name,
         "obj_path": there.object,
         "obj_pose": np.array(there.object_pose),
         "obj_scale": np.array(there.scale),

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_conjugate, quaternion_product
-from allegro_twin.spec import HandSpec, Side
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector, frozen
 
 STAGES = ("preshape", "close", "squeeze")
@@ -30,7 +30,8 @@ class PalmFrame:
 
 
 PALM = PalmFrame("palm", (1.0, 0.0, 0.0, 0.0))
-"""Ours, and the root of the manufacturer's URDF: x out of the palm, z to the fingertips. BODex, DexGraspNet."""
+"""Ours, and the root of the manufacturer's URDF: x out of the palm, z to the fingertips. BODex, DexGraspNet;
+every file of another hand that names no frame."""
 MENAGERIE = PalmFrame("menagerie", (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 """The world of Menagerie's file, in which its palm is turned (`quat="0 1 0 1"`): z out of the palm, x to the
 fingertips. DexGraspBench hangs that world on a free joint, and what follows it does the same."""
@@ -52,7 +53,8 @@ class Grasps:
     """Of the object's mesh: file units to m, (k,)."""
     object: str
     """Its file or name, as it was written."""
-    side: Side
+    spec: HandSpec
+    """The hand that they are of."""
     frame: PalmFrame
     source: str
     """The file that they are from, and what was added to it."""
@@ -121,6 +123,14 @@ class Grasps:
         return replace(self, hand=np.concatenate([self.hand[..., :3], turned], axis=-1), frame=frame)
 
 
+def check_hand(hand: object, side: object, spec: HandSpec, where: str) -> None:
+    """Raises ConfigError for a file of another hand. `hand`, `side`: as it says; None: it does not."""
+    if hand is not None and hand != spec.model:
+        raise ConfigError(f"{where}: is of the hand {hand}; this one is {spec.model}: ask for {hand} (--hand)")
+    if side is not None and side != spec.side:
+        raise ConfigError(f"{where}: is of a {side} hand; this one is a {spec.side} hand")
+
+
 def check_grasps(
     spec: HandSpec, hand: ArrayLike, joints: ArrayLike, object_pose: ArrayLike, scale: ArrayLike, *,
     thing: str, frame: PalmFrame, source: str,
@@ -148,7 +158,7 @@ def check_grasps(
     if scales.min() <= 0.0:
         raise ConfigError(f"{source}: the object's scale is {scales.min():g}; it must be above 0")
     _metres(poses, things, source)
-    return Grasps(poses, angles, things, scales, thing, spec.side, frame, source)
+    return Grasps(poses, angles, things, scales, thing, spec, frame, source)
 
 
 def _metres(poses: Array, things: Array, source: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.entries import HAND
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.types import Array
 
@@ -26,7 +27,7 @@ def joint_orders(spec: HandSpec) -> dict[str, tuple[int, ...]]:
     return {
         "fingers": _joined(fingers),  # Menagerie, DexGraspBench, BODex, the manufacturer.
         "tree": _joined(in_tree),  # Isaac Gym, Pinocchio: the fingers by their names in the URDF.
-        "breadth": tuple(layers),  # Isaac Lab, SAPIEN: all first joints, then all second ones.
+        "breadth": tuple(dict.fromkeys(layers)),  # Isaac Lab, SAPIEN: all first joints, then all second ones.
         "thumb_first": _joined([*fingers[-1:], *fingers[:-1]]),
         "mirrored": _joined([*fingers[-2::-1], *fingers[-1:]]),  # Menagerie's left hand: from ring to index.
     }
@@ -47,7 +48,7 @@ def order_by_name(
     for name in names:
         bare = name.rsplit("/", 1)[-1].rsplit(":", 1)[-1]
         if bare not in known:
-            raise ConfigError(f"{where}: {name!r} is no joint of {spec.name}: is it another hand's grasp?")
+            raise ConfigError(f"{where}: {name!r} is no joint of {spec.name}: is it another hand's grasp (--hand)?")
         found.append(known[bare])
     if sorted(found) != list(range(spec.n_joints)):
         missing = [spec.joint_labels[j] for j in range(spec.n_joints) if found.count(j) != 1]
@@ -65,7 +66,7 @@ def reorder_joints(joints: Array, spec: HandSpec, where: str, order: str | tuple
     width = joints.shape[-1]
     if width != spec.n_joints:
         whose = _HANDS.get(width, "another hand's")
-        raise ConfigError(f"{where}: {width} joints; {spec.name} has {spec.n_joints}: they are {whose}")
+        raise ConfigError(f"{where}: {width} joints; {spec.name} has {spec.n_joints}: they are {whose} (--hand)")
     if isinstance(order, str) and order not in joint_orders(spec):
         raise ConfigError(f"{where}: {unknown('order of joints', order, joint_orders(spec))}")
     given = joint_orders(spec)[order] if isinstance(order, str) else order
@@ -107,7 +108,7 @@ def _in_range(found: Array, given: Array | None, spec: HandSpec, where: str) -> 
     way_out = (
         f"its numbers fit the order {' or '.join(repr(name) for name in fitting)}: say order={fitting[0]!r}"
         if fitting
-        else f"no known order of {spec.name}'s joints fits: is it another hand's, or in degrees?"
+        else f"no known order of {spec.name}'s joints fits: is it another hand's (--hand), or in degrees?"
         if given is not None
         else "is it in degrees?"
     )
@@ -127,15 +128,18 @@ def _fitting_orders(given: Array, spec: HandSpec) -> list[str]:
 
 
 def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:
-    return tuple(joint for finger in fingers for joint in finger.joints)
+    """One after the other; a joint of several fingers once."""
+    return tuple(dict.fromkeys(joint for finger in fingers for joint in finger.joints))
 
 
 def joint_names(spec: HandSpec) -> dict[str, int]:
     """Every name of a joint that is known: ours, the URDF's, Menagerie's and NVIDIA's (`index_joint_0`)."""
-    foreign = load_spec(spec.model, spec.side, f"menagerie_{spec.side}").foreign
+    foreign = spec.foreign
+    if spec.model == HAND:
+        foreign = load_spec(spec.model, spec.side, f"menagerie_{spec.side}").foreign
     theirs = foreign.joints if foreign is not None else ()
     found = {name: j for names in (spec.joints, spec.aliases, theirs) for j, name in enumerate(names)}
     for finger in spec.fingers:
         for place, joint in enumerate(finger.joints):
-            found[f"{finger.name}_joint_{place}"] = joint
+            found.setdefault(f"{finger.name}_joint_{place}", joint)
     return found

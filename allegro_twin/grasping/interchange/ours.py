@@ -12,11 +12,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.schema import Settings, load_settings
 from allegro_twin.files.yaml_edit import replace_document
-from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, check_grasps
+from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, check_grasps, check_hand
 from allegro_twin.grasping.interchange.orders import check_limits
-from allegro_twin.hands.library.entries import Angles, joint_vector
+from allegro_twin.hands.library.entries import Angles, angles_by_finger, joint_vector
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.types import Array
 
 Pose = Annotated[list[float], Field(min_length=7, max_length=7)]
 
@@ -45,6 +44,8 @@ class YamlGrasps(Settings):
 
     object: str
     """A name or a file; a relative path is the file's own."""
+    hand: str | None = None
+    """The model of hand that they are of; None: the one that they are read for."""
     side: Side = "right"
     frame: str = PALM.name
     """Of the hand: `palm`, ours, or `menagerie`."""
@@ -56,8 +57,7 @@ def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
     file, where = load_settings(YamlGrasps, path), str(path)
     if file.frame not in FRAMES:
         raise ConfigError(f"{where}: frame is one of {', '.join(FRAMES)}, not {file.frame!r}")
-    if file.side != spec.side:
-        raise ConfigError(f"{where}: is of a {file.side} hand; this one is a {spec.side} hand")
+    check_hand(file.hand, file.side, spec, where)
     stages = [[*entry.approach, entry.preshape, entry.close, entry.squeeze] for entry in file.grasps]
     if len({len(row) for row in stages}) > 1:
         raise ConfigError(f"{where}: every grasp of a file has an approach of the same number of stages")
@@ -71,25 +71,24 @@ def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
     )  # fmt: skip
 
 
-def write_yaml_grasps(path: Path, grasps: Grasps, spec: HandSpec) -> None:
+def write_yaml_grasps(path: Path, grasps: Grasps) -> None:
     """The same to the last bit when it is read again. Raises RecordingError."""
     content = {
         "object": grasps.object,
-        "side": grasps.side,
+        "hand": grasps.spec.model,
+        "side": grasps.spec.side,
         "frame": grasps.frame.name,
-        "grasps": [_entry(grasps, row, spec) for row in range(len(grasps))],
+        "grasps": [_entry(grasps, row) for row in range(len(grasps))],
     }
     with atomic_file(path) as temporary:
         temporary.write_text(replace_document("", content, str(path)), encoding="utf-8")
 
 
-def _entry(grasps: Grasps, row: int, spec: HandSpec) -> dict[str, Any]:
-    stages = [_stage(pose, joints, spec) for pose, joints in zip(grasps.hand[row], grasps.joints[row], strict=True)]
+def _entry(grasps: Grasps, row: int) -> dict[str, Any]:
+    stages = [
+        {"pose": pose.tolist(), "angles": angles_by_finger(joints, grasps.spec)}
+        for pose, joints in zip(grasps.hand[row], grasps.joints[row], strict=True)
+    ]
     entry = {"object_pose": grasps.object_pose[row].tolist(), "scale": float(grasps.scale[row])}
     way = {"approach": stages[:-3]} if len(stages) > 3 else {}
     return entry | way | dict(zip(STAGES, stages[-3:], strict=True))
-
-
-def _stage(pose: Array, joints: Array, spec: HandSpec) -> dict[str, Any]:
-    angles = {finger.name: joints[list(finger.joints)].tolist() for finger in spec.fingers}
-    return {"pose": pose.tolist(), "angles": angles}

@@ -10,37 +10,71 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import read_yaml
 from allegro_twin.grasping.interchange.dexgraspbench import Order, read_record
 from allegro_twin.grasping.interchange.dexgraspnet import read_entries
-from allegro_twin.grasping.interchange.grasps import FRAMES, Grasps
+from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, Grasps
 from allegro_twin.grasping.interchange.ours import read_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, parse_object
+from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import ClaimedType
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.meshes import SUFFIXES, mesh_middle
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import SIDES, HandSpec, Side
+
+_YAML = (".yaml", ".yml")
 
 
 def read_grasps(path: Path, spec: HandSpec, *, order: Order = None, frame: str | None = None) -> Grasps:
     """DexGraspBench, BODex, Dexonomy or DexGraspNet `.npy`, or our YAML.
 
     `order`: of the joints in a file without names, one of `orders.orders`. `frame`: of the hand, `palm` or `menagerie`,
-    where it is another than the format's own. Raises ConfigError, in a line.
+    where it is another than the format's own. Raises ConfigError, in a line, also for a file that says that it is of
+    another hand.
     """
     if frame is not None and frame not in FRAMES:
         raise ConfigError(unknown("frame", frame, FRAMES))
-    if not path.is_file():
-        raise ConfigError(f"no grasps at {path}")
-    if path.suffix in (".yaml", ".yml"):
+    _check_file(path)
+    if path.suffix in _YAML:
         return read_yaml_grasps(path, spec)
-    if path.suffix != ".npy":
-        raise ConfigError(f"{path}: grasps are read from .npy and .yaml")
     content = load_plain(path)
     if isinstance(content, Mapping) and "qpos" not in content:
         return read_record(content, spec, path, order=order, frame=FRAMES[frame] if frame else None)
     return read_entries(_entries(content, path), spec, path)
+
+
+class OwnHand(NamedTuple):
+    """Which hand a grasp file says that it is of; None: it does not say."""
+
+    model: str | None
+    side: Side | None
+    named: bool
+    """Its joints have names, which no other hand has."""
+    frame: str | None
+    """Of the palm's pose, where the file says it or its format has one for every hand."""
+
+
+def own_hand(path: Path) -> OwnHand:
+    """Which hand a grasp file says that it is of. Raises ConfigError."""
+    _check_file(path)
+    content = read_yaml(path) if path.suffix in _YAML else load_plain(path)
+    if not isinstance(content, Mapping):
+        return OwnHand(None, None, True, PALM.name)  # DexGraspNet's.
+    model, side = content.get("hand"), content.get("side")
+    of_format = None if "grasp_qpos" in content else PALM.name
+    return OwnHand(
+        model if isinstance(model, str) else None, next((each for each in SIDES if each == side), None),
+        bool({"joint_names", "qpos"} & content.keys()), content.get("frame", of_format),
+    )  # fmt: skip
+
+
+def _check_file(path: Path) -> None:
+    if not path.is_file():
+        raise ConfigError(f"no grasps at {path}")
+    if path.suffix not in (*_YAML, ".npy"):
+        raise ConfigError(f"{path}: grasps are read from .npy and .yaml")
 
 
 def _entries(content: Any, path: Path) -> list[Any]:
@@ -78,8 +112,9 @@ def import_grasp(path: Path, row: int, spec: HandSpec, thing: str | None = None)
     name = f"{path.stem}_{row}"
     grasp = Grasp(name, _UNTYPED, 1.0, "minimum_jerk", grasps.preshape[row], grasps.close[row], grasps.squeeze[row])
     scenario = Scenario.model_validate(
-        {"objects": [placed.model_dump()], "grasp": name, "side": spec.side, "wrist": wrist, "protocol": "fc"}
-    )
+        {"objects": [placed.model_dump()], "grasp": name, "hand": spec.model_reference, "side": spec.side,
+         "wrist": wrist, "protocol": "fc"}
+    )  # fmt: skip
     return ImportedGrasp(scenario, grasp, path.parent)
 
 
@@ -91,6 +126,17 @@ def _read(path: Path, changed: int, spec: HandSpec) -> Grasps:
 def load_grasps(path: Path, spec: HandSpec) -> Grasps:
     """Those of a file, with every joint inside its limits. Raises ConfigError."""
     return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
+
+
+def assumed_hand(path: Path, spec: HandSpec, *, asked: bool) -> str:
+    """A sentence on what a file does not say of its hand, and how it is read therefore; empty where it says all.
+    `asked`: whether a person has named the hand. Raises ConfigError."""
+    own, said = own_hand(path), []
+    if not asked and own.model is None and not own.named:
+        said.append(f"says of no hand and names no joints: read as of {spec.name} (--hand has others)")
+    if own.frame is None and spec.model != HAND:
+        said.append(f"does not say of which frame its poses are: read as of our palm of {spec.name}")
+    return f"{path.name}: {'; '.join(said)}" if said else ""
 
 
 def replaced_object(path: Path, thing: str, spec: HandSpec) -> str:

@@ -11,6 +11,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.specs import card_side, hand_side, is_hand_model
+from allegro_twin.surfaces.cli import console
 
 
 def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
@@ -32,12 +33,12 @@ def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> Run
     return changed.changed(controller=following(changed.hand))
 
 
-def own_scenarios(paths: list[Path], hand: str | None) -> tuple[list[Path], list[str]]:
+def own_scenarios(paths: list[Path], hand: str | None) -> list[Path]:
     """Replace scenarios by those of another model of hand for the same objects (scenarios/MODEL).
 
-    Returns them, and the names without a replacement. Raises ConfigError if none has one."""
-    if hand is None or not is_hand_model(hand):
-        return paths, []
+    Prints which it lacks. Raises ConfigError if none has a replacement."""
+    if hand is None or not is_hand_model(hand) or not paths:
+        return paths
     found, missing = [], []
     for path in paths:
         scenario, _ = load_scenario(path)
@@ -50,4 +51,6 @@ def own_scenarios(paths: list[Path], hand: str | None) -> tuple[list[Path], list
             missing.append(path.stem)
     if not found:
         raise ConfigError(f"the hand {hand} has no scenario of its own for {', '.join(missing)}: give one, or a grasp")
-    return found, missing
+    if missing:
+        console.say(f"{hand} has no grasp of its own for {', '.join(missing)}")
+    return found

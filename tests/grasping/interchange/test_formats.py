@@ -12,17 +12,17 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
-from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps
+from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps, check_grasps
 from allegro_twin.grasping.interchange.orders import joint_orders, permute_joints, reorder_joints
 from allegro_twin.grasping.interchange.ours import write_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
-from allegro_twin.grasping.interchange.read import read_grasps
+from allegro_twin.grasping.interchange.read import assumed_hand, own_hand, read_grasps
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
-from tests.grasping.interchange.samples import STAGES, bench, bodex, net, postures, saved, stacked
+from tests.grasping.interchange.samples import STAGES, bench, bodex, net, poses, postures, saved, stacked
 
 
 def placed(pose: Array, points: Array) -> Array:
@@ -102,7 +102,7 @@ def test_dexgraspbench_goes_back_to_the_last_bit(tmp_path: Path, spec: HandSpec,
 def same(first: Grasps, second: Grasps) -> None:
     for name in ("hand", "joints", "object_pose", "scale"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-    assert (first.object, first.frame, first.side) == (second.object, second.frame, second.side)
+    assert (first.object, first.frame, first.spec.name) == (second.object, second.frame, second.spec.name)
 
 
 def test_our_yaml_goes_back_to_the_last_bit(tmp_path: Path, side: Side) -> None:
@@ -113,10 +113,37 @@ def test_our_yaml_goes_back_to_the_last_bit(tmp_path: Path, side: Side) -> None:
     grasps = read_grasps(saved(tmp_path / "a.npy", record), spec)
     np.testing.assert_allclose(grasps.approach[:, 0], 0.2 * grasps.preshape)
     np.testing.assert_allclose(grasps.approach[:, 1], 0.6 * grasps.preshape)
-    write_yaml_grasps(tmp_path / "a.yaml", grasps, spec)
+    write_yaml_grasps(tmp_path / "a.yaml", grasps)
     same(read_grasps(tmp_path / "a.yaml", spec), grasps)
     with pytest.raises(ConfigError, match=f"is of a {side} hand"):
         read_grasps(tmp_path / "a.yaml", load_spec(side="left" if side == "right" else "right"))
+
+
+@pytest.mark.parametrize("model", ["leap", "model_o", "sih"])
+@pytest.mark.parametrize("suffix", [".npy", ".yaml"])
+def test_grasps_of_any_hand_go_back_and_are_refused_for_another(tmp_path: Path, model: str, suffix: str) -> None:
+    """Also where one motor spreads several fingers."""
+    spec, path = load_spec(model), tmp_path / f"a{suffix}"
+    rows = np.linspace(0.6 * spec.lower + 0.4 * spec.upper, 0.4 * spec.lower + 0.6 * spec.upper, 3)
+    made = check_grasps(
+        spec, poses(1)[None], rows[None], [0.0, 0, 0, 1, 0, 0, 0], 1.0, thing="apple", frame=PALM, source=""
+    )
+    write_dexgraspbench(path, made) if suffix == ".npy" else write_yaml_grasps(path, made)
+    same(read_grasps(path, spec), made)
+    with pytest.raises(ConfigError, match=f"is of the hand {model}; this one is allegro: ask for {model}"):
+        read_grasps(path, load_spec())
+    assert own_hand(path)[:2] == (model, "right")
+    assert assumed_hand(path, spec, asked=False) == ""
+
+
+def test_what_a_file_does_not_say_of_its_hand_is_said(tmp_path: Path, spec: HandSpec) -> None:
+    path = saved(tmp_path / "a.npy", bench(spec))
+    told = "a.npy: says of no hand and names no joints: read as of allegro_right (--hand has others)"
+    assert assumed_hand(path, spec, asked=False) == told
+    assert assumed_hand(path, spec, asked=True) == ""
+    assert "read as of our palm of leap_right" in assumed_hand(path, load_spec("leap"), asked=True)
+    for named in (saved(tmp_path / "b.npy", bodex(spec)), saved(tmp_path / "c.npy", net(spec))):
+        assert assumed_hand(named, spec, asked=False) == ""
 
 
 def test_a_change_of_frame_does_not_move_the_palm(tmp_path: Path, spec: HandSpec) -> None:
@@ -219,5 +246,5 @@ def test_grasps_are_picked_and_brought_inside_the_limits(tmp_path: Path, spec: H
     over = read_grasps(saved(tmp_path / "b.npy", bench(spec)), spec)
     pressed = over.joints.copy()
     pressed[0, 2, 0] = 3.0
-    inside = Grasps(over.hand, pressed, over.object_pose, over.scale, over.object, "right", PALM, "").within(spec)
+    inside = Grasps(over.hand, pressed, over.object_pose, over.scale, over.object, spec, PALM, "").within(spec)
     assert inside.squeeze[0, 0] == spec.upper[0]

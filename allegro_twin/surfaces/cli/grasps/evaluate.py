@@ -99,7 +99,13 @@ def evaluate(
         int | None,
         typer.Option(help="Episodes of a policy that also run over a virtual CAN bus.", rich_help_panel=options.POLICY),
     ] = None,
-    hand: options.TrainedHand = None,
+    hand: Annotated[
+        str | None,
+        typer.Option(
+            help="Model of hand, or a card; default: as the target says.",
+            autocompletion=completion.models,
+        ),
+    ] = None,
     film: Annotated[
         Path | None,
         typer.Option(
@@ -123,7 +129,7 @@ def evaluate(
         _refuse_unused(scenarios, "scenarios", f"{targets[0]} is a policy")
         _policy(targets, 200 if episodes is None else episodes, can or 0, hand, side and side.value, film, seed)
         return
-    policies = {"--hand": hand, "--film": film, "--episodes": episodes, "--can": can}
+    policies = {"--film": film, "--episodes": episodes, "--can": can}
     _refuse_unused(policies, "policies", f"{targets[0]} is a scenario")
     if seed is not None and uncertainty is None:
         raise ConfigError(f"--seed {seed} is for draws: say how many with --uncertainty N")
@@ -134,8 +140,8 @@ def evaluate(
     if rrd is not None:
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
-    found = find_targets(_paths(targets), TargetOptions(protocol, _sides(side), grasp, thing))
-    for line in dict.fromkeys(map(_replaced, found)):
+    found = find_targets(_of_hand(_paths(targets), hand), TargetOptions(protocol, _sides(side), grasp, thing, hand))
+    for line in dict.fromkeys(line for target in found for line in _said_of(target, asked=hand is not None)):
         console.warn(line)
     chosen = trials.engine_of(engine.value, address, count)
     results = trials.run_trials(found, noise, chosen, out)
@@ -146,14 +152,26 @@ def evaluate(
         raise typer.Exit(5)
 
 
-def _replaced(target: EvaluationTarget) -> str:
-    """A sentence on what of a grasp file --object replaces; empty where nothing is."""
-    from allegro_twin.grasping.interchange.read import replaced_object
+def _said_of(target: EvaluationTarget, *, asked: bool) -> list[str]:
+    """Sentences on what a grasp file does not say of its hand, and on what --object replaces. `asked`: for a hand."""
+    from allegro_twin.grasping.interchange.read import assumed_hand, replaced_object
 
     item = target.item
-    if "file" not in item or "object" not in item:
-        return ""
-    return replaced_object(Path(item["file"]), item["object"], target.spec)
+    if "file" not in item:
+        return []
+    said = [assumed_hand(Path(item["file"]), target.spec, asked=asked)]
+    if "object" in item:
+        said.append(replaced_object(Path(item["file"]), item["object"], target.spec))
+    return said
+
+
+def _of_hand(paths: list[Path], hand: str | None) -> list[Path]:
+    """With scenarios of this model of hand for the same objects. Raises ConfigError if none has one."""
+    from allegro_twin.files.assets import read_yaml
+    from allegro_twin.surfaces.cli.hand_override import own_scenarios
+
+    scenarios = [path for path in paths if path.suffix != ".npy" and "grasps" not in read_yaml(path)]
+    return own_scenarios(scenarios, hand) + [path for path in paths if path not in scenarios]
 
 
 def compare(

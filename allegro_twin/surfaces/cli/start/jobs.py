@@ -16,7 +16,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.spec import SIDES
-from allegro_twin.surfaces.cli import console, options
+from allegro_twin.surfaces.cli import options
 from allegro_twin.surfaces.cli.hand_override import on_hand, own_scenarios
 
 
@@ -74,10 +74,7 @@ def _scenarios_for_hand(paths: list[Path], options: RunOptions) -> list[Path]:
     """The files, or the scenarios that another model of hand has for the same objects. Prints which it lacks."""
     if options.grasp is not None or any("backend" in read_yaml(path) for path in paths):
         return paths
-    found, missing = own_scenarios(paths, options.hand)
-    if missing:
-        console.say(f"{options.hand} has no grasp of its own for {', '.join(missing)}")
-    return found
+    return own_scenarios(paths, options.hand)
 
 
 def outputs_in(folder: Path, job: RunJob, rig: Rig, outputs: Outputs) -> Outputs:
