@@ -104,7 +104,7 @@ class PlanningSettings(ControllerSettings):
 
     kind: Literal["mpc"]
     planning: MpcSettings | None = None
-    """Default: the settings of the task in conf/mpc, or those of `allegro-twin mpc`."""
+    """Default: the settings of the task in conf/mpc (`_real` with `time: real`), or those of `allegro-twin mpc`."""
     time: Literal["lockstep", "real"] = "lockstep"
     """`lockstep`: the time of a simulated hand stands still while it thinks. `real`: it does not; plans are made beside
     the hand."""

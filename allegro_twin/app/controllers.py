@@ -152,10 +152,9 @@ def _mpc(settings: PlanningSettings, context: ControllerContext) -> MadeControll
             raise ConfigError(f"task.posture is a goal of fingertips, and {episode.task} has none: leave it out, or "
                               "plan for Reach")  # fmt: skip
         model.goal = interface.fingertips(posture_of(context.task.posture, spec))
-    planning = settings.planning or planner_settings(episode.task)
-    controller = MpcController(
-        episode.task, model, planning, real_time=settings.time == "real", threads=settings.threads
-    )
+    real_time = settings.time == "real"
+    planning = settings.planning or planner_settings(episode.task, real_time=real_time)
+    controller = MpcController(episode.task, model, planning, real_time=real_time, threads=settings.threads)
     return MadeController(controller, model.engine.limit * interface.seconds)
 
 

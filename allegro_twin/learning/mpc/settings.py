@@ -110,7 +110,10 @@ class PoseCamera(Settings):
     seed: Seed = 0
 
 
-def planner_settings(task: str) -> MpcSettings:
-    """The settings of a task in conf/mpc, by its name; the defaults where it has none. Raises ConfigError."""
-    path = data_root() / "conf" / "mpc" / f"{task.rpartition(':')[2].lower()}.yaml"
-    return load_settings(MpcSettings, path) if path.is_file() else MpcSettings()
+def planner_settings(task: str, *, real_time: bool = False) -> MpcSettings:
+    """The settings of a task in conf/mpc, by its name; the defaults where it has none. `real_time`: those with which
+    two cores make a plan in nearly every decision, where the task has such. Raises ConfigError."""
+    folder, name = data_root() / "conf" / "mpc", task.rpartition(":")[2].lower()
+    files = [folder / f"{name}{ending}.yaml" for ending in (("_real", "") if real_time else ("",))]
+    path = next((file for file in files if file.is_file()), None)
+    return MpcSettings() if path is None else load_settings(MpcSettings, path)

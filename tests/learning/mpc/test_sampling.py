@@ -339,6 +339,16 @@ def test_settings_of_tasks_ship() -> None:
     assert planner_settings("HoldDisturbed") == MpcSettings()
 
 
+def test_plans_in_real_time_have_settings_of_their_own_where_a_task_has_them() -> None:
+    def steps(chosen: MpcSettings) -> float:
+        """Physics steps of a plan, of all its samples."""
+        return chosen.samples * chosen.iterations * (chosen.horizon + chosen.hold) / max(chosen.stride, 1)
+
+    for task in ("Rotate", "Reorient"):
+        assert steps(planner_settings(task, real_time=True)) < 0.3 * steps(planner_settings(task))
+    assert planner_settings("HoldDisturbed", real_time=True) == MpcSettings()
+
+
 def test_a_decided_action_is_that_of_every_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     mpc = SamplingMpc("Reach", EnvSettings(timestep=0.003), QUICK, threads=1)
     env = HandEnv("Reach", timestep=0.003)
