@@ -141,14 +141,19 @@ NARROWER = 0.7
 """Of that in each round after it."""
 ELITE, EASED = 4, 2
 """How many the next round varies, and how many of them are tried with less squeeze, too."""
+FINAL = 4
+"""Times as many draws as a round has, by which the last elite and the first version are told apart: the best of many by
+few draws was partly lucky."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImprovementResult:
-    """The better version, and both on draws that it was not chosen on."""
+    """The best version that was found, and both on draws that it was not chosen on."""
 
     before: GraspVariant
     after: GraspVariant
+    found: bool
+    """The best is another one than the first."""
     comparison: PairedCounts
     """The first is the version before."""
     hottest: tuple[tuple[str, float], tuple[str, float]]
@@ -192,11 +197,11 @@ class GraspImprovement:
             elite = sorted([*elite, *zip(self._score(tried).tolist(), tried, strict=True)], key=lambda e: -e[0])[:ELITE]
             tell(number, float(np.floor(elite[0][0])) / self.draws)
             scale *= NARROWER
-        best = elite[0][1] if math.isinf(self.sustained) else self._coolest([version for _, version in elite])
+        best = self._best([first, *(version for _, version in elite if version is not first)])
         (_, hot), (shown, cool) = self._seen(first), self._seen(best)
         before, after = self._tried([first, best], "table_pick", self.unseen, "judge")
         comparison = count_pairs([each.held for each in before], [each.held for each in after])
-        return ImprovementResult(first, shown, comparison, (hot, cool))
+        return ImprovementResult(first, shown, best is not first, comparison, (hot, cool))
 
     def _seen(self, version: GraspVariant) -> tuple[GraspVariant, tuple[str, float]]:
         """With the type that its contacts show in the whole trial without a draw, and its hottest joint."""
@@ -237,8 +242,17 @@ class GraspImprovement:
                 found.append(GraspVariant(version.scenario, eased))
         return found
 
-    def _score(self, versions: list[GraspVariant]) -> Array:
-        return np.array([score(row, self.sustained) for row in self._tried(versions, "quick", self.draws, "search")])
+    def _best(self, versions: list[GraspVariant]) -> GraspVariant:
+        """By more draws than they were found by; the first of equals."""
+        if len(versions) > 1:
+            order = np.argsort(-self._score(versions, FINAL * self.draws), kind="stable")
+            versions = [versions[k] for k in order]
+        return versions[0] if math.isinf(self.sustained) else self._coolest(versions)
+
+    def _score(self, versions: list[GraspVariant], draws: int = 0) -> Array:
+        """By so many draws of the search; 0: as many as a round has."""
+        rows = self._tried(versions, "quick", draws or self.draws, "search")
+        return np.array([score(row, self.sustained) for row in rows])
 
     def _tried(
         self, versions: list[GraspVariant], protocol: str, count: int, stream: SampleStream

@@ -69,6 +69,7 @@ def test_each_round_varies_the_four_best_a_little_less_and_the_end_is_on_draws_o
     assert search.asked == [
         (1, "quick", 8, "search"),
         *[(16, "quick", 8, "search")] * 3,
+        (5, "quick", 32, "search"),
         (2, "table_pick", 40, "judge"),
     ]
     assert search.scales == pytest.approx([1.0] * 16 + [0.7] * 16 + [0.49] * 16)
@@ -89,6 +90,20 @@ def test_what_is_worse_than_the_first_does_not_take_its_place(monkeypatch: pytes
     monkeypatch.setattr(improve, "perturb_grasp", lambda version, spec, scale, random: search.made(0.01))
     better = search.search.run()
     assert better.after.grasp.speed == lemon().grasp.speed
+    assert not better.found
+
+
+def test_the_best_of_few_draws_is_told_from_a_lucky_one_by_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch, rounds=1, population=4)
+
+    def tried(own: Any, versions: list[GraspVariant], protocol: str, count: int, stream: str) -> Any:
+        """Every variation holds the first eight draws, and none after them; the first version holds most."""
+        first, lucky = [k % 8 < 7 for k in range(40)], [k < 8 for k in range(40)]
+        rows = [first if version.grasp.speed == lemon().grasp.speed else lucky for version in versions]
+        return [[VariantResult(held, 0.5, 0.0, 0.5) for held in row[:count]] for row in rows]
+
+    monkeypatch.setattr(GraspImprovement, "_tried", tried)
+    assert not search.search.run().found
 
 
 def test_a_variation_looks_as_far_as_its_round_does() -> None:

@@ -23,6 +23,7 @@ from allegro_twin.grasping.plan.search import GraspSearch
 from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import PlannedGrasp
 from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.grasping.statistics import count_pairs
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entry_files import name_from
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
@@ -283,6 +284,29 @@ def test_improve_and_mesh_say_that_they_were_interrupted(command: Run, tmp_path:
         assert (code, said) == (130, "interrupted: 0 of 3 rounds had ended; nothing is compared or written\n")
         code, _, said = command("mesh", tmp_path / "scan.ply")
         assert (code, said.endswith("was not repaired to the end: nothing is written\n")) == (130, True)
+
+
+@pytest.mark.parametrize(
+    ("found", "only_before", "sustained", "written"),
+    [(True, 0, False, True), (True, 3, False, False), (False, 0, False, False), (True, 3, True, True)],
+)
+def test_improve_writes_what_holds_no_fewer_draws_than_before(
+    command: Run, tmp_path: Path, found: bool, only_before: int, sustained: bool, written: bool
+) -> None:
+    """Also fewer, where motors that sustain less were asked for."""
+    from allegro_twin.grasping.plan.improve import GraspImprovement, GraspVariant, ImprovementResult
+
+    def run(search: GraspImprovement, tell: Any) -> ImprovementResult:
+        version = GraspVariant(search.scenario, search.grasp)
+        pair = count_pairs([True] * 40, [k >= only_before for k in range(40)])
+        return ImprovementResult(version, version, found, pair, (("index_1", 0.7), ("index_1", 0.5)))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(GraspImprovement, "run", run)
+        more = ("--sustained", 0.6) if sustained else ()
+        code, shown, _ = command("improve", "lemon", "--out", tmp_path / "p", *more)
+    assert (code, (tmp_path / "p").exists()) == ((0, True) if written else (5, False))
+    assert ("Play it" in shown, "Nothing is written" in shown) == (written, not written)
 
 
 def test_where_nothing_holds_every_candidate_is_lost_once_and_the_numbers_add_up() -> None:

@@ -55,7 +55,7 @@ def improve(
 ) -> None:
     """Improve a grasp: vary wrist, postures and squeeze.
 
-    The comparison of before and after uses draws that the search did not see."""
+    Before and after are compared on draws that the search did not see; what holds fewer of them is not written."""
     from allegro_twin.files.output_folder import defer_signals
     from allegro_twin.grasping.plan.improve import GraspImprovement
     from allegro_twin.grasping.plan.save import save_grasp
@@ -72,6 +72,13 @@ def improve(
     )  # fmt: skip
     better = _search(search, path.stem)
     description = _print_comparison(better, unseen, path.stem, begun.name)
+    pair = better.comparison
+    if not better.found or (sustained is None and pair.only_second < pair.only_first):
+        what = "holds fewer fresh draws than before" if better.found else "is the one it began with"
+        console.say(
+            f"Nothing is written: the best version {what}; more --rounds or --draws, or another --seed, look on"
+        )
+        raise typer.Exit(5)
     with defer_signals():  # Grasp and scenario must be of one search.
         where = save_grasp(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, description)
     console.say(f"Play it: allegro-twin run {where}")
