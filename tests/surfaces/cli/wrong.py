@@ -108,6 +108,7 @@ TABLE = [
         ("run r.arrow", 2, "r.arrow: cannot be read"),
         ("run typos.yaml", 2, "seconds_: unknown key; did you mean 'seconds'?; hnd: unknown key"),
         ("run fast.yaml", 2, "speed must be positive, in rad/s, from 0.001 to 12"),
+        ("run leap_apple --config can_virtual", 2, "has allegro: --config leap_usb or leap_virtual or sim_leap"),
         ("run coarse.yaml --config can_virtual", 2, "wants control every 0.004 s, can_virtual has it every 0.003"),
         ("run lemon --grasp nope", 2, "no grasp named 'nope'"),
         ("run lemon --grasp home", 2, "'home' is a posture, not a grasp"),

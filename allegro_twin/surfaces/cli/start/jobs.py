@@ -57,7 +57,7 @@ def configs_of(targets: Sequence[str], options: RunOptions = RunOptions()) -> li
                     f"--config says which hand performs scenarios; {path} is a config itself: leave one out"
                 )
             for side in SIDES if options.side == "both" else (options.side,):
-                base = _scenario_config(path, options.config, side) if scenario else load_config(path)
+                base = _scenario_config(path, options, side) if scenario else load_config(path)
                 config = _apply(on_hand(base, options.hand, side), options)
                 name = path.stem if options.object is None or not scenario else Path(options.object).stem
                 jobs.append(RunJob(name, config, cut=options.seconds is not None))
@@ -108,12 +108,14 @@ def files_of(target: str) -> list[Path]:
     return [names[path.name]]
 
 
-def _scenario_config(scenario: Path, hand: str | None, side: str | None) -> RunConfig:
+def _scenario_config(scenario: Path, options: RunOptions, side: str | None) -> RunConfig:
     """A scenario in simulation, or performed by the hand of a config under PD with that config's gains."""
-    alone = scenario_config(scenario, side)
+    alone, hand = scenario_config(scenario, side), options.config
     if hand is None:
         return alone
     base = load_config(hand)
+    if options.hand is None and options.grasp is None:
+        _check_model(scenario, alone.hand.model, hand, base.hand.model)
     if "period" in alone.model_fields_set and alone.period != base.period:
         wanted = f"{scenario}: its protocol wants control every {alone.period} s"
         raise ConfigError(f"{wanted}, {hand} has it every {base.period} s: take one that leaves it open, as table_pick")
@@ -122,6 +124,17 @@ def _scenario_config(scenario: Path, hand: str | None, side: str | None) -> RunC
     task = alone.task.model_dump(exclude_unset=True, exclude_none=True)
     content = base.model_dump(exclude_unset=True, exclude={"task", "seconds"})
     return RunConfig.model_validate(content | {"task": task, "controller": controller})
+
+
+def _check_model(scenario: Path, wanted: str, config: str, model: str) -> None:
+    """Raises ConfigError for a scenario of another model of hand than a config's, with the configs that have it."""
+    if Path(wanted).stem == Path(model).stem:
+        return
+    files = sorted((data_root() / "conf").glob("*.yaml"))
+    fitting = [file.stem for file in files if (read := read_yaml(file)).get("hand", {}).get("model") == wanted
+               and "backend" in read]  # fmt: skip
+    way = f"--config {' or '.join(fitting)}" if fitting else f"a config of its own has hand: {{model: {wanted}}}"
+    raise ConfigError(f"{scenario} is for the hand {wanted}; {config} has {model}: {way}, or name a --grasp, too")
 
 
 def _apply(config: RunConfig, options: RunOptions) -> RunConfig:
