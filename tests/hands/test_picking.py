@@ -66,7 +66,7 @@ def test_a_scenario_of_another_hand_is_refused_by_name(tmp_path: Path) -> None:
     path = data_root() / "scenarios/leap/leap_rubiks_cube.yaml"
     with pytest.raises(ConfigError, match=r"leap_rubiks_cube.yaml is for the hand leap; this one is allegro"):
         make_trial(str(path), load_spec())
-    with pytest.raises(ConfigError, match="this one is model_o"):
+    with pytest.raises(ConfigError, match="is for the hand leap; sim_model_o has model_o: --config leap_usb or "):
         built()(["run", str(path), "--config", "sim_model_o", "--out", str(tmp_path)], standalone_mode=False)
 
 

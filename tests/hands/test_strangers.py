@@ -115,12 +115,18 @@ def test_an_actuator_that_is_not_like_the_others_is_named(odd: str, said: str, t
         explore_hand(path)
 
 
-def test_a_hand_that_is_called_as_ours_never_has_our_gains(tmp_path: Path) -> None:
-    command("hand", "new", str(mjcf(tmp_path, MOTOR)), "--no-film", "--name", "allegro")
-    gains = load_gains("default", load_spec("mine/allegro.yaml"))
-    assert len(gains.kp) == 4
-    assert max(gains.kp) < 2.0
-    assert load_gains("default", load_spec("allegro")).kp[0] == 12.0
+@pytest.mark.parametrize("name", ["allegro", "model_o"])
+def test_a_hand_cannot_have_the_name_of_one_that_ships_whose_entries_would_be_taken_for_its_own(
+    name: str, tmp_path: Path
+) -> None:
+    file = str(mjcf(tmp_path, MOTOR))
+    with pytest.raises(ConfigError, match=f"{name} is a hand that ships, .* say --name my_{name}"):
+        command("hand", "new", file, "--no-film", "--name", name)
+    command("hand", "new", file, "--no-film", "--name", f"my_{name}")
+    assert max(load_gains("default", load_spec(f"mine/my_{name}.yaml")).kp) < 2.0
+    Path(f"mine/my_{name}.yaml").rename(f"mine/{name}.yaml")
+    with pytest.raises(ConfigError, match=f"mine/{name}.yaml: {name} is a hand that ships"):
+        load_spec(f"mine/{name}.yaml")
 
 
 def test_a_card_of_torque_motors_without_gains_says_where_they_go(tmp_path: Path) -> None:

@@ -175,7 +175,8 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
     """The spec of the hand that a card describes. Raises ConfigError."""
     card = load_settings(HandCard, path)
     if card.side != side:
-        raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}")
+        raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}: a {side} hand has a card of its own, "
+                          f"made from its own file (allegro-twin hand new FILE --side {side})")  # fmt: skip
     names = tuple(each.name for each in card.driven)
     mjcf = card.mjcf if card.mjcf.is_absolute() else path.parent / card.mjcf
     taken = _frames(mjcf)

@@ -103,6 +103,11 @@ def is_hand_model(name: str) -> bool:
     return path.is_file() and "driven" in read_yaml(path)
 
 
+def names_shipped_hand(name: str) -> bool:
+    """Whether a model of hand of this name ships, so that no other may have it."""
+    return is_hand_model(name) and name not in installed_hands() and not Path(name).suffix
+
+
 def installed_hands() -> tuple[str, ...]:
     """Hands that installed packages add by the entry point `allegro_twin.hands`, whose value is the path of a card, or
     a function without arguments that returns it. Hands of this package have their names first."""
@@ -149,7 +154,11 @@ def _by_card(model: str, side: Side, serial: str) -> HandSpec:
     path = _card_path(model)
     if serial:
         raise ConfigError(f"{path} is the hand's only file: leave out hand.serial ({serial})")
-    found = spec_from_card(path, Path(model).stem, side)
+    name = Path(model).stem
+    if names_shipped_hand(name) and path.resolve() != (data_root() / "conf" / "hands" / f"{name}.yaml").resolve():
+        raise ConfigError(f"{path}: {name} is a hand that ships, whose postures and grasps are not this one's: rename "
+                          f"the card, to my_{name}.yaml")  # fmt: skip
+    found = spec_from_card(path, name, side)
     return replace(found, card=str(path)) if Path(model).suffix == ".yaml" else found
 
 

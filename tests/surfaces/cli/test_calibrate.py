@@ -224,7 +224,7 @@ def test_a_file_of_comments_keeps_them(start: str, spec: HandSpec, tmp_path: Pat
     [
         ["calibrate", "limits", "--into", "conf/hands/SAH030C033R.yaml"],
         ["teach", "mine", "--seconds", "0.1", "--into", "conf/postures/home.yaml"],
-        ["hand", "new", "models/mjcf/leap_right.xml", "--name", "leap", "--out", "conf/hands", "--force"],
+        ["hand", "new", "models/mjcf/leap_right.xml", "--name", "home", "--out", "conf/hands", "--force"],
         ["identify", "conf/sim_right.yaml", "--hand", "SAH030C033R"],
         ["panel", "--into", "conf/grasps/rock.yaml"],
     ],

@@ -126,6 +126,7 @@ def new(
     """Make the card of a hand from its MJCF or URDF, a config that runs it, a page, a picture and a film.
 
     The card lists the driven joints and their ranges, the joints that follow, and guesses of fingers and palm."""
+    from allegro_twin.hands.description.specs import names_shipped_hand
     from allegro_twin.sim.hand_import.explore import explore_hand
 
     called = name or model.stem
@@ -140,6 +141,9 @@ def new(
     if check is not None:
         _check(check, explore_hand(model, root, palm, fingers))
         return
+    if names_shipped_hand(called):
+        raise ConfigError(f"{called} is a hand that ships, whose postures and grasps are not this one's: say --name "
+                          f"my_{called}")  # fmt: skip
     card, config = out / f"{called}.yaml", out / f"sim_{called}.yaml"
     for path in (card, config):
         if path.exists() and not force:
