@@ -12,16 +12,18 @@ from allegro_twin.cell.motion.other_objects import (
     height_around,
     other_objects,
     points_in_tray,
+    protruding_parts,
     stray_objects,
     tray_filled,
 )
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.segmentation import TablePlane
+from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject
 from allegro_twin.cell.planning.reachability import plan_grasp
 from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.contact.obstacle_clearance import OTHERS
+from allegro_twin.sim.contact.obstacle_clearance import OTHERS, TableObject
 from allegro_twin.types import Array
 from tests.cell.test_run import cell_of
 
@@ -44,6 +46,40 @@ def looked(cell: Cell) -> tuple[Detection, tuple[Array, ...]]:
 def test_one_object_alone_has_nothing_beside_it() -> None:
     for name in ("apple", "cracker_box", "chips_can", "mug"):
         assert looked(cell_of(objects=[{"name": name, "at": [0.02, -0.04], "yaw": 30.0}]))[1] == ()
+
+
+def test_a_mugs_handle_stands_out_of_the_solid_that_it_is_taken_for_and_nothing_of_a_can_does() -> None:
+    for name in ("chips_can", "cracker_box", "pear"):
+        cell = cell_of(objects=[{"name": name, "at": [0.02, -0.04]}])
+        assert protruding_parts(looked(cell)[0], cell.settings.perception) == ()
+    cell = cell_of(objects=[{"name": "mug", "at": [0.0, 0.0], "yaw": 90.0}])
+    seen, _ = looked(cell)
+    (handle,) = protruding_parts(seen, cell.settings.perception)
+    away = np.linalg.norm(handle[:, :2] - seen.solid.position[:2], axis=1)
+    assert seen.solid.shape == "cylinder"
+    assert away.min() > seen.solid.size[1] / 2.0 + 0.005
+
+
+def test_a_grasp_has_room_to_the_objects_own_handle_where_it_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, asked = cell_of(objects=[{"name": "mug", "at": [0.0, 0.0], "yaw": 90.0}]), list[tuple[int, float]]()
+    seen, _ = looked(cell)
+    frame = cell.camera.capture(cell.robot.world.data)
+    alone = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
+    fitting = 3
+
+    def plan(self: ObjectSelector, solid: object, obstacles: list[TableObject], clear: float) -> str:
+        asked.append((len(obstacles), clear))
+        if len(asked) < fitting:
+            raise ConfigError("no room")
+        return "a way"
+
+    monkeypatch.setattr(ObjectSelector, "_plan", plan)
+    chosen = ObjectSelector(cell).one(seen, frame, alone)
+    assert isinstance(chosen, SelectedObject)
+    assert asked == [(1, 0.015), (1, 0.005), (0, 0.015)]  # The handle, the handle with less room, and none.
+    fitting = 0
+    ObjectSelector(cell).one(seen, frame, alone)
+    assert asked[3:] == [(1, 0.015)]
 
 
 def test_objects_beside_it_are_found_wherever_they_stand_on_the_table() -> None:

@@ -64,6 +64,12 @@ def other_objects(
     return tuple(_deepened(points, frame.pose.position) for points in _clusters(world, settings, _FEW))
 
 
+def protruding_parts(found: Detection, settings: PerceptionSettings) -> tuple[Array, ...]:
+    """Points of each part of the chosen object that its solid leaves out, (k, 3), m, world: fingers that come down on a
+    handle do not get to where they grasp."""
+    return tuple(_clusters(found.protruding, settings, settings.object.least))
+
+
 def stray_objects(
     frame: CameraFrame, cloud: Cloud, settings: PerceptionSettings, tray: TraySettings, table: TablePlane
 ) -> tuple[Array, ...]:

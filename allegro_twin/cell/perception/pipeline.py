@@ -20,6 +20,7 @@ from allegro_twin.cell.perception.touching import (
     make_compound,
     see_through_share,
     separate_solids,
+    surface_distance,
 )
 from allegro_twin.types import Array, Vector
 
@@ -28,8 +29,8 @@ _LEVEL = 10
 _STEEP = 30
 """Degrees from which a camera sees enough of a thing's top, docs/reference/perception.md."""
 _DEEP, _SCATTER, _THROUGH = 0.006, 5.0, 0.02
-"""m, and times the camera's scatter: what is seen so deep in a solid is seen through it. And the share of points of
-which that may be so."""
+"""m, and times the camera's scatter: what is seen so deep in a solid is seen through it, and what is seen so far out of
+it is none of it. And the share of points that may be seen through it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +48,13 @@ class Detection:
     instead: tuple[Detection, ...] = ()
     """What it may be besides, for no picture tells what touches from what is one: of a compound its parts as things of
     their own, of each of these the compound."""
+
+    @property
+    def protruding(self) -> Array:
+        """Its points that stand out of the solid: of a handle, or of a bottle's neck, (k, 3), m."""
+        parts = self.solid.parts or (self.solid,)
+        out = np.min([surface_distance(part, self.points) for part in parts], axis=0)
+        return self.points[out > max(_DEEP, _SCATTER * self.sigma)]
 
 
 class PerceptionPipeline:

@@ -13,7 +13,7 @@ from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.checks.grasp_check import pressing_torque, torque_between_fingers
 from allegro_twin.cell.motion.empty_grasp import empty_grasp, touching_joints
-from allegro_twin.cell.motion.other_objects import box_around, other_objects, stray_objects
+from allegro_twin.cell.motion.other_objects import box_around, other_objects, protruding_parts, stray_objects
 from allegro_twin.cell.perception.errors import PerceptionRefusal, position_text
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
@@ -154,10 +154,23 @@ class ObjectSelector:
         try:
             rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
             obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
-            plan = self._plan(seen.solid, obstacles, clear)
+            own = [box_around(points) for points in protruding_parts(seen, cell.settings.perception)]
+            plan = self._beside_own(seen.solid, obstacles, own, clear) or self._plan(seen.solid, obstacles, clear)
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))
         return SelectedObject(seen, plan, (*(each.points for each in known), *rest))
+
+    def _beside_own(
+        self, solid: Solid, obstacles: Sequence[TableObject], own: Sequence[TableObject], clear: float
+    ) -> GraspPlan | None:
+        """With room to the object's own handle; None where it has none, or nothing has the room: then fingers may touch
+        it."""
+        for room in dict.fromkeys((clear, _TIGHT)) if own else ():
+            try:
+                return self._plan(solid, [*obstacles, *own], room)
+            except ConfigError:
+                continue
+        return None
 
     def _plan(self, solid: Solid, obstacles: Sequence[TableObject], clear: float) -> GraspPlan:
         """First with a grasp that has not failed with something alike, and that the fingers will tell. Raises
