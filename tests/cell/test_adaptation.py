@@ -183,6 +183,15 @@ def test_what_scatters_between_two_pictures_is_not_searched_again_and_what_was_m
     assert len(counted.masses) == 2
 
 
+def test_what_failed_beside_something_is_searched_for_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted, mine = Counted(monkeypatch, grown=9, looked=9), adapter()
+    handle = TableObject("box", (0.03, 0.02, 0.06), 0.0, np.array([0.05, 0.0, 0.03]))
+    for others, searches in (([handle], 1), ([handle], 1), ([], 2), ([], 2)):
+        with pytest.raises(ConfigError):
+            mine.plan(BOX, itself, others)
+        assert len(counted.masses) == searches
+
+
 def test_what_no_finger_closes_on_is_searched_once_wherever_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     counted, mine = Counted(monkeypatch, grown=1, looked=1, reached=1), adapter()
     rod = TableObject("lying cylinder", (0.0886, 0.0138, 0.0138), 0.0, np.array([-0.010, 0.062, 0.007]))

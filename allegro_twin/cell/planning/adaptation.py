@@ -114,6 +114,8 @@ class _Failure(NamedTuple):
     """A search that found nothing."""
 
     body: TableObject
+    beside: int
+    """Obstacles."""
     room: float
     error: ConfigError
     mass: float
@@ -159,7 +161,7 @@ class GraspAdapter:
                 if plan is not None and prefer(plan):
                     return plan
         for failure in self._failed:
-            if _is_same(failure.body, body) and failure.room == room:
+            if _is_same(failure.body, body) and (failure.beside, failure.room) == (len(others), room):
                 raise failure.error
             if failure.anywhere and not others and _alike(failure.body, body):
                 raise self._none_for(body, failure.mass, failure.said)
@@ -179,7 +181,7 @@ class GraspAdapter:
                 break  # Its weight is not what is in the way.
         error = self._none_for(body, search.mass, search.said())
         anywhere = search.looked == search.reached and not others
-        self._failed.append(_Failure(body, room, error, search.mass, search.said(), anywhere))
+        self._failed.append(_Failure(body, len(others), room, error, search.mass, search.said(), anywhere))
         raise error
 
     def _none_for(self, body: TableObject, mass: float, said: str) -> ConfigError:
