@@ -141,8 +141,9 @@ def evaluate(
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
     found = find_targets(_of_hand(_paths(targets), hand), TargetOptions(protocol, _sides(side), grasp, thing, hand))
-    for line in dict.fromkeys(line for target in found for line in _said_of(target, asked=hand is not None)):
-        console.warn(line)
+    for target in {target.item["file"]: target for target in found if "file" in target.item}.values():
+        for line in _said_of(target, asked=hand is not None):
+            console.warn(line)
     chosen = trials.engine_of(engine.value, address, count)
     results = trials.run_trials(found, noise, chosen, out)
     rows = trials.report_trials(found, noise, results, out, rrd)
@@ -157,8 +158,6 @@ def _said_of(target: EvaluationTarget, *, asked: bool) -> list[str]:
     from allegro_twin.grasping.interchange.read import assumed_hand, replaced_object
 
     item = target.item
-    if "file" not in item:
-        return []
     said = [assumed_hand(Path(item["file"]), target.spec, asked=asked)]
     if "object" in item:
         said.append(replaced_object(Path(item["file"]), item["object"], target.spec))
