@@ -105,6 +105,43 @@ def test_grasps_of_a_file_are_judged_with_the_hand_that_it_names(tmp_path: Path,
         find_targets([tmp_path / "0.npy"], replace(asked, hand="allegro"))
 
 
+def test_trials_with_one_hands_own_file_have_its_side_and_its_motors(tmp_path: Path) -> None:
+    weak = tmp_path / "weak.yaml"
+    weak.write_text("wire: {version: v4, side: left, pwm_limit: 20}\n")
+    path, protocol = scenario(tmp_path), str(short(tmp_path))
+    plain, mine = (find_targets([path], TargetOptions(protocol, ("left",), serial=s)) for s in ("", str(weak)))
+    assert [target.side for target in find_targets([path], TargetOptions(protocol, serial=str(weak)))] == ["left"]
+    stall = []
+    for targets in (plain, mine):
+        items, shared, *_ = make_campaign(targets, SamplingSettings())
+        stall += [row["stall"] for row in run_cases(shared, items)]
+    assert stall[1] > stall[0]
+    assert differing(sweep_of(mine, SamplingSettings()), sweep_of(plain, SamplingSettings()))
+    with pytest.raises(ConfigError, match=r"weak.yaml is a left hand; hand.side is right"):
+        find_targets([path], TargetOptions(protocol, ("right",), serial=str(weak)))
+
+
+def test_trials_with_a_drive_have_it_as_a_run_has(tmp_path: Path) -> None:
+    late = tmp_path / "late.yaml"
+    late.write_text("wire: {version: v4, side: right}\ndrive: {delay: 0.012}\n")
+    (target,) = find_targets([scenario(tmp_path)], TargetOptions(str(short(tmp_path)), serial=str(late)))
+    items, shared, *_ = make_campaign([target], SamplingSettings())
+    (row,) = run_cases(shared, items)
+    bench = TrialRunner(target.spec)
+    trial = bench.trial(target.case)
+    for _ in until(trial.seconds, trial.watched(run(Guard(trial.backend, bench.limits), bench.controller(trial)))):
+        pass
+    (plain,) = run_cases({"threads": 1}, items)
+    assert row["drift_mm"] == 1e3 * max(phase.drift for phase in trial.report().phases if phase.check)
+    assert row["drift_mm"] != plain["drift_mm"]
+
+
+def test_rates_of_both_hands_are_told_apart_for_they_perform_the_same_draws() -> None:
+    rows = [{"object": "lemon", "side": side, "success": 1.0, "n": 6, "target": "lemon"} for side in ("right", "left")]
+    assert [(rate.name, rate.n) for rate in rates(rows, "object")] == [("lemon, right", 6), ("lemon, left", 6)]
+    assert [(rate.name, rate.n) for rate in rates(rows[:1] * 2, "object")] == [("lemon", 12)]
+
+
 def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path: Path) -> None:
     mesh = tmp_path / "block.obj"
     mesh.write_text(BLOCK)
@@ -151,7 +188,9 @@ def test_a_trial_that_could_not_be_made_is_no_success_and_a_draw_that_could_not_
     rows = summarise(targets, [good, good, lost, bad, bad, good, good, good])
     assert [(row["held"], row["n"], row["success"]) for row in rows] == [(True, 2, 0.5), (False, 3, 1.0)]
     assert (rows[1]["reason"], rows[1]["object"], rows[1]["side"]) == ("the disk is full", "lemon", "left")
-    (both,) = rates(rows, "object")
+    right, left = rates(rows, "object")
+    assert (right.held, right.n, left.held, left.n) == (1, 2, 3, 3)
+    (both,) = rates([row | {"side": "right"} for row in rows], "object")
     assert (both.held, both.n) == (4, 5)
     assert str(both) == "4 of 5 (38–96 %)"
     with pytest.raises(ConfigError, match="^the disk is full"):

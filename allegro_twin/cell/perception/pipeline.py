@@ -54,7 +54,7 @@ class Detection:
         """Its points that stand out of the solid: of a handle, or of a bottle's neck, (k, 3), m."""
         parts = self.solid.parts or (self.solid,)
         out = np.min([surface_distance(part, self.points) for part in parts], axis=0)
-        return self.points[out > max(_DEEP, _SCATTER * self.sigma)]
+        return np.asarray(self.points[out > max(_DEEP, _SCATTER * self.sigma)])
 
 
 class PerceptionPipeline:

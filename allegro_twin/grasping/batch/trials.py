@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
@@ -36,6 +36,8 @@ from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.loop import run, until
+from allegro_twin.safety import Guard
 from allegro_twin.sim.model.compiled_scenes import CompiledScenes
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
 
@@ -96,7 +98,11 @@ class TrialRunner:
         self, cases: Sequence[TrialCase], measure: Measure | None = None, *, stop_early: bool = False
     ) -> Iterator[Verdict]:
         """One a case, in order. `stop_early`: what is lost has no report, and neither have the other pushes of the same
-        grasp. Raises ConfigError for a scene that cannot be built."""
+        grasp. A hand with a drive performs them one after the other: side by side there is none. Raises ConfigError for
+        a scene that cannot be built."""
+        if self.spec.drive is not None:
+            yield from (self._alone(case, measure) for case in cases)
+            return
         stems = _stems(cases)
         first = 0
         while first < len(cases):
@@ -112,6 +118,19 @@ class TrialRunner:
                 stems=stems[first:end],
             )  # fmt: skip
             first = end
+
+    def _alone(self, case: TrialCase, measure: Measure | None) -> Verdict:
+        trial = self.trial(case)
+        check = next((window.end for window in trial.windows if window.check), trial.seconds)
+        moment, measured = round(check / self.period), dict[str, float]()
+        samples = run(Guard(trial.backend, self.limits), self.controller(trial))
+        try:
+            for sample in until(trial.seconds, trial.watched(samples)):
+                if measure is not None and sample.state.tick == moment:
+                    measured |= measure(trial, trial.backend.data)
+        except HandFault as fault:
+            return Verdict(None, str(fault), trial.mass, measured)
+        return Verdict(trial.report(), "", trial.mass, measured)
 
     def trial(self, case: TrialCase, scenes: CompiledScenes | None = None) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""

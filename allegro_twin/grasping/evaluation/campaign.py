@@ -15,7 +15,7 @@ from allegro_twin.grasping.interchange.read import load_grasps, own_hand
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
-from allegro_twin.hands.description.specs import card_side, load_spec
+from allegro_twin.hands.description.specs import card_side, hand_side, load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
@@ -103,6 +103,8 @@ class TargetOptions:
     object: str | None = None
     hand: str | None = None
     """Model of hand, or a card; of grasp files alone."""
+    serial: str = ""
+    """One hand's own file, of the model that each target is of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +173,10 @@ def make_campaign(targets: Sequence[EvaluationTarget], noise: SamplingSettings, 
     for target in targets:
         file = Path(target.item["file"]) if "file" in target.item else None
         inputs += [inputs_of(target.case, target.spec, target.name, file)] * len(each)
-    return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise), inputs)
+    shared: dict[str, Any] = {"threads": 1, "metrics": metrics}
+    if targets and targets[0].spec.serial:
+        shared["serial"] = targets[0].spec.serial
+    return Campaign(items, shared, _stamps(targets, noise), inputs)
 
 
 def _targets(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
@@ -180,9 +185,9 @@ def _targets(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
         return
     scenario, _ = load_scenario(path)
     named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
-    for side in asked.sides or (scenario.side,):
+    for side in asked.sides or (_own_side(asked) or scenario.side,):
         item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
-        spec = load_spec(hand_name(item), side)
+        spec = load_spec(hand_name(item), side, asked.serial)
         yield EvaluationTarget(path.stem, item, load_case(item, spec), spec)
 
 
@@ -196,13 +201,17 @@ def _of_file(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
         raise ConfigError(f"{path}: its grasps know of no table, which {protocol} has: say --protocol fc or strength")
     own = own_hand(path)
     hand = asked.hand or own.model or HAND
-    side = asked.sides[0] if asked.sides else own.side or card_side(hand) or "right"
-    spec = load_spec(hand, side)
+    side = asked.sides[0] if asked.sides else own.side or _own_side(asked) or card_side(hand) or "right"
+    spec = load_spec(hand, side, asked.serial)
     for row in range(len(load_grasps(path, spec))):
         item: dict[str, Any] = {"file": str(path), "row": row, "side": side, "protocol": protocol}
         item |= {} if hand == HAND else {"hand": spec.model_reference}
         item |= {} if asked.object is None else {"object": asked.object}
         yield EvaluationTarget(f"{path.stem}_{row}", item, load_case(item, spec), spec)
+
+
+def _own_side(asked: TargetOptions) -> Side | None:
+    return hand_side(asked.serial) if asked.serial else None
 
 
 def _stamps(targets: Sequence[EvaluationTarget], noise: SamplingSettings) -> dict[str, str]:

@@ -63,11 +63,13 @@ def row_rate(row: Row) -> Rate:
 
 
 def rates(rows: Sequence[Row], column: str) -> list[Rate]:
-    """Of the targets with the same `object`, say, all draws together; of those without draws whether they held."""
+    """Of the targets with the same `object`, say, all draws together; of those without draws whether they held. Right
+    and left hand, which perform the same draws, are apart: together they would count for twice as many."""
     found: dict[str, list[int]] = {}
+    both = len({row["side"] for row in rows}) > 1
     for row in rows:
         held, n = (row_rate(row).held, row["n"]) if "n" in row else (int(row["held"]), 1)
-        total = found.setdefault(str(row[column]), [0, 0])
+        total = found.setdefault(f"{row[column]}, {row['side']}" if both else str(row[column]), [0, 0])
         total[0], total[1] = total[0] + held, total[1] + n
     return [make_rate(name, held, n) for name, (held, n) in found.items()]
 

@@ -8,7 +8,7 @@ from typing import Any
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root
+from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.specs import card_side, hand_side, is_hand_model
 from allegro_twin.surfaces.cli import console
@@ -31,6 +31,17 @@ def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> Run
     if hand is None or changed.hand.model == config.hand.model:
         return changed
     return changed.changed(controller=following(changed.hand))
+
+
+def model_or_file(hand: str | None) -> tuple[str | None, str]:
+    """What --hand names: a model of hand, or one hand's own file; None and "" for what it does not name. Raises
+    ConfigError."""
+    if hand is None or is_hand_model(hand):
+        return hand, ""
+    path = find_file(hand, "hand", "conf/hands")
+    if "driven" in read_yaml(path):
+        return hand, ""
+    return None, str(path)
 
 
 def own_scenarios(paths: list[Path], hand: str | None) -> list[Path]:

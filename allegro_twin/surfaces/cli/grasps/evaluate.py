@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -102,7 +103,7 @@ def evaluate(
     hand: Annotated[
         str | None,
         typer.Option(
-            help="Model of hand, or a card; default: as the target says.",
+            help="Model of hand, a card, or one hand's own file; default: as the target says.",
             autocompletion=completion.models,
         ),
     ] = None,
@@ -136,11 +137,14 @@ def evaluate(
     from allegro_twin.grasping.evaluation.campaign import TargetOptions, find_targets
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps import trials
+    from allegro_twin.surfaces.cli.hand_override import model_or_file
 
     if rrd is not None:
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
-    found = find_targets(_of_hand(_paths(targets), hand), TargetOptions(protocol, _sides(side), grasp, thing, hand))
+    model, serial = model_or_file(hand)
+    asked = TargetOptions(protocol, _sides(side), grasp, thing, model, serial)
+    found = find_targets(_of_hand(_paths(targets), model), asked)
     for target in {target.item["file"]: target for target in found if "file" in target.item}.values():
         for line in _said_of(target, asked=hand is not None):
             console.warn(line)
@@ -191,6 +195,7 @@ def compare(
     vary: Vary = None,
     protocol: Rules = None,
     side: Annotated[options.Sides | None, typer.Option(help="right or left; default: A's.")] = None,
+    hand: Annotated[str | None, typer.Option(help="One hand's own file.", autocompletion=completion.hands)] = None,
     seed: Seed = 0,
     count: options.Count = None,
 ) -> None:
@@ -200,14 +205,18 @@ def compare(
     from allegro_twin.grasping.statistics import comparison_text
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps import trials
+    from allegro_twin.surfaces.cli.hand_override import model_or_file
 
     if second is None and grasp is None:
         raise ConfigError("compare takes two scenarios, or one and --grasp for the other")
     if side is options.Sides.both:
         raise ConfigError("--side both is no side to compare on: right or left")
     noise = _noise(uncertainty, vary, seed)
-    asked = TargetOptions(protocol, _sides(side))
-    both = [_single(first, asked), _single(second or first, TargetOptions(protocol, asked.sides, grasp))]
+    model, serial = model_or_file(hand)
+    if model is not None:
+        raise ConfigError(f"--hand {hand} is a model of hand, and scenarios are of one: name one hand's own file")
+    asked = TargetOptions(protocol, _sides(side), serial=serial)
+    both = [_single(first, asked), _single(second or first, replace(asked, grasp=grasp))]
     if both[0].item == both[1].item:
         raise ConfigError(f"{first} and {second or first} are the same grasp on the same object")
     check_one_protocol(both)
