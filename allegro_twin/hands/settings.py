@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import PerJoint, Settings
-from allegro_twin.hands.description.specs import card_side
+from allegro_twin.hands.description.specs import card_side, hand_side
 from allegro_twin.spec import Side
 
 FASTEST_LIMIT = 60.0
@@ -23,11 +25,15 @@ def _rad_per_second(limit: PerJoint) -> PerJoint:
 
 
 def with_card_side(values: Any, key: str) -> Any:
-    """Settings before they are read, with the side of the card that the key names where they give none: a card is of
-    one side."""
-    if not isinstance(values, Mapping) or "side" in values or not isinstance(values.get(key), str):
+    """Settings before they are read, with the side of the card that the key names, or of the hand's own file, `serial`,
+    where they give none: each is of one side."""
+    if not isinstance(values, Mapping) or "side" in values:
         return values
-    side = card_side(values[key])
+    side = card_side(values[key]) if isinstance(values.get(key), str) else None
+    serial = values.get("serial")
+    if side is None and isinstance(serial, str) and serial:
+        with suppress(ConfigError):  # `load_spec` says what is wrong with it.
+            side = hand_side(serial)
     return values if side is None else {**values, "side": side}
 
 
@@ -35,7 +41,7 @@ class HandSettings(Settings):
     model: str = "allegro"
     """Model of hand, or of arm."""
     side: Side = "right"
-    """Default: that of the hand's card; of a hand without one, right."""
+    """Default: that of the hand's card or own file; of a hand without one, right."""
     serial: str = ""
     """File in conf/hands with what was measured on this very hand."""
 

@@ -44,6 +44,13 @@ def model_or_file(hand: str | None) -> tuple[str | None, str]:
     return None, str(path)
 
 
+def block_with_file(path: Path, side: str) -> str:
+    """The block of a config with one hand's own file, and with its side where it is left and the file does not say it.
+    Raises ConfigError."""
+    unsaid = side == "left" and hand_side(str(path)) is None
+    return f"hand: {{side: left, serial: {path}}}" if unsaid else f"hand: {{serial: {path}}}"
+
+
 def own_scenarios(paths: list[Path], hand: str | None) -> list[Path]:
     """Replace scenarios by those of another model of hand for the same objects (scenarios/MODEL).
 

@@ -21,9 +21,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.calibration import Version, load_wiring
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.settings import HandSettings
 from allegro_twin.loop import run, until
 from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.surfaces.cli.hand_override import block_with_file
 from allegro_twin.twin.identify import joint_ends
 from allegro_twin.twin.identify.joint_ends import refuse_another_hand, store_limits
 from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits, check_both_ends, encoder_offsets
@@ -188,6 +190,24 @@ def test_offsets_need_encoders_and_a_file(
     assert (code, errors.count("\n")) == (2, 1)
     assert ("backend sim, which has no encoders" if "--into" in arguments else "name it with --into") in errors
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("file", "written", "side", "block"),
+    [
+        ("wire: {side: left}\n", {}, "left", "hand: {{serial: {0}}}"),
+        ("wire: {side: left}\n", {"side": "left"}, "left", "hand: {{serial: {0}}}"),
+        ("actuation: {}\n", {}, "right", "hand: {{side: left, serial: {0}}}"),
+        ("actuation: {}\n", {"side": "left"}, "left", "hand: {{side: left, serial: {0}}}"),
+    ],
+)
+def test_a_config_has_the_side_of_the_hands_own_file_and_says_it_where_the_file_does_not(
+    file: str, written: dict[str, str], side: str, block: str, tmp_path: Path
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(file)
+    assert HandSettings.model_validate({"serial": str(mine)} | written).side == side
+    assert block_with_file(mine, "left") == block.format(mine)
 
 
 def test_what_was_measured_on_one_hand_does_not_go_into_the_file_of_another(tmp_path: Path) -> None:

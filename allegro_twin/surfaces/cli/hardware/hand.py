@@ -48,7 +48,7 @@ def calibrate_limits(
     """Move every joint to both its ends and store the limits found."""
     from allegro_twin.app.config import load_config
     from allegro_twin.surfaces.cli import console
-    from allegro_twin.surfaces.cli.hand_override import on_hand
+    from allegro_twin.surfaces.cli.hand_override import block_with_file, on_hand
     from allegro_twin.surfaces.cli.twin.identification import today
     from allegro_twin.twin.identify import joint_ends as calibration
     from allegro_twin.twin.identify.motions.limits import check_both_ends, encoder_offsets
@@ -75,7 +75,7 @@ def calibrate_limits(
         else:
             calibration.store_offsets(into, encoder_offsets(found, model, codec), model, codec, note)
         what = "Limits" if codec is None else "Limits and encoder offsets"
-        console.say(f"{what} are in {into}; use it with `hand: {{serial: {into}}}`")
+        console.say(f"{what} are in {into}; use it with `{block_with_file(into, model.side)}`")
 
 
 @hand.command()

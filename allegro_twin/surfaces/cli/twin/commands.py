@@ -99,6 +99,7 @@ def identify(
 ) -> None:
     """Identify a hand's motors and friction from recordings."""
     from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.hand_override import block_with_file
     from allegro_twin.surfaces.cli.twin import identification
 
     weights = [weight_of(text) for text in known_mass or ()]
@@ -122,7 +123,8 @@ def identify(
         console.warn(identification.store_values(path, found))
         if not found.written.nothing:
             console.warn(identification.gain_lines(recordings[0], path))
-            console.say(f"Written into {path}; use it with `hand: {{serial: {path}}}`")
+            block = block_with_file(path, found.motions[0].spec.side)
+            console.say(f"Written into {path}; use it with `{block}`")
     else:
         console.hint("Next: --hand FILE writes these values into the hand's own file")
 
