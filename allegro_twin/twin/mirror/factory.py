@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.hands.description.calibration import HandCalibration, Version, load_wiring
@@ -41,9 +42,8 @@ def make_mirror(
     mine = load_spec(spec.model, spec.side, hand, version)
     own = np.array(wiring.calibration.torque_constant, dtype=float)
     drive = drive_parameters(mine, own, offset_shift(version, used, wiring.calibration.encoder_offset))
-    observer = StateObserver(
-        spec, drive, period, bristly=has_breakaway_friction(mine.drive), noise=encoder_noise(hand, mine)
-    )
+    noise = np.maximum(encoder_noise(hand, mine), make_codec(version).rad_per_count / np.sqrt(12.0))
+    observer = StateObserver(spec, drive, period, bristly=has_breakaway_friction(mine.drive), noise=noise)
     return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), thresholds, stop, gravity)
 
 

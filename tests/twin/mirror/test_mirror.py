@@ -13,7 +13,9 @@ import pytest
 
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.hands.description.calibration import HandCalibration, Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
@@ -34,7 +36,7 @@ from allegro_twin.twin.mirror.contact_detection import (
     push_ratio,
     touched_fingers,
 )
-from allegro_twin.twin.mirror.factory import describe_backlash
+from allegro_twin.twin.mirror.factory import describe_backlash, make_mirror
 from allegro_twin.twin.mirror.fault_detection import FreeShapes, Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
@@ -110,6 +112,26 @@ def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBac
     assert [contact.finger for contact in found] == ["middle"]
     assert 2.0 < found[0].begin < 2.04
     assert found[0].torque == pytest.approx(0.05, rel=0.2)
+
+
+@pytest.mark.parametrize("version", ["v4", "v5"])
+def test_the_grain_of_encoders_is_no_touch_and_hides_none(spec: HandSpec, hand: SimBackend, version: Version) -> None:
+    """A count of a v5 hand is 1.5 mrad, 17 of a v4 hand."""
+    count, push = make_codec(version).rad_per_count, np.zeros(N)
+    push[9] = 0.06
+
+    def felt(samples: Iterator[Sample]) -> list[tuple[float, tuple[str, ...]]]:
+        each = make_mirror(spec, "", version, HandCalibration(), 0.003)
+        rounded = (
+            sample._replace(state=replace(sample.state, position=count * np.round(sample.state.position / count)))
+            for sample in samples
+        )
+        return [(s.state.t, each.contacts) for s in each.watch(rounded) if each.contacts and s.state.t > 0.5]
+
+    assert felt(moving(spec, hand)) == []
+    touches = felt(moving(spec, hand, push))
+    assert {fingers for _, fingers in touches} == {("ring",)}
+    assert 2.0 < touches[0][0] < 2.06
 
 
 @pytest.mark.slow

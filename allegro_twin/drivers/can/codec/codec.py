@@ -42,6 +42,11 @@ class Codec(Protocol):
         ...
 
     @property
+    def rad_per_count(self) -> float:
+        """Of a joint's report."""
+        ...
+
+    @property
     def positions(self) -> Positions:
         """The reports of the joints, for all fingers at once."""
         ...
