@@ -59,13 +59,15 @@ class RunConfig(Settings):
 
 
 def load_config(name: str | Path) -> RunConfig:
-    """A config by path, or by its name in conf/; the card of a hand is looked for beside it, then where the process
-    runs. Raises ConfigError with file, path, value and nearest key."""
+    """A config by path, or by its name in conf/; a hand's card and own file are looked for beside it, then where the
+    process runs. Raises ConfigError with file, path, value and nearest key."""
     path = find_file(name, "config", "conf")
     content = read_yaml(path)
     hand = content.get("hand")
-    if isinstance(hand, Mapping) and isinstance(hand.get("model"), str):
-        beside = path.parent / hand["model"]
-        if beside.suffix == ".yaml" and beside.is_file():
-            content = content | {"hand": {**hand, "model": str(beside)}}
+    for key in ("model", "serial"):
+        if isinstance(hand, Mapping) and isinstance(hand.get(key), str):
+            beside = path.parent / hand[key]
+            if beside.suffix == ".yaml" and beside.is_file():
+                hand = {**hand, key: str(beside)}
+                content = content | {"hand": hand}
     return parse_settings(RunConfig, content, str(path))

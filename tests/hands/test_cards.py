@@ -98,6 +98,19 @@ def test_a_config_finds_the_card_beside_it_from_any_folder(tmp_path: Path, monke
         assert opened.spec.model == "gripper"
 
 
+def test_a_config_finds_a_hands_own_file_beside_it_from_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab/left.yaml").write_text("wire: {version: v5, side: left}\n")
+    (tmp_path / "lab/mine.yaml").write_text(
+        "{hand: {serial: left.yaml}, backend: {kind: sim}, controller: {kind: pd}}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    hand = load_config("lab/mine.yaml").hand
+    assert (Path(hand.serial), hand.side) == (Path("lab/left.yaml"), "left")
+
+
 def test_without_scipy_a_card_has_no_postures_and_that_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.calibration import load_wiring
-from allegro_twin.hands.description.specs import card_path, hand_side, load_spec
+from allegro_twin.hands.description.specs import card_path, hand_side, is_hand_model, load_spec
 from allegro_twin.spec import HandSpec
 
 WIDEST = 0.3
@@ -25,27 +25,36 @@ class PlannedHand(NamedTuple):
 
     spec: HandSpec
     uncertainty: Uncertainty
+    note: str = ""
+    """For a person, on what a hand's file does not say."""
 
 
 def twin_to_plan_for(hand: str, twin: str) -> PlannedHand:
     """A model of hand with the motors, friction and limits of a file that `identify` has written. Motors of a draw give
-    more or less by up to the 95 % interval of the torque constant, of the median joint, WIDEST at most. Its drive's
-    delay, play and encoders are left out: no trial of a plan has them. Raises ConfigError for a file without
+    more or less by up to the 95 % interval of the torque constant, of the median joint, WIDEST at most; of a hand that
+    nobody has identified the file's version and limits count, and draws are those of every hand. Its drive's delay,
+    play and encoders are left out: no trial of a plan has them. Raises ConfigError for an identified file without
     intervals, for one of a left hand, and for a hand that is described by a card."""
     if (card := card_path(hand)) is not None:
         raise ConfigError(
             f"--twin: {card} is the hand's only file: write what was measured into it, and leave out --twin"
         )
     path = find_file(twin, "hand", "conf/hands")
+    if is_hand_model(path.stem):
+        raise ConfigError(f"--twin {twin} is what every {path.stem} is: name one hand's own file, or leave out --twin")
     basis = read_yaml(path).get("identified")
     interval = basis.get("interval") if isinstance(basis, Mapping) else None
-    if not isinstance(interval, Mapping) or "torque_constant" not in interval:
+    known = interval.get("torque_constant") if isinstance(interval, Mapping) else None
+    if basis is not None and known is None:
         raise ConfigError(f"--twin {path} has no intervals to draw from: write it with allegro-twin identify "
                           f"RECORDINGS --hand {path}")  # fmt: skip
     if hand_side(str(path)) == "left":
         raise ConfigError(f"--twin {path} is of a left hand: plans are made with the right one, and mirrored")
-    spec = load_spec(hand, "right", str(path))
+    spec = replace(load_spec(hand, "right", str(path)), drive=None)
+    if known is None:
+        said = f"{path} was not identified: its version and limits count, and motors of the draws are those of any hand"
+        return PlannedHand(spec, SEARCHED, said)
     constant = np.array(load_wiring(hand, str(path)).calibration.torque_constant, dtype=float)
-    share = float(np.median(np.array(interval["torque_constant"], dtype=float) / constant))
+    share = float(np.median(np.array(known, dtype=float) / constant))
     uncertainty = SEARCHED.model_copy(update={"torque": min(share, WIDEST)})
-    return PlannedHand(replace(spec, drive=None), uncertainty)
+    return PlannedHand(spec, uncertainty)

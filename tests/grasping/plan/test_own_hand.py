@@ -16,6 +16,8 @@ from allegro_twin.grasping.plan import parallel
 from allegro_twin.grasping.plan.own_hand import WIDEST, twin_to_plan_for
 from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
 from allegro_twin.grasping.plan.templates import grasp_templates
+from allegro_twin.grasping.plan.validate import SEARCHED
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from tests.hands.models import made
 
@@ -38,9 +40,17 @@ def test_a_plan_for_one_hand_has_its_friction_and_draws_as_wide_as_its_interval(
     assert twin_to_plan_for("allegro", str(own(tmp_path / "vague.yaml", 0.7))).uncertainty.torque == WIDEST
 
 
+def test_a_plan_for_a_hand_that_nobody_has_identified_has_its_versions_limits(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.yaml"
+    plain.write_text("wire: {version: v5}\n")
+    found = twin_to_plan_for("allegro", str(plain))
+    assert found.spec.actuation.torque_limit.max() < load_spec().actuation.torque_limit.min()
+    assert (found.uncertainty, "was not identified" in found.note) == (SEARCHED, True)
+
+
 def test_a_file_without_intervals_and_a_left_hand_are_refused(tmp_path: Path) -> None:
     plain = tmp_path / "plain.yaml"
-    plain.write_text("wire: {version: v4}\n")
+    plain.write_text("wire: {version: v4}\nidentified: {noise: 0.001}\n")
     with pytest.raises(ConfigError, match="has no intervals to draw from: write it with allegro-twin identify"):
         twin_to_plan_for("allegro", str(plain))
     with pytest.raises(ConfigError, match="is of a left hand"):

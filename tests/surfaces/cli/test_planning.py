@@ -82,7 +82,8 @@ def test_plan_writes_grasps_that_run_with_a_picture_of_each(command: Run, tmp_pa
         (["lemon", "--edge", "0.15"], "9 mm of it would stand out"),
         (["lemon", "--edge", "0.15", "--protocol", "fc"], "--edge is of a table; under fc there is none"),
         (["lemon", "--by", "x>5"], "is in the region x > 5; it reaches over x -0.034 to 0.034, y"),
-        (["lemon", "--twin", "allegro"], "has no intervals to draw from"),
+        (["lemon", "--twin", "allegro"], "--twin allegro is what every allegro is: name one hand's own file"),
+        (["lemon", "--hand", "SAH030C033R"], "is one hand's own file, and --hand names its model: say --twin "),
     ],
 )
 def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, command: Run) -> None:

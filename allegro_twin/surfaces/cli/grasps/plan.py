@@ -141,9 +141,13 @@ def plan(
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.trials import engine_of
+    from allegro_twin.surfaces.cli.hand_override import model_or_file
 
     chosen = engine_of(engine.value, address, None)
+    if own_file := model_or_file(hand)[1]:
+        raise ConfigError(f"--hand {hand} is one hand's own file, and --hand names its model: say --twin {own_file}")
     own = PlannedHand(load_spec(hand), SEARCHED) if twin is None else twin_to_plan_for(hand, twin)
+    console.warn(own.note)
     spec = own.spec
     scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
         update={"protocol": protocol, "hand": hand, "side": spec.side}
