@@ -90,7 +90,8 @@ class PolicyCard(Settings):
         if self.hand != spec.model:
             raise ConfigError(f"this policy is for a hand of the model {self.hand}; this one is {spec.model}")
         if self.side != spec.side:
-            raise ConfigError(f"this policy is for the {self.side} hand; this one is the {spec.side} hand")
+            raise ConfigError(f"this policy is for the {self.side} hand; this one is the {spec.side} hand: "
+                              f"train one for it (allegro-twin train RECIPE --side {spec.side})")  # fmt: skip
         if self.privileged:
             raise ConfigError(
                 f"this policy of {self.task} is privileged: {self.privileged} of the numbers it sees are not measured "
