@@ -116,7 +116,7 @@ def test_trials_with_one_hands_own_file_have_its_side_and_its_motors(tmp_path: P
         items, shared, *_ = make_campaign(targets, SamplingSettings())
         stall += [row["stall"] for row in run_cases(shared, items)]
     assert stall[1] > stall[0]
-    assert differing(sweep_of(mine, SamplingSettings()), sweep_of(plain, SamplingSettings()))
+    assert sweep_of(mine, SamplingSettings()).question() != sweep_of(plain, SamplingSettings()).question()
     with pytest.raises(ConfigError, match=r"weak.yaml is a left hand; hand.side is right"):
         find_targets([path], TargetOptions(protocol, ("right",), serial=str(weak)))
 

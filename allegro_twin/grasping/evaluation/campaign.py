@@ -215,8 +215,8 @@ def _own_side(asked: TargetOptions) -> Side | None:
 
 
 def _stamps(targets: Sequence[EvaluationTarget], noise: SamplingSettings) -> dict[str, str]:
-    rules = targets[0].case
-    return {
+    rules, serial = targets[0].case, targets[0].spec.serial
+    return ({"hand": Path(serial).stem} if serial else {}) | {
         "targets": _named(targets),
         "protocol": f"{Path(rules.rules or rules.scenario.protocol).stem} {rules.ruled.version}",
         "seed": str(noise.seed),
