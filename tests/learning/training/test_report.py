@@ -245,7 +245,7 @@ def test_an_option_that_a_policy_has_no_use_for_is_refused(
     assert f"{option} {value} is for scenarios, and reach_right is a policy" in errors.replace("\n", " ")
 
 
-@pytest.mark.parametrize(("option", "value"), [("--episodes", 3), ("--can", 3), ("--hand", "leap"), ("--seed", 3)])
+@pytest.mark.parametrize(("option", "value"), [("--episodes", 3), ("--can", 3), ("--seed", 3)])
 def test_an_option_that_a_scenario_has_no_use_for_is_refused(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], option: str, value: object
 ) -> None:
