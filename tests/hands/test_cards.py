@@ -98,6 +98,15 @@ def test_a_config_finds_the_card_beside_it_from_any_folder(tmp_path: Path, monke
         assert opened.spec.model == "gripper"
 
 
+def test_one_hands_own_file_is_no_model_of_hand_and_that_is_said(tmp_path: Path) -> None:
+    own = tmp_path / "mine.yaml"
+    own.write_text("wire: {version: v5}\n")
+    with pytest.raises(
+        ConfigError, match=r"mine.yaml is one hand's own file, .* as `hand: {serial: .*, `plan` as --twin"
+    ):
+        load_spec(str(own))
+
+
 def test_a_config_finds_a_hands_own_file_beside_it_from_any_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,10 +150,18 @@ def _card_path(model: str) -> Path:
     return path
 
 
+_OWN_BLOCKS = {"wire", "actuation", "drive", "limits", "identified"}
+"""Of one hand's own file, by which it is told from a card."""
+
+
 def _by_card(model: str, side: Side, serial: str) -> HandSpec:
     path = _card_path(model)
     if serial:
         raise ConfigError(f"{path} is the hand's only file: leave out hand.serial ({serial})")
+    content = read_yaml(path)
+    if "driven" not in content and _OWN_BLOCKS & content.keys():
+        raise ConfigError(f"{path} is one hand's own file, and a model of hand is wanted: a config has it as `hand: "
+                          f"{{serial: {path}}}`, `run` and `evaluate` as --hand, `plan` as --twin")  # fmt: skip
     name = Path(model).stem
     if names_shipped_hand(name) and path.resolve() != (data_root() / "conf" / "hands" / f"{name}.yaml").resolve():
         raise ConfigError(f"{path}: {name} is a hand that ships, whose postures and grasps are not this one's: rename "
