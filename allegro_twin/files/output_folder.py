@@ -53,7 +53,8 @@ def write_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[P
     before; the file named `last`, which says what the others are worth, is the first to go and the last to come. When
     it does not end well, `folder` is as it was; `keep`: what was written stays in `folder`/unfinished.
 
-    Files that no run has written stay. `folder` is one that this program has `lock_folder`. Raises RecordingError.
+    Files that no run has written stay; where one has a name that this run writes, the run does not end well. `folder`
+    is one that this program has `lock_folder`. Raises RecordingError.
     """
     staging = folder / UNFINISHED
     before = _written(folder)
@@ -166,6 +167,11 @@ def _written(folder: Path) -> list[Path]:
 def _replace(folder: Path, before: list[Path], staging: Path, last: str) -> None:
     names = _files(staging)
     names.sort(key=lambda name: name == last)
+    foreign = next((name for name in names if (folder / name).exists() and folder / name not in before), None)
+    if foreign is not None:
+        raise RecordingError(
+            f"{folder / foreign}: is of no run, and is not replaced by one: move it away, or give another folder"
+        )
     listed = {str(each.relative_to(folder).as_posix()) for each in before} | set(names)
     try:
         with defer_signals():

@@ -6,13 +6,21 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar, Union, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
@@ -53,6 +61,32 @@ class Settings(BaseModel):
 
     another_kind: ClassVar[str] = ""
     """A key of files that stand in the same folder and are of another kind; a schema leaves them alone."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _no_truth_for_numbers(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """pydantic takes a truth value for 0 or 1, and YAML takes yes, no, on and off for truth values."""
+        found = handler(values)
+        if isinstance(values, Mapping):
+            for name, value in values.items():
+                if isinstance(name, str) and (place := _taken_for_number(value, getattr(found, name, value), name)):
+                    raise ValueError(f"{place}: must be a number, and YAML's yes, no, on, off, true and false are none")
+        return found
+
+
+def _taken_for_number(given: Any, found: Any, place: str) -> str:
+    """Where a truth value has become something else; empty where none has."""
+    if isinstance(given, bool):
+        return "" if isinstance(found, bool) else place
+    if isinstance(given, list | tuple) and isinstance(found, list | tuple) and len(given) == len(found):
+        pairs: Iterator[tuple[Any, Any, Any]] = (
+            (k, one, other) for k, (one, other) in enumerate(zip(given, found, strict=True))
+        )
+    elif isinstance(given, Mapping) and isinstance(found, Mapping):
+        pairs = ((key, value, found[key]) for key, value in given.items() if key in found)
+    else:
+        return ""
+    return next(filter(None, (_taken_for_number(one, other, f"{place}.{key}") for key, one, other in pairs)), "")
 
 
 def load_settings(model: type[S], path: Path) -> S:

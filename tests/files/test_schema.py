@@ -24,3 +24,30 @@ def test_a_mistake_in_a_place_of_two_or_three_numbers_is_told_once_and_without_t
     with pytest.raises(ConfigError) as refused:
         parse_settings(Place, {"at": at}, "file")
     assert str(refused.value) == said
+
+
+class Numbers(Settings):
+    one: float = 0.0
+    whole: int = 0
+    row: tuple[float, ...] = ()
+    table: dict[str, list[float]] | None = None
+    on: bool = False
+    either: bool | str = False
+    inner: Place | None = None
+
+
+@pytest.mark.parametrize(
+    ("content", "place"),
+    [
+        ({"one": True}, "one"), ({"whole": False}, "whole"), ({"row": [1.0, True]}, "row.1"),
+        ({"table": {"index": [0.0, False]}}, "table.index.1"), ({"inner": {"at": [True, 0.0]}}, "at.0"),
+    ],
+)  # fmt: skip
+def test_a_truth_value_is_no_number_and_yaml_says_yes_for_one(content: dict[str, object], place: str) -> None:
+    with pytest.raises(ConfigError, match=f"{place}: must be a number, and YAML's yes, no, on, off"):
+        parse_settings(Numbers, content, "file")
+
+
+def test_a_truth_value_stays_one_where_it_is_asked_for() -> None:
+    found = parse_settings(Numbers, {"on": True, "either": True, "row": [1, 2]}, "file")
+    assert (found.on, found.either, found.row) == (True, True, (1.0, 2.0))

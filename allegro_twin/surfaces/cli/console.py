@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -29,8 +30,18 @@ if TYPE_CHECKING:
     from allegro_twin.twin.identify.motions.limits import FoundLimits
     from allegro_twin.types import HandState
 
-console = Console(width=None if sys.stdout.isatty() else 120)
-errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
+
+class _Console(Console):
+    """Whoever stops to listen, as `head` does, does not stop what is told."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+
+
+console: Console = _Console(width=None if sys.stdout.isatty() else 120)
+errors: Console = _Console(stderr=True, width=None if sys.stderr.isatty() else 120)
 
 
 def warn(line: str) -> None:

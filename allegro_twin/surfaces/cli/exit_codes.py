@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -24,6 +26,9 @@ _ENDS = [
 def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
     """Run a command line and exit. Every HandError and every usage error is one line on standard error."""
     stop_on_signals()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # A terminal may lack a degree sign.
     logging.getLogger("can").addHandler(logging.NullHandler())  # python-can raises what it logs.
     try:
         sys.exit(app(list(arguments), prog_name=program, standalone_mode=False) or 0)
@@ -40,6 +45,13 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
         sys.exit(2)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:
+        if "KeyboardInterrupt" in str(error):  # It came while a library was loaded, in a callback from C.
+            sys.exit(130)
+        raise
 
 
 def exit_code(error: HandError) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from allegro_twin.errors import RecordingError
 from allegro_twin.grasping.batch import trials
 from allegro_twin.grasping.interchange.read import replaced_object
 from allegro_twin.grasping.uncertainty import Uncertainty
@@ -130,6 +131,29 @@ def test_a_folder_of_other_targets_is_refused_in_a_line(command: Run, tmp_path: 
     assert code == 2
     assert "is of another sweep: targets mine right there, mug right here; give another folder" in errors
     assert errors.count("\n") == 1
+
+
+def test_a_page_that_is_of_no_evaluation_is_not_replaced(command: Run, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.html").write_text("mine")
+    words = ("--protocol", short(tmp_path), "--jobs", 1, "--out", tmp_path / "out")
+    code, _, errors = command("evaluate", scenario(tmp_path), *words)
+    assert (code, (tmp_path / "out" / "report.html").read_text()) == (2, "mine")
+    assert "report.html: is of no evaluation, and is not replaced by one" in errors
+
+
+def test_a_picture_that_the_disk_has_no_room_for_is_told_by_the_exit_code(
+    command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(target: object, path: Path) -> None:
+        raise RecordingError(f"cannot write {path}: No space left on device")
+
+    monkeypatch.setattr("allegro_twin.app.portraits.portrait", full)
+    words = ("--protocol", short(tmp_path), "--jobs", 1, "--out", tmp_path / "out")
+    code, _, errors = command("evaluate", scenario(tmp_path), *words)
+    assert code == 2
+    assert "No space left on device" in errors
+    assert (tmp_path / "out" / "report.html").is_file()
 
 
 @pytest.mark.slow

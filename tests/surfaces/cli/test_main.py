@@ -5,6 +5,7 @@ Once as a program of its own; the rest in this process, which is many times fast
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from allegro_twin.surfaces.cli import exit_codes
 from tests.conftest import can_config
 from tests.surfaces.cli.conftest import Run
 
@@ -30,6 +32,37 @@ def allegro_twin(*arguments: str | Path, cwd: Path = SUITE) -> subprocess.Comple
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the folder of the repository, from which README.md and conf/ are typed."""
     monkeypatch.chdir(SUITE)
+
+
+def piped(script: str, **more: str) -> subprocess.CompletedProcess[str]:
+    """Of a shell, with `$AT` for the program."""
+    program = f"AT='{sys.executable} -m allegro_twin'; set -o pipefail; "
+    return subprocess.run(
+        ["bash", "-c", program + script], capture_output=True, text=True, env=os.environ | more, errors="replace"
+    )
+
+
+def test_whoever_stops_to_listen_does_not_end_a_command_nor_lose_what_it_made(tmp_path: Path) -> None:
+    done = piped(f"$AT run conf/sim_right.yaml --seconds 0.1 --out {tmp_path / 'out'} | true")
+    assert (done.returncode, "unfinished" in done.stderr) == (0, False)
+    assert (tmp_path / "out" / "sim_right.arrow").is_file()
+    done = piped("$AT list | head -1")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_terminal_without_a_sign_shows_another_in_its_place(tmp_path: Path) -> None:
+    done = piped("$AT hand show allegro", PYTHONIOENCODING="ascii", LC_ALL="POSIX")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "thumb" in done.stdout
+
+
+def test_an_interrupt_in_a_callback_of_a_library_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def app(*_: object, **__: object) -> None:
+        raise ctypes.ArgumentError("argument 1: KeyboardInterrupt: ")
+
+    with pytest.raises(SystemExit) as ended:
+        exit_codes.run(app, [], "allegro-twin")  # type: ignore[arg-type]  # As typer's are called.
+    assert ended.value.code == 130
 
 
 def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path, command: Run) -> None:

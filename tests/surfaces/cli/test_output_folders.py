@@ -240,6 +240,19 @@ def test_a_folder_of_the_user_named_unfinished_is_not_touched(tmp_path: Path) ->
     assert (tmp_path / UNFINISHED / "thesis.txt").read_text() == "mine"
 
 
+def test_a_file_of_the_user_that_is_called_as_one_of_a_run_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("mine")
+    with (
+        pytest.raises(RecordingError, match=r"report.json: is of no run, and is not replaced by one"),
+        write_run(tmp_path, "report.json", keep=True) as staging,
+    ):
+        (staging / "a").write_text("a")
+        (staging / "report.json").write_text("1")
+    assert (tmp_path / "report.json").read_text() == "mine"
+    assert (tmp_path / UNFINISHED / "a").read_text() == "a"
+    assert not (tmp_path / "a").exists()
+
+
 @pytest.mark.parametrize("text", ["", "[]", '{"files": ["../../else"]}', '{"files": ["/etc/hosts"]}', '{"files": 3}'])
 def test_a_list_that_is_not_of_this_folder_is_refused_before_the_work(tmp_path: Path, text: str) -> None:
     (tmp_path / FILES).write_text(text)

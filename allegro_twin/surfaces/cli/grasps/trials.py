@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 UNIT = 32
 """Most trials in a unit. More in one batch gain little, and an interruption would repeat more."""
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+TRIALS, REPORT, RESULTS = "trials", "report.html", "results.parquet"
+"""What an evaluation writes into its folder."""
 GONE_MARGIN = 10.0
 """Times a limit: beyond them the object is gone, and the number means nothing."""
 
@@ -73,9 +75,14 @@ def run_trials(
     from allegro_twin.sweep.runner import run
     from allegro_twin.sweep.store import Store
 
+    if out is not None and not (out / TRIALS).exists():
+        foreign = next((out / name for name in (REPORT, RESULTS) if (out / name).exists()), None)
+        if foreign is not None:
+            said = "is of no evaluation, and is not replaced by one: move it away, or give another folder"
+            raise RecordingError(f"{foreign}: {said}")
     items, shared, stamps, inputs = make_campaign(targets, noise, metrics=out is not None and _scipy())
     sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // compute.at_once))), stamps, inputs)
-    store = None if out is None else Store(out / "trials", console.warn)
+    store = None if out is None else Store(out / TRIALS, console.warn)
     with console.progress() as bar:
         task = bar.add_task("trials", total=len(sweep.items))
         table = run(sweep, store, compute.engine, lambda done, total: bar.update(task, completed=done, total=total))
@@ -107,13 +114,13 @@ def report_trials(
             said = "; ".join(f"{each.name} {each}" for each in groups)
             console.say(f"by {column}: {said}")
     if out is not None:
-        (out / "report.html").unlink(missing_ok=True)  # No stale page while the new one is made.
-        write_results(out / "results.parquet", trials.table, trials.sweep.all_stamps(),
-                      sample_columns(targets, trials.sweep.items))  # fmt: skip
+        (out / REPORT).unlink(missing_ok=True)  # No stale page while the new one is made.
+        samples = sample_columns(targets, trials.sweep.items)
+        write_results(out / RESULTS, trials.table, trials.sweep.all_stamps(), samples)
         if rrd is not None:
             _write_recordings(targets, rows, rrd, out / "recordings")
         _report(targets, rows, trials.sweep, out)
-        console.say(f"In {out}/: report.html, results.parquet with a row a trial")
+        console.say(f"In {out}/: {REPORT}, {RESULTS} with a row a trial")
     return rows
 
 
@@ -121,20 +128,21 @@ def _report(targets: Sequence[EvaluationTarget], rows: list[dict[str, Any]], swe
     from allegro_twin.app.portraits import worth_showing
     from allegro_twin.grasping.evaluation.html_report import write_html_report
 
-    chosen = worth_showing(rows)
+    chosen, lost = worth_showing(rows), list[RecordingError]()
     with console.progress() as bar:
         task = bar.add_task("pictures", total=len(chosen))
         for number in chosen:
-            _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
+            path = out / "pictures" / f"{number}_{targets[number].name}.png"
+            lost += _pictured(targets[number], rows[number], path)
             bar.advance(task)
     stamps = sweep.all_stamps()
-    write_html_report(
-        out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")}
-    )
+    write_html_report(out / REPORT, rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")})
+    if lost:
+        raise lost[0]
 
 
-def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> None:
-    """Make a picture of a grasp. A failure is a note only."""
+def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> list[RecordingError]:
+    """Make a picture of a grasp. One that cannot be made is a note; returns the error of one that cannot be written."""
     from allegro_twin.app.portraits import portrait
 
     try:
@@ -142,8 +150,11 @@ def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> None
         row["picture"] = str(path.resolve())
     except ImportError as error:
         console.warn(f"no pictures: {error}; pip install 'allegro-twin[view]'")
+    except RecordingError as error:
+        return [error]
     except HandError as error:
         console.warn(f"{target.name}: no picture: {error}")
+    return []
 
 
 def _table(rows: Sequence[dict[str, Any]], noise: SamplingSettings) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -235,4 +236,5 @@ def _print_folder(reports: dict[tuple[str, str], TrialReport], out: Path, *, pic
     what = f"a recording of each run, {REPORT}{', pictures, overview.png' if pictures else ''}"
     console.say(f"In {out}/: {what}")
     name, side = next(iter(reports))
-    console.say(f"Look at one in the browser: allegro-twin view {out}/{name}_{side}.arrow --web")
+    recording = shlex.quote(f"{out}/{name}_{side}.arrow")
+    console.say(f"Look at one in the browser: allegro-twin view {recording} --web")
