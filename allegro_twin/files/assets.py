@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -68,7 +69,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file. Raises ConfigError with the file and the line."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: cannot be read: it is not UTF-8 text; save it as UTF-8") from error
+    except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     return parse_yaml(text, str(path))
 
@@ -82,6 +85,10 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
         raise ConfigError(f"{where}:{line}: not valid YAML: {error.problem}") from error
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: cannot be read: {str(error).splitlines()[0]}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{where}: lists and mappings are nested too deep to be read") from error
+    if content is None:
+        raise ConfigError(f"{where}: is empty; it must hold a mapping of keys to values")
     if not isinstance(content, dict):
         raise ConfigError(f"{where}: must hold a mapping of keys to values, not {type(content).__name__}")
     return content
@@ -98,18 +105,48 @@ def compose_yaml(text: str) -> yaml.Node | None:
     return yaml.compose(text, Loader=_LOADER)
 
 
+_MERGE = "tag:yaml.org,2002:merge"
+_BASE_60_OR_8 = re.compile(r"[-+]?(0[0-7_]*[0-7]|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)")
+
+
 class _LOADER(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # The C loader is optional.
-    """A safe loader that refuses a key given twice, which YAML forbids and PyYAML silently overwrites."""
+    """A safe loader that refuses a key given twice, which YAML forbids and PyYAML silently overwrites, and numbers that
+    YAML 1.1 and 1.2 read differently: 010 is 8 or 10, and 1:30 is 90 or a text. A date is a text, as in 1.2."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
         for key_node, _ in node.value:
+            if key_node.tag == _MERGE:
+                continue
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise _refusal("a key is one word, not a list or a mapping", key_node)
             key = self.construct_object(key_node, deep=True)
             if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
+                raise _refusal(f"key {key!r} is given twice", key_node)
             seen.add(key)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
+
+    def construct_word(self, node: yaml.ScalarNode) -> int | float | bool:
+        """Of the tags int, float and bool."""
+        word, kind = node.value, node.tag.rpartition(":")[2]
+        if kind != "bool" and _BASE_60_OR_8.fullmatch(word):
+            raise _refusal(f"{word} is one number in YAML 1.1 and another thing in 1.2: a decimal number has no "
+                           f"leading zero and no colon; a text is in quotes", node)  # fmt: skip
+        try:
+            value: int | float | bool = getattr(self, f"construct_yaml_{kind}")(node)
+        except (KeyError, ValueError) as error:  # A tag that somebody wrote, or more than 4300 digits.
+            raise _refusal(f"{word if len(word) <= 20 else word[:20] + '...'} is no {kind}", node) from error
+        return value
+
+
+def _refusal(said: str, node: yaml.Node) -> yaml.constructor.ConstructorError:
+    return yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+
+
+for _kind in ("int", "float", "bool"):
+    _LOADER.add_constructor(f"tag:yaml.org,2002:{_kind}", _LOADER.construct_word)
+_LOADER.add_constructor("tag:yaml.org,2002:timestamp", _LOADER.construct_yaml_str)
 
 
 def cache_folder(kind: str, what: str) -> Path:

@@ -110,7 +110,9 @@ def _lock(folder: Path) -> int:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RecordingError(f"{folder}: cannot be a folder to write into: {error.strerror or error}") from error
+            links = [place for place in (folder, *folder.parents) if place.is_symlink() and not place.exists()]
+            why = f"{links[0]} is a link to {links[0].readlink()}, which is not there" if links else error.strerror
+            raise RecordingError(f"{folder}: cannot be a folder to write into: {why or error}") from error
         try:
             handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         except FileNotFoundError:

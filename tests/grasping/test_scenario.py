@@ -108,7 +108,7 @@ def test_one_wrong_value_in_a_list_is_one_mistake(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_missing_empty_or_no_mapping_is_named(tmp_path: Path) -> None:
-    assert "it.yaml: must hold a mapping of keys to values, not NoneType" in fails(tmp_path, "")
+    assert "it.yaml: is empty; it must hold a mapping of keys to values" in fails(tmp_path, "")
     assert "not list" in fails(tmp_path, "- 1")
     with pytest.raises(ConfigError, match="no/such.yaml: no such scenario file"):
         load_scenario("no/such.yaml")

@@ -36,7 +36,7 @@ def save_grasps(
     RecordingError when the disk does not let it."""
     return [
         save_grasp(
-            planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, describe(planned),
+            planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, describe(planned, spec),
             make_proof(planned, uncertainty), read_in,
         )
         for number, planned in enumerate(found, 1)
@@ -68,9 +68,9 @@ def written_out(
     files = []
     for number, planned in enumerate(found, 1):
         scenario, grasp = f"{name}_{number}", f"{GRASPS}/{name}_{number}.yaml"
-        entry = _entry(planned.grasp, spec, describe(planned), scenario, make_proof(planned, uncertainty))
+        entry = _entry(planned.grasp, spec, describe(planned, spec), scenario, make_proof(planned, uncertainty))
         contents = {
-            f"{scenario}.yaml": _plain(planned.scenario, grasp, folder, describe(planned)),
+            f"{scenario}.yaml": _plain(planned.scenario, grasp, folder, describe(planned, spec)),
             grasp: {"kind": entry.kind} | entry.model_dump(mode="json", exclude_unset=True),
         }
         files += [(folder / file, yaml_edit.replace_document("", each, file)) for file, each in contents.items()]
@@ -113,9 +113,11 @@ def _entry(grasp: Grasp, spec: HandSpec, description: str, evidence: str, proof:
     return entry.model_copy(update={} if proof is None else {"planned": proof})
 
 
-def describe(planned: PlannedGrasp) -> str:
-    """What was shown of it."""
+def describe(planned: PlannedGrasp, spec: HandSpec) -> str:
+    """What was shown of it, and with which hand where that was one by its own file."""
     thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the drift limits left"
+    if spec.serial:
+        thing += f" and the hand of {Path(spec.serial).name}"
     said = [f"{left} without noise"]
     if planned.judged:
         drawn = make_rate("", planned.judged_held, planned.judged)

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import typer
 
-from allegro_twin.errors import HandError, HandFault, LinkError, MotionInterrupted, MotionStalled
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionInterrupted, MotionStalled
 from allegro_twin.files.first_error import message_of
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
@@ -31,6 +31,7 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
             stream.reconfigure(errors="replace")  # A terminal may lack a degree sign.
     logging.getLogger("can").addHandler(logging.NullHandler())  # python-can raises what it logs.
     try:
+        _check_none_empty(arguments)
         sys.exit(app(list(arguments), prog_name=program, standalone_mode=False) or 0)
     except HandError as error:
         sys.stderr.write(f"{program}: {message_of(error)}\n")
@@ -52,6 +53,17 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
         if "KeyboardInterrupt" in str(error):  # It came while a library was loaded, in a callback from C.
             sys.exit(130)
         raise
+
+
+def _check_none_empty(arguments: Sequence[str]) -> None:
+    """Raise ConfigError for an argument without a letter, of which a path would make the current folder."""
+    before = ""
+    for argument in arguments:
+        name = argument.rstrip("=") if argument.startswith("--") else before
+        if not argument or (argument.startswith("--") and argument.endswith("=")):
+            what = name if name.startswith("-") else f"the argument after {name or 'allegro-twin'}"
+            raise ConfigError(f"{what} is empty: give it a value, or leave it out (is a variable of the shell unset?)")
+        before = argument
 
 
 def exit_code(error: HandError) -> int:

@@ -48,13 +48,31 @@ def test_a_plan_for_a_hand_that_nobody_has_identified_has_its_versions_limits(tm
     assert (found.uncertainty, "was not identified" in found.note) == (SEARCHED, True)
 
 
-def test_a_file_without_intervals_and_a_left_hand_are_refused(tmp_path: Path) -> None:
+def test_a_left_hand_is_planned_for_by_its_file(tmp_path: Path) -> None:
+    path = own(tmp_path / "left.yaml", side="left")
+    assert twin_to_plan_for("allegro", str(path)).spec.side == "left"
+    with pytest.raises(ConfigError, match=r"left.yaml is a left hand; hand.side is right"):
+        twin_to_plan_for("allegro", str(path), "right")
+    path.write_text("wire: {version: v4}\n")
+    assert twin_to_plan_for("allegro", str(path)).spec.side == "right"
+    assert twin_to_plan_for("allegro", str(path), "left").spec.side == "left"
+
+
+def test_what_is_planned_for_one_hand_is_judged_with_its_drive(tmp_path: Path) -> None:
+    path = own(tmp_path / "mine.yaml")
+    judged = twin_to_plan_for("allegro", str(path)).judged
+    assert judged is not None
+    assert judged.drive is not None
+    assert judged.drive.delay == 0.003
+    path.write_text("wire: {version: v4}\n")
+    assert twin_to_plan_for("allegro", str(path)).judged is None
+
+
+def test_a_file_without_intervals_is_refused(tmp_path: Path) -> None:
     plain = tmp_path / "plain.yaml"
     plain.write_text("wire: {version: v4}\nidentified: {noise: 0.001}\n")
     with pytest.raises(ConfigError, match="has no intervals to draw from: write it with allegro-twin identify"):
         twin_to_plan_for("allegro", str(plain))
-    with pytest.raises(ConfigError, match="is of a left hand"):
-        twin_to_plan_for("allegro", str(own(tmp_path / "left.yaml", side="left")))
 
 
 def test_a_card_has_no_file_beside_it(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     found: tuple[GraspSearch, list[PlannedGrasp], int], tmp_path: Path
 ) -> None:
     _, (planned,), _ = found
-    store_grasp(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, describe(planned), evidence="ball_1")
+    store_grasp(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, describe(planned, SPEC), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
     np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirror_posture(planned.grasp.squeeze))

@@ -207,3 +207,14 @@ def test_a_compiled_library_that_does_not_load_is_one_line_that_leads_to_the_doc
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert done.stderr.startswith("allegro-twin: ")
     assert "`allegro-twin doctor` says which package of the system has it" in done.stderr
+
+
+def test_an_empty_argument_is_not_the_current_folder(command: Run, tmp_path: Path) -> None:
+    for words, what in (
+        (("run", "lemon", "--out", ""), "--out"),
+        (("run", "lemon", "--out="), "--out"),
+        (("examples", ""), "the argument after examples"),
+    ):
+        code, shown, said = command(*words)
+        assert (code, shown) == (2, "")
+        assert said.startswith(f"allegro-twin: {what} is empty: give it a value, or leave it out")

@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.assets import find_file
 from allegro_twin.files.output_folder import UNFINISHED
 from allegro_twin.grasping.plan import save, validate
 from allegro_twin.grasping.plan import search as searching
@@ -27,6 +28,7 @@ from allegro_twin.grasping.statistics import count_pairs
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entry_files import name_from
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
+from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.console import plan_table
 from allegro_twin.surfaces.cli.grasps.plan import alternatives, scenario_of, search_failure
 from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
@@ -113,6 +115,22 @@ def test_a_library_that_cannot_take_what_is_found_is_refused_before_anything_is_
         given = command("plan", "lemon", "--n", 2, "--out", tmp_path / "out", "--keep", folder)
         assert (given[0], given[2].count("\n")) == (2, 1), given[2]
         assert message in given[2]
+
+
+def test_a_plan_for_one_left_hand_is_judged_with_its_drive_and_says_whose_it_is(
+    command: Run, finds: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged: list[HandSpec] = []
+    monkeypatch.setattr(validate, "judge_planned", lambda found, spec, *_: judged.append(spec))
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("wire: {version: v4, side: left}\ndrive: {delay: 0.004}\n")
+    out = tmp_path / "out"
+    assert command("plan", "lemon", "--n", 1, "--twin", mine, "--no-pictures", "--out", out)[0] == 0
+    assert (judged[0].side, judged[0].drive is not None) == ("left", True)
+    scenario, _ = load_scenario(out / "lemon_1.yaml")
+    assert (scenario.side, "and the hand of mine.yaml" in scenario.description) == ("left", True)
+    code, _, said = command("plan", "lemon", "--twin", mine, "--side", "right", "--out", out)
+    assert (code, "mine.yaml is a left hand" in said) == (2, True)
 
 
 @pytest.mark.slow
@@ -285,6 +303,28 @@ def test_improve_and_mesh_say_that_they_were_interrupted(command: Run, tmp_path:
         assert (code, said) == (130, "interrupted: 0 of 3 rounds had ended; nothing is compared or written\n")
         code, _, said = command("mesh", tmp_path / "scan.ply")
         assert (code, said.endswith("was not repaired to the end: nothing is written\n")) == (130, True)
+
+
+def test_improve_is_of_one_hand_by_its_file_or_of_the_side_that_its_scenario_says(
+    command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from allegro_twin.grasping.plan.improve import GraspImprovement
+
+    seen: list[tuple[str, str, bool]] = []
+
+    def run(search: GraspImprovement, tell: Any) -> None:
+        seen.append((search.spec.side, search.scenario.side, search.spec.drive is not None))
+        raise ConfigError("enough")
+
+    monkeypatch.setattr(GraspImprovement, "run", run)
+    (mine := tmp_path / "mine.yaml").write_text("wire: {version: v4, side: left}\ndrive: {delay: 0.004}\n")
+    scenario = yaml.safe_load(find_file("lemon", "scenario", "scenarios", below=True).read_text())
+    (left := tmp_path / "left.yaml").write_text(yaml.safe_dump(scenario | {"side": "left"}))
+    for words in (["lemon", "--hand", mine], [left], ["lemon", "--side", "left"], ["lemon"]):
+        command("improve", *words, "--out", tmp_path / "p")
+    assert seen == [("left", "left", True), *[("left", "left", False)] * 2, ("right", "right", False)]
+    code, _, said = command("improve", "lemon", "--hand", "leap")
+    assert (code, said.endswith("is of one: name one hand's own file\n")) == (2, True)
 
 
 @pytest.mark.parametrize(

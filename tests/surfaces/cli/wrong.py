@@ -103,7 +103,7 @@ TABLE = [
         ("run folder", 2, "folder: no scenarios in this folder"),
         ("run folder/../nope", 2, "no such config or scenario file"),
         ("run bad.yaml", 2, "bad.yaml:2: not valid YAML"),
-        ("run empty.yaml", 2, "empty.yaml: must hold a mapping"),
+        ("run empty.yaml", 2, "empty.yaml: is empty; it must hold a mapping"),
         ("run text.txt", 2, "text.txt: must hold a mapping"),
         ("run r.arrow", 2, "r.arrow: cannot be read"),
         ("run typos.yaml", 2, "seconds_: unknown key; did you mean 'seconds'?; hnd: unknown key"),

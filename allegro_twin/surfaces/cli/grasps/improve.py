@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.improve import GraspImprovement, ImprovementResult
     from allegro_twin.grasping.scenario import Scenario
     from allegro_twin.hands.library.grasps import Grasp
-    from allegro_twin.spec import HandSpec
+    from allegro_twin.spec import HandSpec, Side
 
 
 def improve(
@@ -26,6 +26,13 @@ def improve(
     thing: Annotated[
         str | None,
         typer.Option("--object", help="Use this object, not the scenario's first.", autocompletion=completion.objects),
+    ] = None,
+    hand: Annotated[
+        str | None,
+        typer.Option(help="One hand's own file: improve for its motors and drive.", autocompletion=completion.hands),
+    ] = None,
+    side: Annotated[
+        Literal["right", "left"] | None, typer.Option(help="Which hand; default: as --hand says, else the scenario.")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write into.", callback=options.folder)] = Path("improved"),
     rounds: Annotated[
@@ -64,7 +71,7 @@ def improve(
 
     if not rounds and sustained is None:
         raise ConfigError("--rounds 0 changes nothing: search for 1 round or more, or say --sustained")
-    settings, begun, spec, path = _load_start(scenario, grasp, thing)
+    settings, begun, spec, path = _load_start(scenario, grasp, thing, _own_spec(scenario, hand, side))
     chosen = engine_of(engine.value, address, 1 if engine is options.Engines.local else None)
     search = GraspImprovement(
         settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
@@ -84,15 +91,29 @@ def improve(
     console.say(f"Play it: allegro-twin run {where}")
 
 
-def _load_start(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenario, Grasp, HandSpec, Path]:
+def _own_spec(scenario: str, hand: str | None, side: Side | None) -> HandSpec:
+    """The scenario's hand, on its side or another, or one hand of that model by its own file. Raises ConfigError."""
+    from allegro_twin.grasping.scenario import load_scenario
+    from allegro_twin.hands.description.specs import hand_side, load_spec
+    from allegro_twin.surfaces.cli.hand_override import model_or_file
+
+    settings, _ = load_scenario(scenario)
+    model, serial = model_or_file(hand)
+    if model is not None:
+        raise ConfigError(f"--hand {hand} is a model of hand, and {scenario} is of one: name one hand's own file")
+    return load_spec(settings.hand, side or (hand_side(serial) if serial else None) or settings.side, serial)
+
+
+def _load_start(
+    scenario: str, grasp: str | None, thing: str | None, spec: HandSpec
+) -> tuple[Scenario, Grasp, HandSpec, Path]:
     """The scenario, the grasp to start from, the hand and the scenario's file. Raises ConfigError."""
     from allegro_twin.grasping.scenario import load_scenario, parse_object
-    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.hands.library.entries import LatchGrip
     from allegro_twin.hands.library.library import load_grasp
 
     settings, path = load_scenario(scenario)
-    spec = load_spec(settings.hand)
+    settings = settings.model_copy(update={"side": spec.side})
     if thing is not None:
         settings = settings.model_copy(update={"objects": (parse_object(thing), *settings.objects[1:])})
     begun = load_grasp(grasp or settings.grasp, spec)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
     from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.scenario import Scenario
+    from allegro_twin.spec import HandSpec
     from allegro_twin.sweep.local import SweepEngine
 
 
@@ -57,6 +58,10 @@ def plan(
             "intervals.",
             autocompletion=completion.hands,
         ),
+    ] = None,
+    side: Annotated[
+        Literal["right", "left"] | None,
+        typer.Option(help="Which hand; default: as --twin or the card says, else right."),
     ] = None,
     kind: Annotated[
         str | None, typer.Option("--type", help="Only grasps whose contacts are of this type of the GRASP taxonomy.")
@@ -146,7 +151,7 @@ def plan(
     chosen = engine_of(engine.value, address, None)
     if own_file := model_or_file(hand)[1]:
         raise ConfigError(f"--hand {hand} is one hand's own file, and --hand names its model: say --twin {own_file}")
-    own = PlannedHand(load_spec(hand), SEARCHED) if twin is None else twin_to_plan_for(hand, twin)
+    own = PlannedHand(load_spec(hand, side), SEARCHED) if twin is None else twin_to_plan_for(hand, twin, side)
     console.warn(own.note)
     spec = own.spec
     scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
@@ -177,7 +182,7 @@ def plan(
         folder = out or Path("plans") / name
         if out is None:
             stack.enter_context(lock_folder(folder))
-        paths = _plan_into(folder, search, n, budget, parallel, keep)
+        paths = _plan_into(folder, search, n, budget, parallel, keep, own.judged)
         if pictures and not search.interrupted:
             _add_pictures(paths, scenario, folder, hull=hull)
     console.say(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}")
@@ -193,8 +198,9 @@ class _Parallel(NamedTuple):
 
 
 def _plan_into(
-    folder: Path, search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel | None, keep: Path | None
-) -> list[Path]:
+    folder: Path, search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel | None, keep: Path | None,
+    judged: HandSpec | None,
+) -> list[Path]:  # fmt: skip
     """Search, judge, print and write, in a folder that is known to take what is found before the search begins.
     Returns the scenarios."""
     from allegro_twin.files.output_folder import files_changed_by_hand
@@ -207,7 +213,7 @@ def _plan_into(
         if changed := files_changed_by_hand(folder):
             files = ", ".join(map(str, changed))
             console.warn(f"{files}: changed since the plan before, and replaced by what this one finds")
-        found = _found(search, n, budget, parallel)
+        found = _found(search, n, budget, parallel, judged or spec)
         try:
             made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
         except RecordingError:
@@ -218,14 +224,16 @@ def _plan_into(
     for number, planned in enumerate(found, 1):
         if keep is not None:
             kept = f"{name}_{number}"
-            store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
+            store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned, spec), evidence=kept,
                    proof=make_proof(planned, search.uncertainty))  # fmt: skip
     return paths
 
 
-def _found(search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel | None) -> list[PlannedGrasp]:
-    """The grasps that the search finds, judged and printed; where Ctrl-C ends it, those that it had by then. Exits
-    where there are none."""
+def _found(
+    search: GraspSearch, n: int, budget: SearchBudget, parallel: _Parallel | None, judged: HandSpec
+) -> list[PlannedGrasp]:
+    """The grasps that the search finds, judged with a hand and printed; where Ctrl-C ends it, those that it had by
+    then. Exits where there are none."""
     from allegro_twin.grasping.plan.validate import judge_planned
     from allegro_twin.surfaces.cli import console
 
@@ -237,7 +245,7 @@ def _found(search: GraspSearch, n: int, budget: SearchBudget, parallel: _Paralle
         else:
             found = _search_parallel(search, n, budget, parallel)
         if not search.interrupted:
-            judge_planned(found, search.spec, search.uncertainty, search.seed, search.folder)
+            judge_planned(found, judged, search.uncertainty, search.seed, search.folder)
     except KeyboardInterrupt:
         search.interrupted = True
     if search.interrupted:
