@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.spec import Finger, HandSpec
@@ -24,13 +25,25 @@ def joint_orders(spec: HandSpec) -> dict[str, tuple[int, ...]]:
     in_tree = sorted(fingers, key=lambda finger: spec.joints[finger.joints[0]])
     longest = max(len(finger.joints) for finger in fingers)
     layers = [f.joints[place] for place in range(longest) for f in fingers if place < len(f.joints)]
-    return {
-        "fingers": _joined(fingers),  # Menagerie, DexGraspBench, BODex, the manufacturer.
-        "tree": _joined(in_tree),  # Isaac Gym, Pinocchio: the fingers by their names in the URDF.
-        "breadth": tuple(dict.fromkeys(layers)),  # Isaac Lab, SAPIEN: all first joints, then all second ones.
-        "thumb_first": _joined([*fingers[-1:], *fingers[:-1]]),
-        "mirrored": _joined([*fingers[-2::-1], *fingers[-1:]]),  # Menagerie's left hand: from ring to index.
-    }
+    by_id = sorted((identifier, joint) for joint, identifier in enumerate(_servo_ids(spec)))
+    return (
+        {
+            "fingers": _joined(fingers),  # Menagerie, DexGraspBench, BODex, the manufacturer.
+            "tree": _joined(in_tree),  # Isaac Gym, Pinocchio: the fingers by their names in the URDF.
+            "breadth": tuple(dict.fromkeys(layers)),  # Isaac Lab, SAPIEN: all first joints, then all second ones.
+            "thumb_first": _joined([*fingers[-1:], *fingers[:-1]]),
+            "mirrored": _joined([*fingers[-2::-1], *fingers[-1:]]),  # Menagerie's left hand: from ring to index.
+        }
+        | ({"servos": tuple(joint for _, joint in by_id)} if by_id else {})
+    )  # A LEAP Hand's own program.
+
+
+def _servo_ids(spec: HandSpec) -> tuple[int, ...]:
+    """Of a hand whose joints have a servo each: their ids, in the spec's order; else empty."""
+    path = data_root() / "conf" / "hands" / f"{spec.model}.yaml"
+    servos = read_yaml(path).get("servos") if path.is_file() else None
+    ids = servos.get("ids", ()) if isinstance(servos, Mapping) else ()
+    return tuple(ids) if len(ids) == spec.n_joints and not spec.followers else ()
 
 
 def menagerie_order(spec: HandSpec) -> str:
@@ -133,7 +146,8 @@ def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:
 
 
 def joint_names(spec: HandSpec) -> dict[str, int]:
-    """Every name of a joint that is known: ours, the URDF's, Menagerie's and NVIDIA's (`index_joint_0`)."""
+    """Every name of a joint that is known: ours, the URDF's, Menagerie's, NVIDIA's (`index_joint_0`), and, of a hand of
+    servos, their ids, by which the URDF of a LEAP Hand calls its joints (`1`, `joint_1`)."""
     foreign = spec.foreign
     if spec.model == HAND:
         foreign = load_spec(spec.model, spec.side, f"menagerie_{spec.side}").foreign
@@ -142,4 +156,7 @@ def joint_names(spec: HandSpec) -> dict[str, int]:
     for finger in spec.fingers:
         for place, joint in enumerate(finger.joints):
             found.setdefault(f"{finger.name}_joint_{place}", joint)
+    for joint, identifier in enumerate(_servo_ids(spec)):
+        found.setdefault(str(identifier), joint)
+        found.setdefault(f"joint_{identifier}", joint)
     return found

@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
 from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps, check_grasps
-from allegro_twin.grasping.interchange.orders import joint_orders, permute_joints, reorder_joints
+from allegro_twin.grasping.interchange.orders import joint_orders, order_by_name, permute_joints, reorder_joints
 from allegro_twin.grasping.interchange.ours import write_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
 from allegro_twin.grasping.interchange.read import assumed_hand, own_hand, read_grasps
@@ -194,6 +194,17 @@ def test_menageries_left_hand_counts_its_fingers_from_the_ring(tmp_path: Path) -
     again = load_plain(tmp_path / "b.npy")
     assert again["joint_names"][:5] == ["rfj0", "rfj1", "rfj2", "rfj3", "mfj0"]
     np.testing.assert_array_equal(again["grasp_qpos"], swapped["grasp_qpos"])
+
+
+def test_a_leap_hands_joints_go_by_the_ids_of_their_servos() -> None:
+    """As its URDF names them, and as its own program lists them: 1 is that by which the index finger bends."""
+    leap = load_spec("leap")
+    assert joint_orders(leap)["servos"][:4] == (1, 0, 2, 3)
+    assert leap.joints[order_by_name(["1", "0", *map(str, range(2, 16))], leap, "a.npy")[0]] == "if_mcp"
+    listed = order_by_name([f"leap/joint_{k}" for k in range(16)], leap, "a.npy")
+    assert listed == joint_orders(leap)["servos"]
+    for spec in (load_spec(), load_spec("model_o")):
+        assert "servos" not in joint_orders(spec)
 
 
 @pytest.mark.parametrize("order", ["tree", "breadth", "thumb_first"])
