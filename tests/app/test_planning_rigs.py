@@ -16,6 +16,8 @@ from allegro_twin.app.session import Outputs, perform
 from allegro_twin.app.simulated import simulated
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
+from allegro_twin.learning.mpc.controller import MpcController
+from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
 from allegro_twin.sim.settings import SimSettings
 
 TINY = {"method": "predictive", "samples": 4, "iterations": 1, "horizon": 0.12, "hold": 0.0, "knots": 2, "stride": 2}
@@ -61,6 +63,22 @@ def test_beside_a_simulated_hand_its_time_passes_as_ours(monkeypatch: pytest.Mon
     chosen = config(time="real", camera={"delay": 0.03, "noise": 0.001})
     (*_, plans, _) = perform(assemble(chosen), chosen, Outputs()).notes
     assert " plans beside the hand in 6 decisions" in plans
+
+
+@pytest.mark.parametrize("time", ["lockstep", "real"])
+def test_a_config_without_settings_has_those_of_its_task_and_time(time: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[MpcSettings] = []
+
+    def planner(controller: MpcController, task: str, episode: Any, settings: MpcSettings, **_: Any) -> None:
+        seen.append(settings)
+        raise ConfigError("enough")
+
+    monkeypatch.setattr(MpcController, "__init__", planner)
+    with pytest.raises(ConfigError, match="enough"):
+        assemble(config(time=time, planning=None))
+    ship = {each: planner_settings("Rotate", real_time=each == "real") for each in ("lockstep", "real")}
+    assert seen == [ship[time]]
+    assert ship["real"] != ship["lockstep"]
 
 
 def test_an_episode_that_is_lost_ends_the_run() -> None:
