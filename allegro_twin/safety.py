@@ -69,6 +69,14 @@ def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: Ha
     return PositionCommand(position, wanted * np.where(np.isnan(fade), 1.0, fade), command.duration)
 
 
+_TOO_FAST = " moves at "
+
+
+def is_too_fast(why: str) -> bool:
+    """Whether a `violation` is of a joint's speed."""
+    return _TOO_FAST in why
+
+
 def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     """Why the hand must stop now, or None."""
     fastest = limits.velocity
@@ -79,7 +87,7 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
         joint = int(np.nanargmax(np.abs(state.velocity) / fastest))
         speed, limit = state.velocity[joint], fastest[joint]
         where = "" if limit == limits.velocity[joint] else f" at {state.position[joint]:.2f} rad"
-        return f"{spec.joint_labels[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"
+        return f"{spec.joint_labels[joint]}{_TOO_FAST}{speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"
     if (state.temperature >= limits.hot).any():
         joint = int(np.nanargmax(state.temperature))
         celsius = state.temperature[joint]

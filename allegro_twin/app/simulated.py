@@ -111,6 +111,7 @@ def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector |
     from allegro_twin.sim.model.scene import Stage, compile_scene
 
     step = getattr(settings, "timestep", None)
+    spec.check_step(step or 0.0, "timestep")
     stage = Stage(
         np.zeros(3),
         quaternion_facing(settings.facing, settings.fingers),

@@ -109,6 +109,8 @@ class HandSpec:
     """The path of the card that describes it, where no name does."""
     postures: Mapping[str, Vector] = field(default_factory=dict)
     """Postures that the card names, such as `home`, (n,), rad."""
+    coarsest_step: float = float("inf")
+    """The longest physics step that simulates it truly, s; inf: any that is usual here (up to 3 ms)."""
 
     @property
     def name(self) -> str:
@@ -236,6 +238,12 @@ class HandSpec:
         if least <= math.radians(value) <= most and abs(value) > math.pi:
             said += f"; positions are in radians: {value:g}° is {math.radians(value):.4f} rad"
         return said
+
+    def check_step(self, step: float, key: str) -> None:
+        """Raises ConfigError for a physics step, s, that a key asks for and that is too long for this hand."""
+        if step > self.coarsest_step:
+            raise ConfigError(f"{key} {step:g} s: {self.name} is simulated truly in steps of at most "
+                              f"{self.coarsest_step:g} s: leave it out, or take 0.001")  # fmt: skip
 
     def mirror_posture(self, position: Array) -> Array:
         """The same posture on the hand of the other side, shape (..., n), rad."""

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import assemble
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
-from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, hand_name, load_case
 from allegro_twin.grasping.plan.candidate import check_efforts
 from allegro_twin.grasping.plan.close_in_simulation import FingerGains, close_candidates
 from allegro_twin.grasping.plan.improve import GraspImprovement
@@ -36,13 +38,14 @@ from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import AS_IT_IS, SEARCHED, GraspValidator, PlannedGrasp
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
-from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.grasping.uncertainty import Perturbation, Uncertainty, sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.physics import Physics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from tests.conftest import MakeSim
@@ -123,6 +126,44 @@ def test_every_other_hand_finds_a_grasp_of_a_ball(name: str) -> None:
     spec = load_spec(name)
     (planned,) = search_of(spec, effort=RoundSize(guessed=96, closed=24, drawn=4)).run(1, SearchBudget(400))
     assert planned.margin > 0.0
+
+
+def trial_in_a_draw(name: str, scenario: str, draw: Perturbation | None = None) -> tuple[TrialRunner, TrialCase]:
+    spec = load_spec(name)
+    case = load_case({"scenario": scenario, "protocol": "quick"}, spec)
+    return TrialRunner(spec), replace(case, draw=draw)
+
+
+def test_trials_of_a_search_take_steps_that_the_hand_bears() -> None:
+    """Coarse protocols ask for 3 ms, and searches for 2."""
+    for name, scenario, step, searched in (
+        ("allegro", "lemon", 0.003, 0.002), ("qb_softhand", "qb_softhand_lemon", 0.0015, 0.0015)
+    ):  # fmt: skip
+        runner, case = trial_in_a_draw(name, scenario)
+        assert runner.trial(case).backend.model.opt.timestep == step
+        search = GraspSearch(case.scenario, runner.spec, grasp_templates(runner.spec))
+        assert search._stages(load_protocol("table_pick"))[0].physics.timestep == searched
+    assert Physics(timestep=0.003).for_hand(0.0015, 0.002).timestep == 0.001
+    assert Physics(timestep=0.003).for_hand(0.0011, 0.003).timestep == 0.001
+    assert Physics().for_hand(0.0015, 0.002) == Physics()
+
+
+@pytest.mark.slow
+def test_the_soft_hand_holds_in_draws_what_it_holds_in_the_whole_trial() -> None:
+    """In steps of 3 ms its fingers shook in each of these draws, and no grasp of a mug was one."""
+    draws = sample_perturbations(SEARCHED, 3, 0, stream="judge")
+    runner, case = trial_in_a_draw("qb_softhand", "qb_softhand_mug")
+    assert all(verdict.held for verdict in runner.verdicts([replace(case, draw=draw) for draw in draws]))
+
+
+def test_a_step_that_a_hand_does_not_bear_is_refused_where_a_person_asks_for_it() -> None:
+    scene = {"kind": "sim", "timestep": 0.002}
+    chosen = RunConfig.model_validate(
+        {"hand": {"model": "qb_softhand"}, "backend": {"kind": "qb", "port": "virtual", "scene": scene}, "period": 0.02,
+         "controller": {"kind": "position"}, "task": {"posture": "home"}}
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match=r"^timestep 0.002 s: qb_softhand_right is simulated truly in steps of at"):
+        assemble(chosen)
 
 
 def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:

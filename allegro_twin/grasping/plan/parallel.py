@@ -56,6 +56,7 @@ def search_in_parallel(
     for number, row in enumerate(table):
         search.counts[search.seed + number] = row["closed"]
         search.ends.update(json.loads(row["ends"]))
+        search.drawn.update(json.loads(row["drawn"]))
         search.cut |= row["cut"]
         search.closed, search.cpu = search.closed + row["closed"], search.cpu + row["cpu"]
     found = [planned_from_json(data, search.templates) for row in table for data in json.loads(row["found"])]
@@ -63,8 +64,8 @@ def search_in_parallel(
 
 
 def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON, how many candidates
-    were `closed`, the `cpu` seconds that it took, and whether its first round was `cut` short."""
+    """Units of a sweep: one search for each item's `seed`. A row has `found`, `ends` and `drawn` as JSON, how many
+    candidates were `closed`, the `cpu` seconds that it took, and whether its first round was `cut` short."""
     spec, asked = replace(load_spec(shared["hand"], shared["side"], shared["twin"]), drive=None), shared["region"]
     rows = []
     for item in items:
@@ -81,6 +82,7 @@ def run_searches(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) 
         rows.append(
             {
                 "found": json.dumps([planned_to_json(each) for each in found]), "ends": json.dumps(search.ends),
+                "drawn": json.dumps(search.drawn),
                 "closed": search.closed, "cpu": search.cpu, "cut": search.cut,
             }
         )  # fmt: skip

@@ -136,6 +136,8 @@ class GraspSearch:
     threads: int = 0
     ends: Counter[str] = field(default_factory=Counter)
     """Where candidates ended."""
+    drawn: Counter[str] = field(default_factory=Counter)
+    """Trials that decided between them, as GraspValidator has them."""
     closed: int = 0
     """How many candidates rounds were made for, which physics has closed but where there were not so many."""
     counts: dict[int, int] = field(default_factory=dict)
@@ -173,7 +175,8 @@ class GraspSearch:
     def _stages(self, protocol: TrialProtocol) -> tuple[Stage, Stage]:
         """What stands where when a trial begins, and when the hand grasps."""
         physics = protocol.physics if protocol.floating else PhysicsSettings()
-        coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
+        step = min(TIMESTEP, self.spec.coarsest_step)
+        coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": step})})
         stage = make_stage(self.scenario, coarse, self.spec.side, self.folder)
         if self.scenario.push is None:
             return stage, stage
@@ -200,6 +203,7 @@ class _Rounds:
         self._prover = GraspValidator(
             self._proposer.bench, search.scenario, search.spec, search.templates, search.folder, search.seed,
             search.uncertainty, search_symmetry(search), search.region, search.kind, search.threads, ends=search.ends,
+            drawn=search.drawn,
         )  # fmt: skip
         self._proposed, self._elite = self._proposer.fresh(), list[Candidate]()
         closed, evolves = self._effort.closed, self._proposer.gains is not None

@@ -30,6 +30,7 @@ from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import is_of_type
 from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
+from allegro_twin.safety import is_too_fast
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 
@@ -136,7 +137,7 @@ class GraspValidator:
     options: list[PlannedGrasp] = field(default_factory=list)
     ends: Counter[str] = field(default_factory=Counter)
     drawn: Counter[str] = field(default_factory=Counter)
-    """Trials so far: of `draws`, and `whole` ones."""
+    """Trials so far: of `draws`, those of them that ended since a joint moved `too fast`, and `whole` ones."""
     cpu: dict[str, float] = field(default_factory=lambda: {"draws": 0.0, "whole": 0.0})
     """s that they took."""
 
@@ -221,8 +222,10 @@ class GraspValidator:
         ]
         began, verdicts = time.process_time(), bench.verdicts(trials, stop_early=True)
         for option in options:
-            option.held += sum(next(verdicts).held for _ in range(count))
+            found = [next(verdicts) for _ in range(count)]
+            option.held += sum(verdict.held for verdict in found)
             option.tried += count
+            self.drawn["too fast"] += sum(is_too_fast(verdict.stopped) for verdict in found)
         self._spent("draws", len(trials), began)
 
     def _spent(self, what: str, trials: int, began: float) -> None:

@@ -131,6 +131,8 @@ class HandCard(Settings):
     """Pairs of bodies of the MJCF that touch at rest, and are let through each other in simulation."""
     thermal: ThermalCard | None = None
     """How the motors warm; None: unknown, and nothing is said of temperatures."""
+    coarsest_step: Annotated[float, Field(gt=0.0)] | None = None
+    """The longest physics step that simulates the hand truly, s; None: trials of a search may take 3 ms."""
     servos: dict[str, Any] | None = None
     """Settings of a hand of servos on a serial line; docs/reference/dynamixel.md."""
     line: dict[str, Any] | None = None
@@ -203,6 +205,7 @@ def spec_from_card(path: Path, model: str, side: Side) -> HandSpec:
         apart=card.apart,
         postures={name: frozen(posture) for name, posture in card.postures.items()},
         thermal=None if card.thermal is None else card.thermal.data(),
+        coarsest_step=card.coarsest_step or float("inf"),
         followers=tuple(
             CoupledJoint(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import mujoco
@@ -35,6 +36,12 @@ class Physics:
     solver: Solver = "Newton"
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     """World, m/s²."""
+
+    def for_hand(self, coarsest: float, period: float) -> Physics:
+        """With steps of at most `coarsest`, s, of which a whole number is a control period, s."""
+        if self.timestep <= coarsest:
+            return self
+        return replace(self, timestep=period / math.ceil(period / coarsest - 1e-9))
 
     def options(self, scene: mujoco.MjSpec) -> None:
         """Set a scene's options."""

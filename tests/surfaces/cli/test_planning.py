@@ -30,7 +30,7 @@ from allegro_twin.hands.library.entry_files import name_from
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.console import plan_table
-from allegro_twin.surfaces.cli.grasps.plan import alternatives, scenario_of, search_failure
+from allegro_twin.surfaces.cli.grasps.plan import alternatives, restless, scenario_of, search_failure
 from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
 from tests.surfaces.cli.conftest import Run
 
@@ -348,6 +348,20 @@ def test_improve_writes_what_holds_no_fewer_draws_than_before(
         code, shown, _ = command("improve", "lemon", "--out", tmp_path / "p", *more)
     assert (code, (tmp_path / "p").exists()) == ((0, True) if written else (5, False))
     assert ("Play it" in shown, "Nothing is written" in shown) == (written, not written)
+
+
+@pytest.mark.parametrize(("hand", "fast", "said"), [
+    ("allegro", 10, ""), ("allegro", 11, "11 of 100 draws a joint moved faster than it may"),
+    ("qb_softhand", 11, "the trial was stopped"),
+])  # fmt: skip
+def test_a_hand_that_coarse_physics_shakes_is_said_to_be(hand: str, fast: int, said: str) -> None:
+    """Its draws say no for a reason that is not the grasp's; a hand whose card knows its step has no such way out."""
+    spec = load_spec(hand)
+    search = GraspSearch(scenario_of("lemon", "z", None, None, 0.8), spec, grasp_templates(spec))
+    search.drawn.update({"draws": 100, "too fast": fast})
+    line = restless(search)
+    assert said in line if said else not line
+    assert ("coarsest_step" in line) == (bool(said) and hand == "allegro")
 
 
 def test_where_nothing_holds_every_candidate_is_lost_once_and_the_numbers_add_up() -> None:

@@ -250,6 +250,7 @@ def _found(
         search.interrupted = True
     if search.interrupted:
         console.warn(interrupted_search(search, found, n))
+    console.warn(restless(search))
     if found:
         console.console.print(console.plan_table(name, found, n))
     elif search.interrupted:
@@ -271,6 +272,16 @@ def interrupted_search(search: GraspSearch, found: Sequence[PlannedGrasp], n: in
         return f"interrupted {closed}before a grasp had held the whole trial: nothing is written"
     judged = sum(each.judged > 0 for each in found)
     return f"interrupted: {len(found)} of {n} grasps had held the whole trial, {judged} of them judged on fresh draws"
+
+
+def restless(search: GraspSearch) -> str:
+    """A sentence where joints move too fast in more than a tenth of the draws; empty where they do not."""
+    fast, draws = search.drawn["too fast"], search.drawn["draws"]
+    if fast <= draws / 10:
+        return ""
+    known = math.isfinite(search.spec.coarsest_step)
+    way_out = "" if known else "; its physics may be shaken by steps of 3 ms: try `coarsest_step: 0.001` in its card"
+    return f"in {fast} of {draws} draws a joint moved faster than it may, and the trial was stopped{way_out}"
 
 
 def search_failure(search: GraspSearch) -> str:
