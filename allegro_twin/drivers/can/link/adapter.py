@@ -23,6 +23,10 @@ _BATCH, _TURN = 64, 0.002
 always more."""
 
 
+class PortTaken(can.CanInitializationError):
+    """Another program drives the hand at this port; its text has the way out."""
+
+
 def number(error: BaseException) -> int | None:
     """The errno of an error, wherever python-can keeps it."""
     found = getattr(error, "error_code", None) or getattr(error, "errno", None)

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import can
 
-from allegro_twin.drivers.can.link.adapter import AdapterLink, number
+from allegro_twin.drivers.can.link.adapter import AdapterLink, PortTaken, number
 from allegro_twin.drivers.can.link.shared_bus import Link
 from allegro_twin.errors import ConfigError, LinkError
 
@@ -43,6 +43,8 @@ def open_bus(interface: str, channel: str, bitrate: int, options: Mapping[str, A
     except NotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise ConfigError(f"python-can has no interface {interface!r}; there are: {known}") from error
+    except PortTaken as error:
+        raise LinkError(f"{where} does not open: {error}") from error
     except (can.CanError, OSError) as error:
         if number(error) in _FORBIDDEN:
             raise LinkError(f"{where}: no permission ({error}); on a serial port, join the group dialout") from error

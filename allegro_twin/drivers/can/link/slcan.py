@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import re
 import select
 import time
 from collections import deque
@@ -17,6 +18,7 @@ from can.interfaces.slcan import slcanBus
 
 from allegro_twin.drivers.base.keeper.keeper import Way
 from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.link.adapter import PortTaken
 
 _CHUNK = 1 << 16
 _NEARLY_FULL = 4000
@@ -148,6 +150,10 @@ def _lost() -> can.Message:
     return can.Message(arbitration_id=0x04, is_error_frame=True, data=bytes([0, 1, 0, 0, 0, 0, 0, 0]))
 
 
+_FLOCK = re.compile(r"^lock:.* FLOCK .* (\d+) \S+ \S+ \S+$", re.M)
+"""In the fdinfo of a descriptor: the process that locked its file."""
+
+
 def _locked(path: str) -> int:
     """The port, for this program alone: a descriptor that holds a lock on it."""
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -160,27 +166,29 @@ def _locked(path: str) -> int:
                 select.select([], [], [], 0.02)
                 continue
             os.close(descriptor)
-            raise can.CanInitializationError(
-                f"{_holder(path)} has this port, which serves one program at a time"
+            raise PortTaken(
+                f"{_holder(path)} has this port, which serves one program at a time: wait until it ends"
             ) from None
         return descriptor
 
 
 def _holder(path: str) -> str:
-    """The programs of this computer that have a file open, this one aside, as far as they may be looked at."""
-    wanted, found = os.path.realpath(path), []
+    """The program of this computer that has locked a file; where that cannot be seen, `another program`. Those that
+    merely have it open, such as a keeper and what serves a virtual hand, are not asked about."""
+    wanted = os.path.realpath(path)
     for process in Path("/proc").glob("[0-9]*"):
-        if process.name == str(os.getpid()):
-            continue
         try:
-            if any(os.path.realpath(one) == wanted for one in (process / "fd").iterdir()):
-                words = (process / "cmdline").read_bytes().split(b"\0")
-                found.append(
-                    f"`{_short([word.decode(errors='replace') for word in words if word])}` (pid {process.name})"
-                )
+            for one in (process / "fd").iterdir():
+                if os.path.realpath(one) != wanted:
+                    continue
+                owner = _FLOCK.search((process / "fdinfo" / one.name).read_text())
+                if owner is not None:
+                    words = Path("/proc", owner[1], "cmdline").read_bytes().split(b"\0")
+                    shown = _short([word.decode(errors="replace") for word in words if word])
+                    return f"`{shown}` (pid {owner[1]})"
         except OSError:
             continue  # Gone meanwhile, or another user's.
-    return " and ".join(found) or "another program"
+    return "another program"
 
 
 def _short(words: list[str]) -> str:

@@ -13,12 +13,13 @@ import select
 import termios
 import tty
 from collections import deque
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import can
 
+from allegro_twin.drivers.base.terminal import link_terminal, unlink_terminal
 from allegro_twin.errors import LinkError
 
 BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
@@ -39,9 +40,12 @@ class SlcanDevice(can.BusABC):
     def __init__(self, path: Path, bitrate: int = 1_000_000) -> None:
         self._queue: deque[can.Message] = deque()
         self._adapters: dict[int, SlcanAdapter] = {}
-        for name in (path, path.with_name(path.name + TAP)):
-            adapter = SlcanAdapter(name, bitrate)
-            self._adapters[adapter.master] = adapter
+        with ExitStack() as made:
+            for name in (path, path.with_name(path.name + TAP)):
+                adapter = SlcanAdapter(name, bitrate)
+                made.callback(adapter.close)
+                self._adapters[adapter.master] = adapter
+            made.pop_all()
         self.channel_info = f"slcan device {path}"
         super().__init__(str(path))
 
@@ -77,9 +81,7 @@ class SlcanAdapter:
         self._buffer, self._listening, self._pending = bytearray(), False, b""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            if path.is_symlink():
-                path.unlink()
-            path.symlink_to(os.ttyname(slave))
+            link_terminal(path, slave)
         except OSError as error:
             raise LinkError(f"cannot put a terminal at {path}: {error}") from error
         os.set_blocking(self.master, False)
@@ -103,7 +105,7 @@ class SlcanAdapter:
         return [message for message in said if message is not None]
 
     def close(self) -> None:
-        self._path.unlink(missing_ok=True)
+        unlink_terminal(self._path, self._slave)
         os.close(self.master)
         os.close(self._slave)
 

@@ -162,7 +162,9 @@ def test_a_real_adapter_has_no_tap_so_listening_beside_its_driver_is_refused(
 ) -> None:
     driver = open_bus("slcan", str(tmp_path / "hand.tty"), 1_000_000, OPTIONS)
     (tmp_path / f"hand.tty{TAP}").unlink()
-    with pytest.raises(LinkError, match="has this port, which serves one program at a time"):
+    with pytest.raises(
+        LinkError, match=rf"\(pid {os.getpid()}\) has this port, which serves one program at a time: wait"
+    ):
         open_bus("slcan", str(tmp_path / "hand.tty"), 1_000_000, {"listen_only": True, **OPTIONS})
     driver.shutdown()
     device.shutdown()
