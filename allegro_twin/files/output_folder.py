@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import signal
+import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -39,6 +40,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
     made = not folder.exists()
     handle = _lock(folder)
     try:
+        try:
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise write_error(folder, error) from error
         yield
     finally:
         if made:

@@ -7,8 +7,10 @@ a notebook, a script without a guard or a thread with a lock may start it.
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
+import threading
 from multiprocessing.connection import Connection
 from types import FrameType
 from typing import Any
@@ -32,6 +34,8 @@ def main() -> None:
 def _answer(pipe: Connection[Any, Any], name: str, shared: Any) -> None:
     work, stop = find_function(name), _Stop()
     signal.signal(signal.SIGTERM, stop)
+    if hasattr(select, "poll"):
+        threading.Thread(target=_end_with, args=(pipe.fileno(),), daemon=True).start()
     while True:
         task = pipe.recv()
         stop.working = True
@@ -42,6 +46,14 @@ def _answer(pipe: Connection[Any, Any], name: str, shared: Any) -> None:
             result = ("failed", error)
         stop.working = False
         pipe.send(result)
+
+
+def _end_with(pipe: int) -> None:
+    """End in the middle of a task, too, when whoever wanted the results is gone, killed for example."""
+    waiting = select.poll()
+    waiting.register(pipe, 0)  # Its end alone.
+    waiting.poll()
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 class _Stop:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -154,3 +157,33 @@ def test_a_mistake_in_a_function_is_not_tried_again(capfd: pytest.CaptureFixture
         run(sweep_of("broken", 3), engine=Local(1))
     shown = capfd.readouterr().err
     assert shown.count("ZeroDivisionError: as a mistake in a function does") == 1
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for its workers in /proc")
+def test_workers_end_in_the_middle_of_a_task_when_what_started_them_is_killed(tmp_path: Path) -> None:
+    log, program = tmp_path / "log", (
+        "import sys\nfrom allegro_twin.sweep.jobs import Sweep\nfrom allegro_twin.sweep.local import Local\n"
+        "from allegro_twin.sweep.runner import run\n"
+        "run(Sweep('tests.sweep.work:waves', [{'n': 0}, {'n': 1}], {'log': sys.argv[1], 'seconds': 600.0}, unit=1),"
+        " engine=Local(2))\n"
+    )  # fmt: skip
+    begun = subprocess.Popen([sys.executable, "-c", program, str(log)], cwd=Path(__file__).parents[2])
+    while not log.exists() or log.read_text().count("\n") < 2:
+        assert begun.poll() is None
+        time.sleep(0.05)
+    children = Path(f"/proc/{begun.pid}/task/{begun.pid}/children").read_text().split()
+    begun.kill()
+    begun.wait()
+    assert len(children) >= 2
+    deadline = time.monotonic() + 60.0
+    while any("sweep.worker" in command_of(child) for child in children):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def command_of(process: str) -> str:
+    """Empty once it has ended."""
+    try:
+        return Path(f"/proc/{process}/cmdline").read_text()
+    except OSError:
+        return ""

@@ -21,6 +21,7 @@ from allegro_twin.grasping.interchange.read import replaced_object
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.surfaces.cli.grasps.trials import parse_variation
+from allegro_twin.sweep import runner
 from tests.app.files import grasps, scenario, short
 from tests.grasping.interchange.samples import bench, saved
 from tests.surfaces.cli.conftest import Run
@@ -271,6 +272,29 @@ def test_a_cluster_without_ray_is_one_line(command: Run, monkeypatch: pytest.Mon
     assert code == 2
     assert "pip install 'allegro-twin[ray]'" in errors
     assert errors.count("\n") == 1
+
+
+def test_an_interrupted_evaluation_says_how_many_trials_had_ended_and_where_they_are(
+    command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes: list[int] = []
+
+    def stopped(sweep: Any, store: Any, engine: Any, tell: Any) -> None:
+        sizes.append(sweep.unit)
+        tell(3, 41)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "run", stopped)
+    words = ("evaluate", scenario(tmp_path), "--uncertainty", 40, "--jobs", 2)
+    out = tmp_path / "out"
+    code, _, said = command(*words, "--out", out)
+    assert (code, said) == (
+        130,
+        f"interrupted: 3 of 41 trials had ended; they are in {out}, and the same command goes on\n",
+    )
+    code, _, said = command(*words)
+    assert (code, said) == (130, "interrupted: 3 of 41 trials had ended; none of them is kept\n")
+    assert sizes == [6, 21]
 
 
 @pytest.mark.long

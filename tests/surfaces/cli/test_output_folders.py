@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -9,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -338,6 +340,19 @@ def test_a_place_where_no_folder_can_be_is_refused_and_not_tried_for_ever(tmp_pa
         refused = f"cannot be a folder to write into: .*{why}"
         with pytest.raises(RecordingError, match=refused), lock_folder(tmp_path / place):
             pass
+
+
+def test_a_folder_that_takes_no_file_is_refused_before_anything_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Run
+) -> None:
+    def refuse(**_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+    for words in (("rehearse", "can_virtual", "--yes", "--out"), ("run", "lemon", "--out"), ("plan", "lemon", "--out")):
+        code, shown, said = command(*words, tmp_path / "out")
+        assert (code, shown) == (2, "")
+        assert said == f"allegro-twin: --out cannot write {tmp_path / 'out'}: Operation not permitted\n"
 
 
 def test_a_run_that_could_not_begin_leaves_nothing_that_stands_in_the_way_of_the_next(

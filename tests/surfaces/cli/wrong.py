@@ -88,7 +88,7 @@ TABLE = [
         ("identify r.arrow --hand x.YAML", 2, "a hand's file ends in .yaml: say x.yaml"),
         ("identify r.arrow --hand nope", 2, "--hand nope: no hand named 'nope'"),
         ("identify r.arrow --hand r.arrow/x.yaml", 2, "cannot write r.arrow/x.yaml"),
-        ("rehearse can_virtual --poses ''", 2, "no pose named ''; there are: palm-down, palm-up, side, up"),
+        ("rehearse can_virtual --poses ''", 2, "--poses is empty: give it a value, or leave it out"),
         ("gap none.arrow", 2, "no recording at none.arrow"),
         ("mirror sim_right", 2, "a simulated hand is its own twin"),
         ("mirror r.arrow --stop-on contact", 2, "are for a hand that runs"),
@@ -99,7 +99,7 @@ TABLE = [
         # Names of no thing, or of the wrong kind of thing.
         ("run nope", 2, "no config or scenario named 'nope'"),
         ("run nope.yaml", 2, "nope.yaml: no such config or scenario file"),
-        ("run ''", 2, "an empty name"),
+        ("run ''", 2, "the argument after run is empty"),
         ("run folder", 2, "folder: no scenarios in this folder"),
         ("run folder/../nope", 2, "no such config or scenario file"),
         ("run bad.yaml", 2, "bad.yaml:2: not valid YAML"),

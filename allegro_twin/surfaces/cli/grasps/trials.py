@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 UNIT = 32
 """Most trials in a unit. More in one batch gain little, and an interruption would repeat more."""
+STORED = 4
+"""Units for each process at least, where finished ones are stored."""
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 TRIALS, REPORT, RESULTS = "trials", "report.html", "results.parquet"
 """What an evaluation writes into its folder."""
@@ -81,11 +83,24 @@ def run_trials(
             said = "is of no evaluation, and is not replaced by one: move it away, or give another folder"
             raise RecordingError(f"{foreign}: {said}")
     items, shared, stamps, inputs = make_campaign(targets, noise, metrics=out is not None and _scipy())
-    sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // compute.at_once))), stamps, inputs)
+    parts = compute.at_once if out is None else STORED * compute.at_once
+    sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // parts))), stamps, inputs)
     store = None if out is None else Store(out / TRIALS, console.warn)
+    ended = (0, len(sweep.items))
     with console.progress() as bar:
         task = bar.add_task("trials", total=len(sweep.items))
-        table = run(sweep, store, compute.engine, lambda done, total: bar.update(task, completed=done, total=total))
+
+        def tell(done: int, total: int) -> None:
+            nonlocal ended
+            ended = (done, total)
+            bar.update(task, completed=done, total=total)
+
+        try:
+            table = run(sweep, store, compute.engine, tell)
+        except KeyboardInterrupt:
+            kept = "none of them is kept" if out is None else f"they are in {out}, and the same command goes on"
+            console.warn(f"interrupted: {ended[0]} of {ended[1]} trials had ended; {kept}")
+            raise
     return TrialTable(sweep, table, table.to_pylist())
 
 
