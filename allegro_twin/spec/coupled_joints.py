@@ -41,7 +41,11 @@ class CoupledTable(NamedTuple):
 
     def at(self, position: Array) -> Array:
         """(..., n) → (..., m)."""
-        part = (position[..., self.driven] - self.lower) / self.span
+        return self.each(position[..., self.driven])
+
+    def each(self, motors: Array) -> Array:
+        """As if each had a motor to itself, at `motors`, (..., m) → (..., m)."""
+        part = (motors - self.lower) / self.span
         stretch = np.minimum(np.maximum(self.parts.searchsorted(part, "right") - 1, 0), len(self.parts) - 2)
         row = np.arange(len(self.driven))
         between = self.slopes[row, stretch] * (part - self.parts[stretch]) + self.table[row, stretch]

@@ -174,6 +174,13 @@ class HandSpec:
             found[..., way.places] = way.at(position)
         return found
 
+    def coupled_each(self, motors: Array) -> Array:
+        """The same where each had a motor to itself, at `motors`, (..., followers) → (..., followers)."""
+        found = np.empty(motors.shape)
+        for way in _ways(self):
+            found[..., way.places] = way.each(motors[..., way.places])
+        return found
+
     def coupled_rates(self, position: Array) -> Array:
         """Speed of each coupled joint per speed of its motor, (..., n) → (..., followers)."""
         rates = np.zeros((*position.shape[:-1], len(self.followers)))

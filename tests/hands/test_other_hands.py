@@ -285,3 +285,22 @@ def test_a_recording_keeps_every_part_of_a_command(tmp_path: Path, make_sim: Mak
 def test_the_file_of_one_hand_of_another_model_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"SAH030C033R.yaml is not of a leap: it has a `wire` block"):
         load_spec("leap", "right", "SAH030C033R")
+
+
+@pytest.mark.parametrize("name", ["model_o", "sih", "qb_softhand"])
+def test_coupled_joints_with_a_motor_each_are_where_their_tables_have_them(name: str) -> None:
+    """To the bit, inside the limits and beyond them; with one motor for all they are where it leads them."""
+    spec, random = load_spec(name), np.random.default_rng(0)
+    driven = [each.driven for each in spec.followers]
+    low, high = spec.lower[driven], spec.upper[driven]
+    motors = low + (high - low) * np.vstack([random.uniform(-0.1, 1.1, (50, len(driven))), np.zeros_like(low)])
+    expected = [
+        [
+            np.interp((at - low[k]) / (high[k] - low[k]), np.linspace(0.0, 1.0, len(each.positions)), each.positions)
+            for k, (each, at) in enumerate(zip(spec.followers, row, strict=True))
+        ]
+        for row in motors
+    ]
+    np.testing.assert_array_equal(spec.coupled_each(motors), expected)
+    posture = 0.3 * spec.lower + 0.7 * spec.upper
+    np.testing.assert_array_equal(spec.coupled_each(posture[driven]), spec.coupled_positions(posture))

@@ -33,11 +33,10 @@ class PostureMap:
     def each(self, motors: Vector, qpos: Array) -> None:
         """Write where `joints` are if each had a motor to itself, at `motors`, (joints,), rad: what has met something
         stays behind its neighbours."""
-        direct, spec = len(self._driven), self._spec
+        direct = len(self._driven)
         qpos[self._places] = motors[:direct]
-        for place, each, at in zip(self._followers, spec.followers, motors[direct:], strict=True):
-            part = (at - spec.lower[each.driven]) / (spec.upper[each.driven] - spec.lower[each.driven])
-            qpos[place] = np.interp(part, np.linspace(0.0, 1.0, len(each.positions)), each.positions)
+        if self._followers:
+            qpos[self._followers] = self._spec.coupled_each(motors[direct:])
 
 
 def motor_joints(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:
