@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from allegro_twin.errors import CommandError, HandFault, LinkError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run
-from allegro_twin.safety import HISTORY, Guard, Limits, clamp, violation
+from allegro_twin.safety import HISTORY, Guard, Limits, clamp, is_too_fast, violation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, TorqueCommand, frozen
 
@@ -112,7 +112,9 @@ def test_too_fast_and_too_hot_are_faults_that_name_the_joint_and_the_limit() -> 
     )
     temperature = np.full(16, math.nan)
     temperature[2] = 80.0
-    assert violation(state(temperature=temperature), LIMITS, SPEC) == "index_2 is at 80 °C, over its limit of 75 °C"
+    hot = violation(state(temperature=temperature), LIMITS, SPEC)
+    assert hot == "index_2 is at 80 °C, over its limit of 75 °C"
+    assert (is_too_fast(hot), is_too_fast("")) == (False, False)
     assert violation(state(), LIMITS, SPEC) is None
 
 
@@ -120,6 +122,7 @@ def test_a_speed_that_is_unknown_trips_nothing_and_hides_no_other() -> None:
     velocity = np.zeros(16)
     velocity[2], velocity[6] = math.nan, -13.0
     assert "middle_2 moves at -13.00 rad/s" in str(violation(state(velocity=velocity), LIMITS, SPEC))
+    assert is_too_fast(str(violation(state(velocity=velocity), LIMITS, SPEC)))
     velocity[6] = 0.0
     assert violation(state(velocity=velocity), LIMITS, SPEC) is None
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.batch.batched_trials import Verdict
 from allegro_twin.grasping.batch.trials import TrialRunner, load_case
 from allegro_twin.grasping.plan.candidate import object_symmetry
 from allegro_twin.grasping.plan.proposals.propose import BATCH, Proposer
@@ -115,3 +116,18 @@ def test_what_a_push_takes_away_is_not_returned() -> None:
     validate_in_air(prover, [opened])
     assert prover.best(5) == []
     assert prover.ends == {"pushed out": 1, "held": 0}
+
+
+def test_draws_in_which_a_joint_moved_too_fast_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Physics may have shaken the hand: such a no is not the grasp's."""
+    scenario = scenario_of("tennis_ball", "z", None, None, 0.8)
+    bench, known = (
+        GraspScene(SPEC, make_stage(scenario, load_protocol("quick"), "right", Path())),
+        grasp_templates(SPEC),
+    )
+    prover = GraspValidator(bench, scenario, SPEC, known, Path(), 0, Uncertainty(), object_symmetry(bench.placed))
+    ends = ("", "index_1 moves at 20.00 rad/s, over its limit of 12.00 rad/s", "index_1 is at 80 °C", "diverged")
+    monkeypatch.setattr(TrialRunner, "verdicts", lambda *_, **__: iter([Verdict(None, why) for why in ends]))
+    (option,) = [PlannedGrasp(None, scenario, known[0])]  # type: ignore[arg-type]
+    prover._draw([option], 4)
+    assert (option.tried, prover.drawn["draws"], prover.drawn["too fast"]) == (4, 4, 1)

@@ -55,4 +55,5 @@ def test_of_two_searches_side_by_side_the_better_grasp_counts() -> None:
     (best,) = search_in_parallel(search, 1, SearchBudget(24), 2, Local(0))
     better = max(each, key=lambda planned: (planned.expected, planned.candidate.score))
     np.testing.assert_array_equal(best.grasp.squeeze, better.grasp.squeeze)
-    assert sum(search.ends.values()) == sum(sum(json.loads(row["ends"]).values()) for row in rows)
+    for counted, name in ((search.ends, "ends"), (search.drawn, "drawn")):
+        assert sum(counted.values()) == sum(sum(json.loads(row[name]).values()) for row in rows)
