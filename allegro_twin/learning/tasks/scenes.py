@@ -142,8 +142,7 @@ def upturned_model(
 
 
 def compile_task_scene(spec: HandSpec, surroundings: Stage, settings: EnvSettings) -> mujoco.MjModel:
-    """Compile a scene, with the physics of the settings. Raises ConfigError for steps too long for the hand."""
-    spec.check_step(settings.timestep, "timestep")
+    """Compile a scene, with the physics of the settings."""
     model = compile_scene(spec, surroundings)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
     if settings.coarse:
