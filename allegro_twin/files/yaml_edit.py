@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Mutable
 from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import yaml
 from ruamel.yaml import YAML
@@ -139,16 +139,32 @@ ENTRIES = "entries"
 
 @contextmanager
 def lock_file(path: Path) -> Iterator[None]:
-    """Hold a file's lock during the block. The lock is `.<name>.lock` next to the file,
-    and the system frees it when its holder dies. Raises RecordingError when the folder cannot be written."""
+    """Hold a file's lock during the block. The lock is `.<name>.lock` next to the file, which is gone afterwards; the
+    system frees it when its holder dies. Raises RecordingError when the folder cannot be written."""
+    lock = path.with_name(f".{path.name}.lock")
+    while True:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = lock.open("a")
+        except OSError as error:
+            raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
+        with handle:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            if not _is_file(lock, handle):
+                continue  # Its last holder has removed it: whoever comes now makes another.
+            try:
+                yield
+            finally:
+                lock.unlink(missing_ok=True)
+            return
+
+
+def _is_file(path: Path, handle: IO[str]) -> bool:
+    """Whether an open file is the one that stands there now."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = path.with_name(f".{path.name}.lock").open("a")
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
-    with handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
+        return os.path.samestat(path.stat(), os.fstat(handle.fileno()))
+    except FileNotFoundError:
+        return False
 
 
 def read_text(path: Path) -> str:

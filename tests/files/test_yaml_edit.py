@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +166,7 @@ def test_a_file_is_replaced_as_a_whole_with_its_mode_and_what_a_killed_writer_le
     assert not left.exists()
     assert other.exists()
     assert kept.exists()
-    assert (tmp_path / ".mine.yaml.lock").exists()
+    assert not (tmp_path / ".mine.yaml.lock").exists()
     path.write_bytes(b"\xff")
     with pytest.raises(ConfigError, match="mine.yaml: cannot be read"):
         read_text(path)
@@ -176,6 +178,24 @@ def test_nobody_else_has_the_lock_meanwhile(tmp_path: Path) -> None:
     path = tmp_path / "sub" / "mine.yaml"
     with lock_file(path), (tmp_path / "sub" / ".mine.yaml.lock").open("a") as other, pytest.raises(BlockingIOError):
         fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    with (tmp_path / "sub" / ".mine.yaml.lock").open("a") as other:
-        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    assert os.listdir(path.parent) == [".mine.yaml.lock"]
+    assert os.listdir(path.parent) == []
+
+
+def test_of_many_that_wait_for_the_lock_one_has_it_at_a_time_although_each_removes_it(tmp_path: Path) -> None:
+    path = tmp_path / "count.yaml"
+    path.write_text("0")
+
+    def add() -> None:
+        for _ in range(40):
+            with lock_file(path):
+                before = int(path.read_text())
+                time.sleep(0.0002)
+                path.write_text(str(before + 1))
+
+    threads = [threading.Thread(target=add) for _ in range(6)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert path.read_text() == "240"
+    assert os.listdir(tmp_path) == ["count.yaml"]

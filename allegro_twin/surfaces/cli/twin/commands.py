@@ -38,7 +38,11 @@ def excite(
     ],
     pose: Annotated[str, typer.Option(help="Pose of the hand: up, palm-up, side or palm-down.")],
     seconds: Annotated[
-        float, typer.Option(help="Duration of the motion in this pose, s.", callback=options.positive)
+        float,
+        typer.Option(
+            help="Duration of the motion in this pose, s; 4 s at least, and 1.5 s to get there.",
+            callback=options.positive,
+        ),
     ] = 20.0,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for the recordings.", callback=options.folder)
