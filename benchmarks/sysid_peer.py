@@ -26,7 +26,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor, read_motion
+from allegro_twin.twin.identify.motions.motion import RecordedMotion, read_motion
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.results.gap import gap_errors
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
@@ -107,7 +107,7 @@ def toolbox(
     for number, motion in enumerate(motions):
         groups.append(_sequences(sysid, str(number), motion, truth))
     columns = [int(groups[0].gt_model.sensor(f"{joint}_position").adr[0]) for joint in spec.joints]
-    noise = np.mean([noise_floor(motion.position) for motion in motions], axis=0)
+    noise = np.mean([motion.noise for motion in motions], axis=0)
 
     def difference(_: Any, predicted: Any, measured: Any, *__: Any, **___: Any) -> Any:
         """In units of the noise; the toolbox's own divides by each window's positions."""

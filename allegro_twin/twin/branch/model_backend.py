@@ -25,7 +25,6 @@ from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.branch.result import BranchOptions
 from allegro_twin.twin.identify.motions.motion import noise_floor, recorded_calibration
-from allegro_twin.twin.identify.results.hand_file import offset_shift
 from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.twin.mirror.on_recording import recorded_samples
@@ -139,9 +138,9 @@ def recorded_encoder_noise(recording: Recording) -> Vector:
     squared."""
     table = recording.meta["calibration"]
     used = recorded_calibration(table)
-    count = offset_shift(table["version"], used, tuple(each + 1 for each in used.encoder_offset))
-    seen = np.square(noise_floor(recording.columns["position"]))
-    return np.asarray(np.sqrt(np.maximum(seen - np.square(count) / 12.0, 0.0)))
+    grain = make_codec(table["version"], used).rad_per_count
+    seen = np.square(noise_floor(recording.columns["position"], grain))
+    return np.asarray(np.sqrt(np.maximum(seen - np.square(grain) / 12.0, 0.0)))
 
 
 def model_backend_at(

@@ -44,6 +44,9 @@ MANY = 10
 NOISIER = 1.25
 """Ratio of measured to assumed noise in the first half of SETTLED above which a mirror takes the measured one."""
 
+UNROUNDED = 1e-9
+"""rad: a smaller difference of positions is 0, but for the rounding of numbers."""
+
 
 class Mirror:
     """Follows the samples of a hand: with the torques that it reports, or, where it closes its own loop, with its
@@ -319,7 +322,10 @@ class NoiseEstimator:
             self._third.append(np.abs(np.diff(np.array(self._last), n=3, axis=0)[0]))
 
     def estimate(self) -> Vector:
-        """Standard deviation, (n,), rad. Differences beyond three times the usual count as that: an impact."""
+        """Standard deviation, (n,), rad. Differences beyond three times the usual count as that: an impact. Of a coarse
+        encoder most may be 0; the least other, a count, is then the usual one."""
         third = np.nan_to_num(np.array(self._third))
-        most = 3.0 * np.median(third, axis=0) / 0.6745
+        count = np.where(third > UNROUNDED, third, np.inf).min(axis=0)
+        usual = np.maximum(np.median(third, axis=0), np.where(np.isfinite(count), count, 0.0))
+        most = 3.0 * usual / 0.6745
         return np.asarray(np.sqrt(np.square(np.minimum(third, most)).mean(axis=0) / 20.0))

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands.description.calibration import load_wiring
+from allegro_twin.hands.description.calibration import Version, load_wiring
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.posterior import CORE, load_posterior
 from allegro_twin.recording.reader import load
@@ -24,7 +25,7 @@ from allegro_twin.surfaces.cli.twin.commands import weight_of
 from allegro_twin.surfaces.cli.twin.identification import lines, table
 from allegro_twin.twin.identify import pipeline, report
 from allegro_twin.twin.identify.joint_ends import refuse_another_hand
-from allegro_twin.twin.identify.motions.motion import RecordedMotion, _fill_gaps, noise_floor, read_motion
+from allegro_twin.twin.identify.motions.motion import LEAST_NOISE, RecordedMotion, _fill_gaps, noise_floor, read_motion
 from allegro_twin.twin.identify.pipeline import identify_hand, measure_gaps
 from allegro_twin.twin.identify.report import report_page
 from allegro_twin.twin.identify.results import hand_file
@@ -106,7 +107,27 @@ def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     floor = np.hypot(5e-5, COUNT / np.sqrt(12.0))
     np.testing.assert_allclose(hidden.found().fit.floor, floor, rtol=0.25)
     assert hidden.found().fit.spread.residual.max() < 2.5
-    assert noise_floor(motions()[0].position).shape == (16,)
+    assert motions()[0].noise.shape == (16,)
+
+
+@pytest.mark.parametrize("version", ["v3", "v4", "v5", "v5plus"])
+@pytest.mark.parametrize("noise", [0.0, 5e-5, 2e-4, 1e-3, 3e-3])
+def test_a_noise_is_what_the_encoder_has_and_what_its_rounding_leaves(version: Version, noise: float) -> None:
+    """However many reports repeat the one before: a joint that creeps, one that moves and one that is knocked."""
+    grain, t = make_codec(version).rad_per_count, 0.003 * np.arange(4000)
+    rng = np.random.default_rng(0)
+    path = np.stack([0.02 * t, 0.4 * np.sin(1.5 * t), 0.4 * np.sin(1.5 * t)], axis=1)
+    path[1000::1000, 2] += 0.02
+    reported = grain * np.rint((path + noise * rng.standard_normal(path.shape)) / grain)
+    found = noise_floor(reported, grain)
+    np.testing.assert_allclose(found, np.hypot(noise, grain / np.sqrt(12.0)), rtol=0.12)
+
+
+def test_without_rounding_the_noise_is_that_of_third_differences() -> None:
+    white = 1e-4 * np.random.default_rng(0).standard_normal((4000, 2))
+    white[:, 0] += np.linspace(0.0, 0.5, 4000)
+    np.testing.assert_allclose(noise_floor(white, 0.0)[0], 1e-4, rtol=0.05)
+    np.testing.assert_array_equal(noise_floor(np.zeros((50, 2)), 0.0), LEAST_NOISE)
 
 
 @pytest.mark.slow

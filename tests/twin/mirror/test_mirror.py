@@ -38,7 +38,7 @@ from allegro_twin.twin.mirror.contact_detection import (
 )
 from allegro_twin.twin.mirror.factory import describe_backlash, make_mirror
 from allegro_twin.twin.mirror.fault_detection import FreeShapes, Thresholds
-from allegro_twin.twin.mirror.mirror import Mirror
+from allegro_twin.twin.mirror.mirror import Mirror, NoiseEstimator
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
 
@@ -132,6 +132,18 @@ def test_the_grain_of_encoders_is_no_touch_and_hides_none(spec: HandSpec, hand: 
     touches = felt(moving(spec, hand, push))
     assert {fingers for _, fingers in touches} == {("ring",)}
     assert 2.0 < touches[0][0] < 2.06
+
+
+def test_a_coarse_encoder_that_often_repeats_its_count_has_the_noise_of_its_steps_and_not_of_a_knock() -> None:
+    count, rng = make_codec("v5").rad_per_count, np.random.default_rng(0)
+    path = 0.05 * 0.003 * np.arange(400)[:, None] + 1e-4 * rng.standard_normal((400, 2))
+    path[200:, 1] += 0.1
+    estimator = NoiseEstimator(2)
+    for reported in count * np.rint(path / count):
+        estimator.add(reported, 1)
+    third = np.diff(count * np.rint(path / count), n=3, axis=0)
+    assert ((third == 0.0).mean(axis=0) > 0.5).all()
+    np.testing.assert_allclose(estimator.estimate(), np.sqrt(np.square(third[:, 0]).mean() / 20.0), rtol=0.2)
 
 
 @pytest.mark.slow

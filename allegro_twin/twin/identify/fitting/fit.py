@@ -18,7 +18,7 @@ from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_ce
 from allegro_twin.twin.identify.fitting.regress import regress_presliding
 from allegro_twin.twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.twin.identify.fitting.spread import Spread, mass_variance, spread
-from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
@@ -139,7 +139,7 @@ def fit_drive(
 ) -> DriveFit:
     """Fit a drive, from the regression's result `start`, or `slow` for friction that breaks away. The fit is first
     rough, on some pieces, with either friction, and with backlash where that explains more; then on all pieces."""
-    floor = np.median([noise_floor(motion.position) for motion in motions], axis=0)
+    floor = np.median([motion.noise for motion in motions], axis=0)
     center, spec, period = prior_center(nominal, start), motions[0].spec, motions[0].period
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))

@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.recording.reader import load
@@ -21,6 +22,8 @@ FEWEST = 3.0
 """s of motion that a recording needs."""
 EDGE = 0.02
 """rad. Closer to a joint limit its stop may push."""
+LEAST_NOISE = 1e-5
+"""rad, of a reported position."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +52,11 @@ class RecordedMotion:
     def torque_constant(self) -> Vector:
         """(n,), N·m at full PWM."""
         return np.array(self.calibration.torque_constant, dtype=float)
+
+    @property
+    def noise(self) -> Vector:
+        """Standard deviation of the reported positions, (n,), rad; at least what rounding to counts leaves."""
+        return noise_floor(self.position, make_codec(self.version).rad_per_count)
 
     @property
     def seconds(self) -> float:
@@ -129,15 +137,32 @@ def check_same_hand(motions: list[RecordedMotion]) -> None:
             )
 
 
-def noise_floor(position: Array) -> Vector:
-    """Standard deviation of what a joint reports when nothing changes, (n,), rad. `position`: reported, (k, n), rad, a
-    period apart. From third differences, to which a motion below 15 Hz adds nothing: Δ³ of white noise has the variance
-    20 σ²."""
-    third = np.diff(position, n=3, axis=0)
+def noise_floor(position: Array, grain: float) -> Vector:
+    """Standard deviation of what a joint reports when nothing changes, (n,), rad, with its encoder's rounding.
+    `position`: reported, (k, n), rad, a period apart; `grain`: rad a count, 0 where nothing is rounded. From third
+    differences, to which a motion below 15 Hz adds nothing: Δ³ of white noise has the variance 20 σ². In a slow motion
+    a coarse encoder reports the same count again and again, and they show less than the rounding: that is known."""
+    third = np.abs(np.diff(position, n=3, axis=0))
     moving = np.ptp(position, axis=0) > 1e-3
-    spread: Vector = np.sqrt((third**2).mean(axis=0) / 20.0)
-    robust = np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0)
-    return np.where(moving, np.minimum(spread, np.maximum(robust, 1e-5)), 1e-5)
+    spread: Vector = np.sqrt(np.square(third).mean(axis=0) / 20.0)
+    robust = grouped_median(third, grain) / 0.6745 / np.sqrt(20.0)
+    least = max(LEAST_NOISE, grain / np.sqrt(12.0))
+    return np.where(moving, np.maximum(np.minimum(spread, robust), least), least)
+
+
+def grouped_median(sizes: Array, grain: float) -> Vector:
+    """Median of each column of sizes that were rounded, (k, n), as of those before: a size of c counts was anywhere
+    within half a count of c. Half of them may be 0. `grain`: a count; 0 where nothing was rounded. (n,)."""
+    if grain <= 0.0:
+        return np.asarray(np.median(sizes, axis=0))
+    found = []
+    for column in np.rint(sizes / grain).T:
+        count, many = np.unique(column, return_counts=True)
+        at = int(np.searchsorted(many.cumsum(), len(column) / 2.0))
+        share = (len(column) / 2.0 - many[:at].sum()) / many[at]  # Of this count's sizes below the middle.
+        low = max(count[at] - 0.5, 0.0)
+        found.append(low + share * (count[at] + 0.5 - low))
+    return grain * np.array(found)
 
 
 SHORT_GAP = 2
