@@ -237,7 +237,7 @@ def test_what_varies_is_said_in_millimetres_degrees_and_per_cent() -> None:
         (["evaluate", "reach_right"], "missing argument"),
         (["compare", "lemon"], "compare takes two scenarios, or one and --grasp"),
         (["compare", "lemon", "lemon"], "are the same grasp on the same object"),
-        (["compare", "lemon", "mug", "--side", "both"], "--side both is no side to compare on"),
+        (["compare", "lemon", "mug", "--side", "both"], "'both' is not one of 'right', 'left'"),
     ],
 )
 def test_what_cannot_be_evaluated_is_one_line(

@@ -92,6 +92,18 @@ def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Pa
     assert "limits.lower needs 16 numbers, rad" in errors
 
 
+@pytest.mark.parametrize(("version", "limits"), [("v4", "0.5625"), ("v5", "0.1678"), ("v5plus", "0.3357")])
+def test_the_torque_limits_that_are_shown_are_those_of_the_version(
+    version: str, limits: str, tmp_path: Path, command: Run
+) -> None:
+    config = tmp_path / "c.yaml"
+    config.write_text(f"backend: {{kind: can, version: {version}, interface: allegro-virtual}}\ncontroller: {{kind: pd}}\n")
+    code, shown, errors = command("hand", "show", "--config", config)
+    assert code == 0, errors
+    middle = next(line for line in shown.splitlines() if "middle_1" in line)
+    assert limits in middle
+
+
 def test_every_key_of_the_manufacturer_does_what_it_did() -> None:
     assert set("hrgkpmeao123") == set(KEYS)
     with Hand.open(load_config("sim_right")) as hand:

@@ -18,10 +18,21 @@ def test_an_interface_is_a_hand_once_its_version_is_known() -> None:
     config: Any = config_of("can0", "v5", "left")
     assert (config.backend.channel, config.backend.version, config.hand.side) == ("can0", "v5", "left")
     assert config.controller.gains == "v4"
-    with pytest.raises(ConfigError, match="can0 is an interface: say the hand's --version"):
-        config_of("can0", None, "right")
+    with pytest.raises(ConfigError, match="can0 is an interface: say the hand's --version, v1 to v5plus$"):
+        config_of("can0", None, "left")
     with pytest.raises(ConfigError, match="can_virtual says its own"):
         config_of("can_virtual", "v4", "right")
+
+
+@pytest.mark.parametrize("words", [("rehearse",), ("compare",)])
+def test_a_command_for_one_hand_lists_the_sides_that_it_takes(words: tuple[str, ...], command: Run) -> None:
+    code, out, _ = command(*words, "--help")
+    assert code == 0
+    assert "right|left" in out
+    assert "|both" not in out
+    code, _, err = command(*words, "lemon", "mug", "--side", "both")
+    assert code == 2
+    assert "'both' is not one of 'right', 'left'" in err
 
 
 def test_poses_and_grasps_are_checked_before_anything_moves() -> None:

@@ -60,16 +60,14 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
 
 def from_bag(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand. Returns its rows. Raises RecordingError, ConfigError."""
-    from allegro_twin.hands.description.specs import load_spec
+    from allegro_twin.app.rig import spec_of
     from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.rosbag import from_bag as read
 
     if target.suffix != ".arrow":
         raise ConfigError(f"{target}: a bag becomes a recording, which ends in .arrow; export that one then")
     settings = None if config is None else load_config(config)
-    spec = None
-    if settings is not None:
-        spec = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
+    spec = None if settings is None else spec_of(settings)
     recording = read(path, spec, 0.003 if settings is None else settings.period)
     write_arrow(recording, target)
     return len(recording)

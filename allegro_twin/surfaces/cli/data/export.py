@@ -19,8 +19,8 @@ def layout(
 ) -> None:
     """Write a Foxglove or PlotJuggler layout for a hand."""
     from allegro_twin.app.config import load_config
+    from allegro_twin.app.rig import spec_of
     from allegro_twin.files.atomic_write import atomic_file
-    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.recording.messages.layouts import foxglove, plotjuggler
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
@@ -28,8 +28,8 @@ def layout(
     writers = {".json": foxglove, ".xml": plotjuggler}
     if target.suffix not in writers:
         raise ConfigError(f"{target}: a layout ends in .json, for Foxglove, or .xml, for PlotJuggler")
-    hand = on_hand(load_config(config), other).hand
-    text = writers[target.suffix](load_spec(hand.model, hand.side, hand.serial))
+    settings = on_hand(load_config(config), other)
+    hand, text = settings.hand, writers[target.suffix](spec_of(settings))
     with atomic_file(target) as temporary:
         temporary.write_text(text)
     console.say(f"{target}: the layout of {hand.model}_{hand.side}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -194,7 +194,7 @@ def compare(
     ] = 50,
     vary: Vary = None,
     protocol: Rules = None,
-    side: Annotated[options.Sides | None, typer.Option(help="right or left; default: A's.")] = None,
+    side: Annotated[Literal["right", "left"] | None, typer.Option(help="Which hand; default: A's.")] = None,
     hand: Annotated[str | None, typer.Option(help="One hand's own file.", autocompletion=completion.hands)] = None,
     seed: Seed = 0,
     count: options.Count = None,
@@ -209,8 +209,6 @@ def compare(
 
     if second is None and grasp is None:
         raise ConfigError("compare takes two scenarios, or one and --grasp for the other")
-    if side is options.Sides.both:
-        raise ConfigError("--side both is no side to compare on: right or left")
     noise = _noise(uncertainty, vary, seed)
     model, serial = model_or_file(hand)
     if model is not None:
@@ -264,7 +262,7 @@ def _policy(
     evaluate_policy(targets[0], targets[1], episodes, can, hand, side, film, seed)
 
 
-def _sides(side: options.Sides | None) -> tuple[Side, ...] | None:
+def _sides(side: str | None) -> tuple[Side, ...] | None:
     from allegro_twin.spec import SIDES
 
     if side is None:

@@ -92,6 +92,7 @@ def show(
 ) -> None:
     """Show a hand's joints: limits of the model and measured ones, margin, motors."""
     from allegro_twin.app.config import load_config
+    from allegro_twin.app.rig import spec_of
     from allegro_twin.files.assets import read_yaml
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
@@ -101,7 +102,7 @@ def show(
         raise ConfigError(f"{which} is a config, not a hand: --config {which} shows its hand")
     settings = on_hand(load_config(config), which)
     model = load_spec(settings.hand.model, settings.hand.side)
-    mine = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
+    mine = spec_of(settings)
     if settings.limits.margin < 0:
         raise ConfigError(f"{config}: limits.margin is negative: only calibration may go beyond the limits")
     console.console.print(console.identity(model, mine, settings.limits.margin))

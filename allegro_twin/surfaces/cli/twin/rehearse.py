@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -34,7 +34,7 @@ def rehearse(
     ] = Path("out/rehearsal"),
     other: OtherHand = None,
     version: Annotated[str | None, typer.Option(help="Of a hand on an interface: v1 to v5plus.")] = None,
-    side: Annotated[options.Sides, typer.Option(help="Of a hand on an interface.")] = options.Sides.right,
+    side: Annotated[Literal["right", "left"], typer.Option(help="Of a hand on an interface.")] = "right",
     poses: Annotated[
         str | None, typer.Option(help="Poses that the hand can have, separated by commas; default: up,side,palm-up.")
     ] = None,
@@ -57,7 +57,7 @@ def rehearse(
     from allegro_twin.twin.rehearsal import HandRehearsal, RehearsedHand
 
     identification.check_scipy()
-    settings = on_hand(config_of(config, version, side.value), other)
+    settings = on_hand(config_of(config, version, side), other)
     protocol, hand = protocol_of(poses, grasps, seed), RehearsedHand(settings)
     if film:
         check_films(hand, protocol)
@@ -141,7 +141,7 @@ def config_of(name: str, version: str | None, side: str) -> RunConfig:
             raise ConfigError(f"--version is for a hand on an interface such as can0; {name} says its own")
         return load_config(name)
     if version is None:
-        raise ConfigError(f"{name} is an interface: say the hand's --version, v1 to v5plus, and its --side")
+        raise ConfigError(f"{name} is an interface: say the hand's --version, v1 to v5plus")
     backend = {"kind": "can", "version": version, "interface": "socketcan", "channel": name}
     content = {"hand": {"side": side}, "backend": backend, "controller": {"kind": "pd", "gains": "v4"}}
     return parse_settings(RunConfig, content, name)
