@@ -97,7 +97,8 @@ def test_the_torque_limits_that_are_shown_are_those_of_the_version(
     version: str, limits: str, tmp_path: Path, command: Run
 ) -> None:
     config = tmp_path / "c.yaml"
-    config.write_text(f"backend: {{kind: can, version: {version}, interface: allegro-virtual}}\ncontroller: {{kind: pd}}\n")
+    bus = f"{{kind: can, version: {version}, interface: allegro-virtual}}"
+    config.write_text(f"backend: {bus}\ncontroller: {{kind: pd}}\n")
     code, shown, errors = command("hand", "show", "--config", config)
     assert code == 0, errors
     middle = next(line for line in shown.splitlines() if "middle_1" in line)
