@@ -92,8 +92,8 @@ FLOORS: dict[str, list[str | set[str]]] = {
     "hands": ["description", "generate", "library", "settings", "limits"],
     "learning": ["policy", {"tasks", "environments"}, "mpc", "training"],
     "sim": [
-        "settings", "drivetrain", "objects", "hand_import", "model", "engine", "contact", "batch", "open_loop",
-        "observer",
+        "renderer", "settings", "drivetrain", "objects", "hand_import", "model", "engine", "contact", "batch",
+        "open_loop", "observer",
     ],
     "surfaces": ["worker_process", "hand", "ros", "panel", "teleop", "cli"],
     "twin": ["identify", "mirror", "branch", "rehearsal"],

@@ -2,30 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
-import sys
 from typing import TYPE_CHECKING
 
 from allegro_twin._lazy import exports
+from allegro_twin.sim.renderer import choose_renderer
 
-
-def _choose_renderer() -> str:
-    """MuJoCo decides at its import how to render: without a screen GLFW would end the process at the first picture,
-    and EGL without its library, or one of OpenGL's, would break the import. So: EGL where they are, else none."""
-    return "egl" if _loads("libEGL.so.1") and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) else "disable"
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
-
-
-if sys.platform == "linux" and not os.environ.get("DISPLAY") and not os.environ.get("MUJOCO_GL"):
-    os.environ["MUJOCO_GL"] = _choose_renderer()
+choose_renderer()
 
 if TYPE_CHECKING:
     from allegro_twin.sim.contact.fingertip_ik import FingertipSolver

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.model.joints import PostureMap
+from allegro_twin.sim.renderer import rendering_hint
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 from allegro_twin.viewing.gl_context import TO_LIGHT, OffscreenRenderer
@@ -29,7 +30,6 @@ _LEVER, _MOVED = 0.05, 5e-4  # m: a pixel of a still is some 0.8 mm, and what tu
 _BESIDE, _STEEP = -35.0, np.radians(70.0)
 """Degrees that the key light is turned from the eye about the vertical, and how steeply it falls: shadows are in sight
 from everywhere, behind what casts them."""
-_HINT = "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL"
 
 
 class Scene(Protocol):
@@ -75,7 +75,7 @@ class Camera:
         try:
             self._screen = OffscreenRenderer(scene.model, height, width, shadows=_SHADOWS * place.distance)
         except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
-            raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
+            raise ConfigError(f"cannot render: {rendering_hint()} ({str(error).strip().splitlines()[0]})") from error
         if not shadows:
             self._screen.omit_shadows()
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin import sim
 from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
+from allegro_twin.sim import renderer
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.gl_context import OffscreenRenderer
 
@@ -58,4 +62,40 @@ def test_without_a_screen_egl_is_chosen_where_all_of_its_libraries_are(
             raise OSError(f"{name}: cannot open shared object file")
 
     monkeypatch.setattr("ctypes.CDLL", load)
-    assert sim._choose_renderer() == chosen
+    assert renderer.chosen() == chosen
+
+
+@pytest.mark.parametrize(
+    ("value", "there", "says"),
+    [
+        ("garbage", (), "no value of MUJOCO_GL named 'garbage'.*egl.*unset it"),
+        ("osmesa", ("libEGL.so.1",), "MUJOCO_GL=osmesa: its library is not there.*unset MUJOCO_GL"),
+        ("EGL", ("libEGL.so.1",), "MUJOCO_GL=EGL: EGL's libraries are not there.*unset MUJOCO_GL"),
+    ],
+)
+def test_a_value_of_mujoco_gl_that_would_break_the_import_is_refused_with_the_rendering_hint(
+    value: str, there: tuple[str, ...], says: str
+) -> None:
+    with pytest.raises(ConfigError, match=says):
+        renderer.check_value(value, lambda library: library in there)
+
+
+@pytest.mark.parametrize("value", ["off", "glfw", "Disabled", "egl", "osmesa"])
+def test_values_of_mujoco_gl_that_mujoco_takes_here_are_taken(value: str) -> None:
+    renderer.check_value(value, lambda library: True)
+
+
+def test_where_nothing_renders_the_rendering_hint_is_of_what_the_user_has_set() -> None:
+    assert renderer.rendering_hint({"MUJOCO_GL": "off"}) == "MUJOCO_GL=off switches pictures off: unset it"
+    assert "MUJOCO_GL=glfw does not render here: unset it" in renderer.rendering_hint({"MUJOCO_GL": "glfw"})
+    assert "libegl1" in renderer.rendering_hint({})
+    assert "libegl1" in renderer.rendering_hint({"MUJOCO_GL": "egl"})
+
+
+def test_a_command_with_a_wrong_mujoco_gl_ends_in_one_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "allegro_twin", "posture", "home"],
+        env=os.environ | {"MUJOCO_GL": "garbage"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "MUJOCO_GL named 'garbage'" in done.stderr

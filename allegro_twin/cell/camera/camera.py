@@ -15,6 +15,7 @@ from allegro_twin.cell.camera.mount import CameraPose
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.camera.stereo import Stereo
 from allegro_twin.errors import ConfigError
+from allegro_twin.sim.renderer import rendering_hint
 from allegro_twin.viewing.gl_context import OffscreenRenderer, PinholeView
 
 
@@ -56,12 +57,6 @@ class CellCamera(Protocol):
 
     def close(self) -> None:
         """Idempotent."""
-
-
-_HINT = (
-    "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; "
-    "and MUJOCO_GL=egl where mujoco is imported before allegro_twin"
-)
 
 
 class DepthCamera:
@@ -169,4 +164,4 @@ def _screen(model: mujoco.MjModel, lens: Intrinsics) -> OffscreenRenderer:
     try:
         return OffscreenRenderer(model, lens.height, lens.width, sites=False)
     except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
-        raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
+        raise ConfigError(f"cannot render: {rendering_hint()} ({str(error).strip().splitlines()[0]})") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -191,7 +192,8 @@ def checked(path: Path, made: CleanMesh, settings: ScanSettings) -> CleanMesh:
     if report.deviation > settings.tolerance:
         out = path.with_name(f"{path.stem}_clean.obj").name
         most = np.ceil(1e4 * report.deviation) / 10
-        said = f"allow it, allegro-twin mesh {path.name} --tolerance {most:.1f}mm --out {out}, or " if most < 20 else ""
+        typed = f"allegro-twin mesh {shlex.quote(path.name)} --tolerance {most:.1f}mm --out {shlex.quote(out)}"
+        said = f"allow it, {typed}, or " if most < 20 else ""
         raise ConfigError(
             f"{path}: repaired ({'; '.join(report.done)}), its surface deviates by {1000 * report.deviation:.2g} mm, "
             f"more than {1000 * settings.tolerance:.2g} mm: {said}take its convex hull, --hull"

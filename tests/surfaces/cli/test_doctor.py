@@ -9,6 +9,8 @@ import subprocess
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
+import pytest
+
 from allegro_twin.surfaces.cli.machine import bus, computer, packages
 from allegro_twin.surfaces.cli.machine.finding import Diagnosis
 from tests.surfaces.cli.conftest import Run
@@ -123,7 +125,28 @@ def test_a_serial_adapter_without_permission_names_the_group(tmp_path: Path) -> 
     assert (found.status, "dialout" in found.mend) == ("broken", True)
 
 
-def test_a_picture_that_cannot_be_made_names_the_packages() -> None:
+def test_pictures_are_tried_with_the_mujoco_gl_that_commands_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[str] = []
+
+    def draw(backend: str) -> str:
+        tried.append(backend)
+        if backend == "glfw":
+            raise OSError("no screen")
+        return "a card"
+
+    found = {}
+    for value in ("off", "glfw", "osmesa", ""):
+        monkeypatch.setenv("MUJOCO_GL", value)
+        (found[value],) = computer.pictures(draw)
+    assert tried == ["glfw", "osmesa", "egl"]
+    assert [found[value].status for value in ("off", "glfw", "osmesa", "")] == ["broken", "broken", "works", "works"]
+    assert found["glfw"].says == "no picture with MUJOCO_GL=glfw: no screen"
+    assert found["off"].mend == "unset MUJOCO_GL"
+
+
+def test_a_picture_that_cannot_be_made_names_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+
     def fail(backend: str) -> str:
         raise OSError("no EGL display")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -88,7 +89,7 @@ def improve(
         raise typer.Exit(5)
     with defer_signals():  # Grasp and scenario must be of one search.
         where = save_grasp(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, description)
-    console.say(f"Play it: allegro-twin run {where}")
+    console.say(f"Play it: allegro-twin run {shlex.quote(str(where))}")
 
 
 def _own_spec(scenario: str, hand: str | None, side: Side | None) -> HandSpec:

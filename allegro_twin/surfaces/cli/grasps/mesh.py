@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,7 +68,7 @@ def mesh(
     write_report(made, file, target)
     console.console.print(made.report.line(), soft_wrap=True, highlight=False)
     beside = f"{target.stem}.png and {target.stem}.json"
-    console.say(f"Wrote {target}, {beside}; try it: allegro-twin new {target}")
+    console.say(f"Wrote {target}, {beside}; try it: allegro-twin new {shlex.quote(str(target))}")
 
 
 def show_repair(file: Path | None, scale: float | None, folder: Path, *, hull: bool = False) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -185,7 +186,7 @@ def plan(
         paths = _plan_into(folder, search, n, budget, parallel, keep, own.judged)
         if pictures and not search.interrupted:
             _add_pictures(paths, scenario, folder, hull=hull)
-    console.say(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}")
+    console.say(f"In {folder}/: a scenario each. Play one: allegro-twin run {shlex.quote(str(paths[0]))}")
     if search.interrupted:
         raise typer.Exit(130)
 
@@ -390,7 +391,8 @@ def new(
         show_repair(scenario.objects[0].file, scenario.objects[0].scale, out, hull=hull)
         _make_pictures([path], out)
     console.console.print(
-        f"Wrote {path} and {out}/grasps/{name}_new.yaml; try it: allegro-twin run {path}", soft_wrap=True
+        f"Wrote {path} and {out}/grasps/{name}_new.yaml; try it: allegro-twin run {shlex.quote(str(path))}",
+        soft_wrap=True,
     )
 
 

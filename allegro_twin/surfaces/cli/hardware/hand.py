@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -195,9 +196,10 @@ def _write_hand(
     with atomic_file(out / f"{called}.md") as temporary:
         temporary.write_text(hand_page(called, model.name, content, found.notes, filmed))
     driven, followers = len(content["driven"]), len(content.get("followers", ()))
+    typed = f"allegro-twin run {shlex.quote(str(config))} --image {shlex.quote(f'{called}.png')}"
     console.console.print(
         f"Wrote {card}: {driven} driven, {followers} following, fingers {', '.join(content['fingers']) or 'none'}. "
-        f"What is known, guessed and missing: {out / called}.md. Next: allegro-twin run {config} --image {called}.png",
+        f"What is known, guessed and missing: {out / called}.md. Next: {typed}",
         soft_wrap=True,
     )
 

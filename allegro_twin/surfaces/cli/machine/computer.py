@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli.machine.bus import may_open
 from allegro_twin.surfaces.cli.machine.finding import Diagnosis
 from allegro_twin.sweep.processors import core_count
@@ -40,15 +41,38 @@ def render(backend: str) -> str:
 
 
 def pictures(draw: Callable[[str], str] = render) -> Iterator[Diagnosis]:
-    """Rendering without a screen."""
+    """Rendering, with the MUJOCO_GL that commands have."""
+    given = os.environ.get("MUJOCO_GL", "").strip()
+    if given and given.lower() != "egl":
+        try:
+            yield Diagnosis("pictures", "works", f"with MUJOCO_GL={given}, by {_drawn(given, draw)}")
+        except (ConfigError, OSError, subprocess.TimeoutExpired) as error:
+            yield Diagnosis("pictures", "broken", str(error), "unset MUJOCO_GL")
+        return
     try:
         who = draw("egl")
     except (OSError, subprocess.TimeoutExpired) as error:
-        yield Diagnosis("EGL", "broken", f"no picture without a screen: {error}",
-                      "apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL")  # fmt: skip
+        yield Diagnosis(
+            "EGL",
+            "broken",
+            f"no picture without a screen: {error}",
+            "apt-get install libegl1 libopengl0 libgl1-mesa-dri",
+        )
         return
     software = " (software: right, and slow)" if "llvmpipe" in who or "softpipe" in who else ""
     yield Diagnosis("EGL", "works", f"pictures without a screen, by {who}{software}")
+
+
+def _drawn(given: str, draw: Callable[[str], str]) -> str:
+    """The renderer with a value of MUJOCO_GL that somebody has set. Raises ConfigError or OSError."""
+    from allegro_twin.sim.renderer import OFF  # The package does not load with a value that MuJoCo refuses.
+
+    if given.lower() in OFF:
+        raise ConfigError(f"MUJOCO_GL={given} switches pictures off")
+    try:
+        return draw(given)
+    except OSError as error:
+        raise OSError(f"no picture with MUJOCO_GL={given}: {error}") from error
 
 
 def libraries(load: Callable[[str], object] = ctypes.CDLL) -> Iterator[Diagnosis]:
