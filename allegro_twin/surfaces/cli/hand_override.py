@@ -16,7 +16,7 @@ from allegro_twin.surfaces.cli import console
 
 def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
     """A config with another hand: a model, a file of conf/hands, or a side. Raises ConfigError, also for the file of a
-    hand of the other side than the one that the config says is on its bus or port; a simulated hand becomes that one."""
+    hand of another side than that which the config names of a hand on a bus or port; a simulated hand becomes it."""
     if hand is None and side is None:
         return config
     blocks: dict[str, Any] = {}

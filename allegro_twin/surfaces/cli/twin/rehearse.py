@@ -146,7 +146,8 @@ def config_of(name: str, version: str | None, side: str | None) -> RunConfig:
     if version is None:
         raise ConfigError(f"{name} is an interface: say the hand's --version, v1 to v5plus")
     backend = {"kind": "can", "version": version, "interface": "socketcan", "channel": name}
-    content = {"hand": {} if side is None else {"side": side}, "backend": backend, "controller": {"kind": "pd", "gains": "v4"}}
+    hand = {} if side is None else {"side": side}
+    content = {"hand": hand, "backend": backend, "controller": {"kind": "pd", "gains": "v4"}}
     return parse_settings(RunConfig, content, name)
 
 

@@ -162,7 +162,7 @@ def grouped_median(sizes: Array, grain: float) -> Vector:
         share = (len(column) / 2.0 - many[:at].sum()) / many[at]  # Of this count's sizes below the middle.
         low = max(count[at] - 0.5, 0.0)
         found.append(low + share * (count[at] + 0.5 - low))
-    return grain * np.array(found)
+    return np.asarray(grain * np.array(found), np.float64)
 
 
 SHORT_GAP = 2
