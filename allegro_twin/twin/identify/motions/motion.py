@@ -147,7 +147,7 @@ def noise_floor(position: Array, grain: float) -> Vector:
     spread: Vector = np.sqrt(np.square(third).mean(axis=0) / 20.0)
     robust = grouped_median(third, grain) / 0.6745 / np.sqrt(20.0)
     least = max(LEAST_NOISE, grain / np.sqrt(12.0))
-    return np.where(moving, np.maximum(np.minimum(spread, robust), least), least)
+    return np.asarray(np.where(moving, np.maximum(np.minimum(spread, robust), least), least))
 
 
 def grouped_median(sizes: Array, grain: float) -> Vector:
