@@ -15,7 +15,8 @@ from allegro_twin.surfaces.cli import console
 
 
 def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
-    """A config with another hand: a model, a file of conf/hands, or a side. Raises ConfigError."""
+    """A config with another hand: a model, a file of conf/hands, or a side. Raises ConfigError, also for the file of a
+    hand of another side than that which the config names of a hand on a bus or port; a simulated hand becomes it."""
     if hand is None and side is None:
         return config
     blocks: dict[str, Any] = {}
@@ -24,13 +25,23 @@ def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> Run
         side = side or card_side(hand)
     elif hand is not None:
         blocks["serial"] = hand
-        side = side or hand_side(hand)
+        side = side or _side_of(hand, config)
     if side is not None:
         blocks["side"] = side
     changed = config.changed(hand=blocks)
     if hand is None or changed.hand.model == config.hand.model:
         return changed
     return changed.changed(controller=following(changed.hand))
+
+
+def _side_of(hand: str, config: RunConfig) -> str | None:
+    """The side that a hand's file says. Raises ConfigError where the config names the other for a hand that is
+    there."""
+    side, own = hand_side(hand), config.hand
+    is_there = not getattr(config.backend, "virtual", True)
+    if is_there and side is not None and "side" in own.model_fields_set and side != own.side:
+        raise ConfigError(f"{hand} is a {side} hand; hand.side is {own.side}: name a config of the {side} hand")
+    return side
 
 
 def model_or_file(hand: str | None) -> tuple[str | None, str]:

@@ -96,6 +96,7 @@ def values_table(found: Identification) -> str:
     late = found.values["delay"]
     return (
         "<h2>Values</h2><p class='soft'>± half of the 95 % interval; – is not determined, or not in a joint's model. "
+        "In brackets: not determined, and yet written, for the part that was kept back is predicted no worse with it. "
         "Per k: for a torque constant of 1 N·m at full PWM. "
         f"Delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms.</p>"
         f"<div class='wide'><table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
@@ -234,13 +235,15 @@ def _torque(found: Identification, joint: int, v: Array) -> Array:
 
 def _cell(found: Identification, name: str, joint: int) -> str:
     value, by = found.values[name], _UNITS[name][1]
-    if value.reason[joint]:
+    guessed = bool(value.reason[joint]) and found.written.guessed(name, joint)
+    if value.reason[joint] and not guessed:
         return f"<td class='n' title='{escape(value.reason[joint], quote=True)}'>–</td>"
     if value.absent(joint):
         return "<td class='n' title='not in the model of this joint'>–</td>"
     half = by * value.half[joint]
     digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 5))
-    return f"<td class='n'>{by * value.value[joint]:.{digits}f} ± {half:.{digits}f}</td>"
+    text, why = f"{by * value.value[joint]:.{digits}f} ± {half:.{digits}f}", escape(value.reason[joint], quote=True)
+    return f"<td class='n' title='{why}'>({text})</td>" if guessed else f"<td class='n'>{text}</td>"
 
 
 def _play(found: Identification) -> str:

@@ -16,6 +16,7 @@ import can
 import pytest
 import yaml
 
+from allegro_twin.app.config import load_config
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message
@@ -23,7 +24,10 @@ from allegro_twin.drivers.can.codec.text import describe
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.link.buses import open_bus
 from allegro_twin.drivers.can.tools.sniff import Sniffer
+from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import load
+from allegro_twin.surfaces.cli.hand_override import on_hand
+from allegro_twin.surfaces.cli.twin.rehearse import config_of
 from tests.patience import wait_for
 from tests.surfaces.cli.conftest import Run
 from tests.surfaces.cli.test_main import SUITE, allegro_twin
@@ -338,3 +342,35 @@ def test_a_program_that_is_interrupted_leaves_the_hand_limp(
     assert any(frame.id == 0x180 and any(frame.data) for frame in heard)  # It had pushed before.
     limp = [V4.encode(m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0))) for finger in range(4)]
     assert heard[-6:] == [*limp, V4.encode(m.ServoOff()), V4.encode(m.SetPeriod(0.0))]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["check", "CONFIG"], ["run", "CONFIG"], ["excite", "CONFIG", "--pose", "up", "--yes"],
+     ["posture", "home", "--config", "CONFIG"], ["rehearse", "CONFIG", "--yes"], ["mirror", "CONFIG"]],
+)  # fmt: skip
+def test_the_file_of_a_left_hand_is_refused_for_a_right_hand_before_its_port_is_opened(
+    words: list[str], tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("left.yaml").write_text("wire: {side: left}\n")
+    bus = "{kind: can, version: v5, interface: slcan, channel: nowhere, gravity: [0, 0, -9.81]}"
+    Path("bus.yaml").write_text(f"hand: {{side: right}}\nbackend: {bus}\ncontroller: {{kind: pd}}\n")
+    code, _, errors = command(*(word.replace("CONFIG", "bus.yaml") for word in words), "--hand", "left.yaml")
+    assert code == 2
+    assert "left.yaml is a left hand; hand.side is right" in errors
+    assert "nowhere" not in errors
+
+
+def test_a_simulated_hand_becomes_the_hand_of_a_file_and_a_config_without_a_side_has_that_of_the_file(
+    tmp_path: Path,
+) -> None:
+    file, config = tmp_path / "left.yaml", tmp_path / "bus.yaml"
+    file.write_text("wire: {side: left}\n")
+    config.write_text("backend: {kind: can, version: v5, channel: nowhere}\ncontroller: {kind: pd}\n")
+    for name in ("sim_right", "can_virtual", config):
+        assert on_hand(load_config(name), str(file)).hand.side == "left"
+    assert config_of("can0", "v5", None).hand.side == "right"
+    assert on_hand(config_of("can0", "v5", None), str(file)).hand.side == "left"
+    with pytest.raises(ConfigError, match="is a left hand; hand.side is right"):
+        on_hand(config_of("can0", "v5", "right"), str(file))

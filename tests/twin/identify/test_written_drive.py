@@ -11,7 +11,8 @@ import yaml
 
 from allegro_twin.kinematics.orientation import rotate_vector
 from allegro_twin.sim.open_loop import DriveParameters
-from allegro_twin.surfaces.cli.twin.identification import gap_table, head_lines
+from allegro_twin.surfaces.cli.twin.identification import GUESSED, gap_table, head_lines, lines, table
+from allegro_twin.twin.identify import report
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.shooting import LONG, SEEN, UNSEEN, cut_segments
@@ -19,7 +20,7 @@ from allegro_twin.twin.identify.pipeline import Identification
 from allegro_twin.twin.identify.results import written_drive
 from allegro_twin.twin.identify.results.gap import measure_gap
 from allegro_twin.twin.identify.results.hand_file import NOTHING_WRITTEN, drive_to_write, write_hand_file
-from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
+from allegro_twin.twin.identify.results.uncertainty import VALUES, IdentifiedValue
 from tests.twin.identify import hidden
 
 JOINT = 6
@@ -145,3 +146,21 @@ def test_what_cannot_be_trusted_decides_nothing() -> None:
     assert (written_drive._Trial(found, pushed).errors(found.drive)[:4] < 2.0 * alone[:4] + 1e-3).all()
     trusted = [replace(pushed[0], good=np.ones_like(good)), *motions[1:]]
     assert (written_drive._Trial(found, trusted).errors(found.drive)[:4] > 0.005).all()
+
+
+@pytest.mark.parametrize("large", [True, False])
+def test_what_is_written_though_it_is_not_determined_stands_in_brackets(*, large: bool) -> None:
+    found = hidden.found()
+    offset = found.values["offset"]
+    doubtful = tuple("its interval is ± 40 mrad: record more" if k == JOINT else "" for k in range(16))
+    value = np.where(large & (np.arange(16) == JOINT), 0.3, offset.value)
+    values = {**found.values, "offset": IdentifiedValue(value, offset.half, doubtful, (True,) * 16)}
+    made = drive_to_write(Path("new.yaml"), {}, found.fit, values, found.motions)
+    told: Identification = replace(found, values=values, written=made)
+    assert made.guessed("offset", JOINT) == (not large)
+    assert not any(made.guessed(name, joint) for name in VALUES for joint in range(16) if joint != JOINT)
+    cells = list(table(told).columns[5].cells)
+    assert str(cells[JOINT]).startswith("–" if large else "(")
+    assert (GUESSED in lines(told)) == (not large)
+    assert "± 40 mrad" in report._cell(told, "offset", JOINT)
+    assert (">–<" in report._cell(told, "offset", JOINT)) == large

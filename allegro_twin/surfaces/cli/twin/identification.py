@@ -27,6 +27,7 @@ _HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/ra
 _SHOWN = (1.0, 1e3, 1e3, 1e3, 1e3)
 MOST = 10
 """Lines of advice: what follows is on the page."""
+GUESSED = "In brackets: not determined and yet written, for the part that was kept back is predicted no worse with it."
 
 
 def hand_file(name: str) -> Path:
@@ -112,7 +113,8 @@ def write_page(path: Path, text: str) -> None:
 
 
 def table(found: Identification) -> Table:
-    """One row for each joint: value ± half of its 95 % interval, or a dash if it is not identifiable."""
+    """One row for each joint: value ± half of its 95 % interval; in brackets what is not determined and yet written, a
+    dash for what is neither."""
     from allegro_twin.twin.identify.results.uncertainty import VALUES
 
     spec = found.motions[0].spec
@@ -123,7 +125,10 @@ def table(found: Identification) -> Table:
     for head in (*_HEADS, "residual\n× noise"):
         made.add_column(head, justify="right")
     for joint in range(spec.n_joints):
-        cells = [_cell(found.values[name], joint, by) for name, by in zip(VALUES, _SHOWN, strict=True)]
+        cells = [
+            _cell(found.values[name], joint, by, guessed=found.written.guessed(name, joint))
+            for name, by in zip(VALUES, _SHOWN, strict=True)
+        ]
         made.add_row(_name(spec, joint), *cells, f"{found.fit.spread.residual[joint]:.1f}")
     late = found.values["delay"]
     made.caption = (
@@ -148,6 +153,8 @@ def lines(found: Identification) -> Iterator[str]:
     from allegro_twin.twin.identify.results.hand_file import SCALE
 
     yield f"Scale of N·m: {SCALE[found.fit.masses]}."
+    if any(mask.any() for mask in found.written.guesses.values()):
+        yield GUESSED
     missing = list(_missing(found))
     yield from missing[:MOST]
     if len(missing) > MOST:
@@ -222,12 +229,13 @@ def _backlash(found: Identification) -> str:
     return f"{said} ({_name(spec, most)})"
 
 
-def _cell(value: IdentifiedValue, joint: int, by: float) -> str:
-    if value.reason[joint] or value.absent(joint):
+def _cell(value: IdentifiedValue, joint: int, by: float, *, guessed: bool = False) -> str:
+    if (value.reason[joint] and not guessed) or value.absent(joint):
         return "–"
     half = by * value.half[joint]
     digits = max(0, 1 - int(np.floor(np.log10(max(half, 1e-9)))))
-    return f"{by * value.value[joint]:.{min(digits, 5)}f} ± {half:.{min(digits, 5)}f}"
+    text = f"{by * value.value[joint]:.{min(digits, 5)}f} ± {half:.{min(digits, 5)}f}"
+    return f"({text})" if guessed else text
 
 
 def _name(spec: HandSpec, joint: int) -> str:

@@ -34,7 +34,10 @@ def rehearse(
     ] = Path("out/rehearsal"),
     other: OtherHand = None,
     version: Annotated[str | None, typer.Option(help="Of a hand on an interface: v1 to v5plus.")] = None,
-    side: Annotated[Literal["right", "left"], typer.Option(help="Of a hand on an interface.")] = "right",
+    side: Annotated[
+        Literal["right", "left"] | None,
+        typer.Option(help="Of a hand on an interface; default: as --hand says, else right."),
+    ] = None,
     poses: Annotated[
         str | None, typer.Option(help="Poses that the hand can have, separated by commas; default: up,side,palm-up.")
     ] = None,
@@ -130,7 +133,7 @@ def show(rehearsal: HandRehearsal, result: dict[str, Any], out: Path) -> None:
     console.say(f"Page: {out / 'report.html'}{written}")
 
 
-def config_of(name: str, version: str | None, side: str) -> RunConfig:
+def config_of(name: str, version: str | None, side: str | None) -> RunConfig:
     """A config by name, or that of a hand on a SocketCAN interface, under PD with the manufacturer's gains. Raises
     ConfigError."""
     from allegro_twin.app.config import RunConfig, load_config
@@ -143,7 +146,8 @@ def config_of(name: str, version: str | None, side: str) -> RunConfig:
     if version is None:
         raise ConfigError(f"{name} is an interface: say the hand's --version, v1 to v5plus")
     backend = {"kind": "can", "version": version, "interface": "socketcan", "channel": name}
-    content = {"hand": {"side": side}, "backend": backend, "controller": {"kind": "pd", "gains": "v4"}}
+    hand = {} if side is None else {"side": side}
+    content = {"hand": hand, "backend": backend, "controller": {"kind": "pd", "gains": "v4"}}
     return parse_settings(RunConfig, content, name)
 
 

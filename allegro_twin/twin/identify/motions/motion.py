@@ -147,8 +147,7 @@ def noise_floor(position: Array, grain: float) -> Vector:
     spread: Vector = np.sqrt(np.square(third).mean(axis=0) / 20.0)
     robust = grouped_median(third, grain) / 0.6745 / np.sqrt(20.0)
     least = max(LEAST_NOISE, grain / np.sqrt(12.0))
-    found: Vector = np.where(moving, np.maximum(np.minimum(spread, robust), least), least)
-    return found
+    return np.asarray(np.where(moving, np.maximum(np.minimum(spread, robust), least), least))
 
 
 def grouped_median(sizes: Array, grain: float) -> Vector:
@@ -163,7 +162,7 @@ def grouped_median(sizes: Array, grain: float) -> Vector:
         share = (len(column) / 2.0 - many[:at].sum()) / many[at]  # Of this count's sizes below the middle.
         low = max(count[at] - 0.5, 0.0)
         found.append(low + share * (count[at] + 0.5 - low))
-    return grain * np.array(found)
+    return np.asarray(grain * np.array(found), np.float64)
 
 
 SHORT_GAP = 2

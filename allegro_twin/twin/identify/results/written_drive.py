@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -63,11 +64,18 @@ class WrittenDrive(NamedTuple):
     nothing where the motions are too short."""
     seconds: float
     """How long the open loop is, s."""
+    guesses: KeptValues = MappingProxyType({})
+    """Which values are written though they are not determined, (n,) for each kind: what the fit has not seen is
+    predicted as well with them, or better."""
 
     @property
     def nothing(self) -> bool:
         """Whether the nominal drive is the best of every joint."""
         return set(self.source) == {"nominal"}
+
+    def guessed(self, name: str, joint: int) -> bool:
+        """Whether a joint's value is written though it is not determined."""
+        return name in self.guesses and bool(self.guesses[name][joint])
 
 
 def choose_drive(
@@ -116,7 +124,12 @@ def choose_drive(
                 if np.square(left[finger]).sum() < BETTER**2 * np.square(now[finger]).sum():
                     made, now, source[joint] = tried, left, other
     errors["written"] = now
-    return WrittenDrive(made, tuple(SOURCES[each] for each in source), errors, trial.seconds)
+    taken, stays = source == SOURCES.index("all"), {**unseen, **kept}
+    guesses = {
+        name: ~value.determined & ~stays[name] & (taken if len(value.value) == len(taken) else taken.any())
+        for name, value in values.items()
+    }
+    return WrittenDrive(made, tuple(SOURCES[each] for each in source), errors, trial.seconds, guesses)
 
 
 class _Trial:
