@@ -114,7 +114,8 @@ class QuartzRate:
 
     Host and adapter only ever delay a stamp, so the least lateness of ten states is near the truth. Where it goes the
     same way over four such windows, or four groups of 2, 4 or 16, by more than stamps scatter, the period is another
-    one by the least of the three slopes. A loss is counted, and no slope; a host that is late catches up.
+    one by the least of the three slopes. A loss is counted, and no slope; a host that is late catches up, and where one
+    of the slopes is more than any quartz is off, all are of a host, or of periods that were counted too many.
     """
 
     def __init__(self) -> None:
@@ -146,7 +147,8 @@ class QuartzRate:
             off = [(after - before) / span - self.rate for before, after in pairwise(leasts)]
             change = min(off, key=abs)
             scatter = sum(self._spread[-4 * group :]) / (4 * group)
-            if min(off) * max(off) > 0.0 and abs(change) > max(STEADY, scatter / (3 * span)):
+            sudden = max(abs(self.rate + one) for one in off) > FASTEST + scatter / span
+            if min(off) * max(off) > 0.0 and abs(change) > max(STEADY, scatter / (3 * span)) and not sudden:
                 before, self.rate = self.rate, min(max(self.rate + change, -FASTEST), FASTEST)
                 self.restart()
                 return (self.rate - before) * 4 * span

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from allegro_twin.drivers.can.codec.frames import single
@@ -114,10 +114,26 @@ def test_a_bus_log_of_a_slow_hand_has_every_period_and_its_velocities() -> None:
     np.testing.assert_allclose(last.state.velocity, speed, rtol=0.06)  # Half a count a period is 5 %.
 
 
+LATE_FOR_60 = {8: 1.0, 9: 1.0, 10: 1.0, 12: 2.0, 13: 2.0, 15: 2.0, 16: 2.25, 19: 2.0, 20: 2.25, 23: 2.25, 26: 2.0}
+LATE_FOR_60 |= {28: 1.0, 29: 2.0, 30: 2.25, 49: 2.0, 50: 2.0, 52: 2.0, 54: 2.0, 55: 2.0, 56: 1.75, 107: 2.0}
+
+
+def test_what_a_late_host_made_count_too_many_is_no_faster_hand() -> None:
+    """Three windows in a row come earlier by their count; the first by more than any quartz is off."""
+    clock, stamp = HandClock(PERIOD, 0.0, 1), 0.0
+    for k in range(1, 301):
+        stamp = max(stamp, (k + LATE_FOR_60.get(k, 0.0)) * PERIOD)
+        clock.advance(stamp, 1 + k)
+        assert clock.rate == 0.0
+        assert 0 <= clock.tick - k <= 2
+
+
+@example(lateness=[LATE_FOR_60.get(k, 0.0) for k in range(1, 301)])
 @given(lateness=st.lists(st.floats(0.0, 2.4), min_size=300, max_size=300))
 def test_under_any_lateness_of_the_host_time_and_tick_agree(lateness: list[float]) -> None:
-    """Stamps are late by up to 2.4 periods, and frames come in order."""
-    clock, stamp = HandClock(PERIOD, 0.0, 1), 0.0
+    """Stamps are late by up to 2.4 periods, and frames come in order. A host whose lateness falls evenly over 40 states
+    looks like a faster hand, and misleads the count a little more."""
+    clock, stamp, most = HandClock(PERIOD, 0.0, 1), 0.0, 3
     before = (-1, -1.0)
     for k, late in enumerate(lateness, start=1):
         stamp = max(stamp, (k + late) * PERIOD)
@@ -125,7 +141,8 @@ def test_under_any_lateness_of_the_host_time_and_tick_agree(lateness: list[float
         assert clock.tick > before[0]
         assert clock.t > before[1]
         before = clock.tick, clock.t
-        assert abs(clock.tick - k) <= 3
+        most = 3 if most == 3 and clock.rate == 0.0 else 9
+        assert abs(clock.tick - k) <= most
     for k in range(301, 320):  # A host in time again; a tick cannot be taken back.
         clock.advance(k * PERIOD, 1 + k)
-    assert 0 <= clock.tick - 319 <= 3
+    assert 0 <= clock.tick - 319 <= most
