@@ -6,6 +6,8 @@ from the second scene on.
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark, add
 
@@ -60,10 +63,24 @@ _SHADOW_MAP, TO_LIGHT, _CUTOFF = 1024, 1.5, 45.0
 """Pixels of the map of shadows, each way; m to the scene's spotlight, and degrees of its cone."""
 _LARGEST = 8192  # Pixels along an edge: what OpenGL drivers are sure to have.
 _THREAD = threading.local()
+_OPENED = threading.Event()
+_INHERITED = threading.Event()
+"""Whether this process has opened a context; whether it is a fork of one that had."""
+
+
+def _after_fork() -> None:
+    """Drivers draw in threads, which a fork does not take along: whoever draws in it waits for ever, also in a context
+    of its own."""
+    if _OPENED.is_set() or getattr(sys.modules.get("mujoco.egl"), "EGL_DISPLAY", None) is not None:
+        _INHERITED.set()
+
+
+os.register_at_fork(after_in_child=_after_fork)
 
 
 class OffscreenRenderer:
-    """What is drawn of one model. Raises what MuJoCo raises where nothing can be rendered; for one thread.
+    """What is drawn of one model. Raises what MuJoCo raises where nothing can be rendered. For the thread that made it:
+    elsewhere, and in a fork of a process that has rendered, all that draws raises ConfigError.
 
     Not `sites`: without the marks that only programs see. With `shadows`, m around the middle of the scene, pictures
     are smooth, and there are shadows only so far.
@@ -131,8 +148,7 @@ class OffscreenRenderer:
     def close(self) -> None:
         """What is drawn is forgotten; the context stays for the thread's next scene."""
         if self._drawing is not None:
-            self._context.make_current()
-            self._drawing.free()
+            self._context.free(self._drawing)
             self._drawing = None
 
     @contextmanager
@@ -188,8 +204,45 @@ def _averaged(picture: NDArray[np.uint8], fine: int) -> NDArray[np.uint8]:
     return np.asarray(whole.reshape(len(whole), -1, 3) // 9, np.uint8)
 
 
-def _context() -> Any:
-    """This thread's own; MuJoCo draws into a buffer of its own, so that the size of this one means nothing."""
+class _ThreadContext:
+    """A thread's own; MuJoCo draws into a buffer of its own, so that the size of this one means nothing."""
+
+    def __init__(self) -> None:
+        _check_not_forked()
+        self._thread, self._context = threading.current_thread(), mujoco.GLContext(64, 64)
+        self._left: list[Any] = []
+        _OPENED.set()
+
+    def make_current(self) -> None:
+        """Raises ConfigError in another thread or a fork."""
+        _check_not_forked()
+        here = threading.current_thread()
+        if here is not self._thread:
+            raise ConfigError(
+                f"what is rendered in the thread {self._thread.name!r} first cannot be in {here.name!r}: render it "
+                "there, or make another environment or camera for this thread"
+            )
+        self._context.make_current()
+        while self._left:
+            self._left.pop().free()
+
+    def free(self, drawing: Any) -> None:
+        """Now or, from another thread, when this one renders again; in a fork never."""
+        self._left.append(drawing)
+        if threading.current_thread() is self._thread and not _INHERITED.is_set():
+            self.make_current()
+
+
+def _check_not_forked() -> None:
+    if _INHERITED.is_set():
+        raise ConfigError(
+            "nothing can be rendered in a process that was forked from one that had rendered: start it with "
+            'context="spawn"'
+        )
+
+
+def _context() -> _ThreadContext:
     if not hasattr(_THREAD, "context"):
-        _THREAD.context = mujoco.GLContext(64, 64)
-    return _THREAD.context
+        _THREAD.context = _ThreadContext()
+    context: _ThreadContext = _THREAD.context
+    return context

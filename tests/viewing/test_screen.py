@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.connection import Connection
 
 import mujoco
 import numpy as np
@@ -42,6 +46,73 @@ def test_pictures_are_to_the_bit_and_depths_to_a_float_those_of_mujocos_renderer
     for _, screen in screens:
         screen.close()
         screen.close()
+
+
+BALL = "<mujoco><worldbody><light pos='0 0 2'/><geom size='.1'/></worldbody></mujoco>"
+
+
+@pytest.fixture
+def scene() -> Iterator[tuple[OffscreenRenderer, mujoco.MjData]]:
+    """A ball, rendered once."""
+    model = mujoco.MjModel.from_xml_string(BALL)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    try:
+        screen = OffscreenRenderer(model, 16, 16)
+    except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
+        pytest.skip(str(error))
+    screen.draw(data, mujoco.MjvCamera())
+    yield screen, data
+    screen.close()
+
+
+def _told(answer: Connection, ways: list[Callable[[], object]]) -> None:
+    for way in ways:
+        try:
+            way()
+            answer.send("")
+        except ConfigError as error:
+            answer.send(str(error))
+
+
+def test_a_fork_of_a_process_that_has_rendered_says_that_it_cannot_instead_of_waiting_for_ever(
+    scene: tuple[OffscreenRenderer, mujoco.MjData],
+) -> None:
+    screen, data = scene
+    ways = [
+        lambda: screen.draw(data, mujoco.MjvCamera()),
+        lambda: OffscreenRenderer(mujoco.MjModel.from_xml_string(BALL), 16, 16).draw(data, mujoco.MjvCamera()),
+        screen.close,
+    ]
+    here, there = multiprocessing.Pipe()
+    child = multiprocessing.get_context("fork").Process(target=_told, args=(there, ways), daemon=True)
+    child.start()
+    try:
+        for said in ('context="spawn"', 'context="spawn"', ""):
+            assert here.poll(60.0), "the fork waits for ever"
+            answer = here.recv()
+            assert said in answer
+            assert bool(said) == bool(answer)
+    finally:
+        child.kill()
+        child.join()
+    assert screen.draw(data, mujoco.MjvCamera()).any()
+
+
+def test_another_thread_is_told_which_one_renders_a_scene_and_renders_its_own(
+    scene: tuple[OffscreenRenderer, mujoco.MjData],
+) -> None:
+    screen, data = scene
+    picture = screen.draw(data, mujoco.MjvCamera())
+    with ThreadPoolExecutor(1, thread_name_prefix="other") as pool:
+        refused = pool.submit(screen.draw, data, mujoco.MjvCamera()).exception()
+        assert isinstance(refused, ConfigError)
+        assert "'MainThread' first cannot be in 'other_0'" in str(refused)
+        own = pool.submit(OffscreenRenderer, screen._model, 16, 16).result()
+        np.testing.assert_array_equal(pool.submit(own.draw, data, mujoco.MjvCamera()).result(), picture)
+        own.close()  # From this thread: what is drawn here stays.
+        np.testing.assert_array_equal(screen.draw(data, mujoco.MjvCamera()), picture)
+        pool.submit(OffscreenRenderer, screen._model, 16, 16).result().close()
 
 
 @pytest.mark.parametrize(
