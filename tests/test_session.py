@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -51,9 +52,13 @@ class Fake:
         self.about, self.did, self.drawn = about, list[str](), list[tuple[Sample, Any]]()
         self.made.append(self)
 
-    def to_file(self, path: Path) -> Fake:
-        path.write_bytes(b"drawn")
-        return self
+    @contextmanager
+    def recorded(self, path: Path) -> Iterator[Fake]:
+        try:
+            yield self
+            path.write_bytes(b"drawn")
+        finally:
+            self.close()
 
     def serve(self) -> str:
         self.did.append("serve")

@@ -16,7 +16,6 @@ from allegro_twin.app.references import STAY, goal_of
 from allegro_twin.app.rig import Rig, limp_while
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.loop import paced, resume, to_the_end, until
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
@@ -300,11 +299,9 @@ def _drawn(
 
     scene = scenery(rig.spec, _look(rig))
     if outputs.rrd is not None:
-        temporary = stack.enter_context(atomic_file(outputs.rrd))
-        viewer = viewer_of(rig.spec, scene, view=outputs.camera)
+        viewer = stack.enter_context(viewer_of(rig.spec, scene, view=outputs.camera).recorded(outputs.rrd))
         viewers.append(viewer)
-        stack.callback(viewer.close)
-        samples = shown(samples, viewer.to_file(temporary), beside)
+        samples = shown(samples, viewer, beside)
     if outputs.live is not None:
         viewer = viewer_of(rig.spec, scene, live=True, view=outputs.camera)
         viewers.append(viewer)

@@ -6,6 +6,7 @@ import socket
 import sys
 import urllib.request
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.reader import load
@@ -261,3 +262,39 @@ def test_the_page_is_for_this_machine_alone(spec: HandSpec) -> None:
 def test_a_port_that_is_none_is_refused(spec: HandSpec) -> None:
     with pytest.raises(ConfigError, match="port 99999 is no TCP port: they go from 1 to 65535"):
         Viewer(spec).serve(open_browser=False, web_port=99999)
+
+
+def interrupted(path: Path, spec: HandSpec, error: BaseException, ticks: int) -> None:
+    """A run that an error ends after so many samples."""
+
+    def samples() -> Iterator[Sample]:
+        yield from (sample(tick) for tick in range(ticks))
+        raise error
+
+    with Viewer(spec, scenery(spec, {})).recorded(path) as viewer:
+        for each in samples():
+            viewer.draw(each, look())
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), HandFault("the guard")])
+def test_what_was_drawn_until_a_fault_or_an_interruption_is_kept(
+    tmp_path: Path, spec: HandSpec, error: BaseException
+) -> None:
+    with pytest.raises(type(error)):
+        interrupted(tmp_path / "a.rrd", spec, error, 100)
+    drawn = rows_of(tmp_path / "a.rrd")
+    assert max(t for rows in drawn.values() for t, _ in rows if t is not None) == pytest.approx(0.297, abs=0.04)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.rrd"]
+
+
+@pytest.mark.parametrize(
+    ("error", "ticks"),
+    [(KeyboardInterrupt(), 0), (ConfigError("no such hand"), 100), (ValueError("a fault of ours"), 100)],
+)
+def test_what_nothing_was_drawn_into_or_what_an_error_ends_leaves_the_file_that_was_there(
+    tmp_path: Path, spec: HandSpec, error: BaseException, ticks: int
+) -> None:
+    (tmp_path / "a.rrd").write_text("before")
+    with pytest.raises(type(error)):
+        interrupted(tmp_path / "a.rrd", spec, error, ticks)
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["before"]

@@ -136,6 +136,31 @@ def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
         raise
 
 
+@contextmanager
+def interruptible(*files: Path | None, then: str = "") -> Iterator[None]:
+    """Where Ctrl-C ends the block, say which of its files have what came until then, and `then` of them."""
+    asked = [file for file in files if file is not None]
+    before = {file: _written(file) for file in asked}
+    try:
+        yield
+    except KeyboardInterrupt:
+        kept = [str(file) for file in asked if _written(file) not in (None, before[file])]
+        missing = [str(file) for file in asked if str(file) not in kept]
+        said = [f"what came until then is in {', '.join(kept)}{then}"] if kept else []
+        said += [f"{', '.join(missing)} not written"] if missing else []
+        if said:
+            console.warn(f"interrupted: {'; '.join(said)}")
+        raise
+
+
+def _written(file: Path) -> tuple[int, int, int] | None:
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_mtime_ns, status.st_size
+
+
 def end_unwritten(message: str, code: int = 0) -> NoReturn:
     """End a command that has printed its result, and of whose files one could not be written. `code`: what the result
     alone ends with; where that is 0, raises RecordingError."""

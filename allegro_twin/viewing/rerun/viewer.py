@@ -6,12 +6,13 @@ One of `spawn`, `serve` and `to_file` says where it goes. It draws what any sess
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
 import rerun as rr
 
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.errors import ConfigError, HandError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.reader import CellRecording
@@ -107,6 +108,24 @@ class Viewer:
             raise ConfigError(f"cannot write {path}: {error}") from error
         self._draw_static()
         return self
+
+    @contextmanager
+    def recorded(self, path: Path) -> Iterator[Self]:
+        """Write such a file, which is there when the block ends, and also where a fault, the link or Ctrl-C ends it and
+        something was drawn. Raises ConfigError where it cannot be made, RecordingError when the disk is full."""
+        ended: BaseException | None = None
+        with atomic_file(path) as temporary:
+            try:
+                self.to_file(temporary)
+                yield self
+            except (HandError, KeyboardInterrupt) as error:
+                if isinstance(error, (ConfigError, RecordingError)) or not any(self._next.values()):
+                    raise
+                ended = error
+            finally:
+                self.close()
+        if ended is not None:
+            raise ended
 
     def flush(self) -> None:
         """Wait until everything drawn has left this process."""

@@ -380,3 +380,18 @@ def test_files_that_were_edited_after_a_run_are_known_also_after_pictures_were_a
     (tmp_path / "picture.png").touch()
     add_to_run(tmp_path, [tmp_path / "picture.png"])
     assert files_changed_by_hand(tmp_path) == [tmp_path / "mine.yaml"]
+
+
+def test_an_interruption_says_which_files_have_what_came_until_then_and_which_are_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new, missing = (tmp_path / name for name in ("old.png", "new.arrow", "missing.rrd"))
+    old.write_text("of another run")
+    with pytest.raises(KeyboardInterrupt), options.interruptible(old, new, None, missing, then="; go on"):
+        new.write_text("rows")
+        raise KeyboardInterrupt
+    said = " ".join(capsys.readouterr().err.split())
+    assert said == f"interrupted: what came until then is in {new}; go on; {old}, {missing} not written"
+    with pytest.raises(KeyboardInterrupt), options.interruptible(None):
+        raise KeyboardInterrupt
+    assert not capsys.readouterr().err

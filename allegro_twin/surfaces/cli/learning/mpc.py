@@ -64,17 +64,15 @@ def mpc(
                     bar.update(line, completed=done, total=of)
 
             shown = None if film is None else stack.enter_context(open_film(film, fps))
-            try:
-                run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
-                             advance=advance, ended=found.append)  # fmt: skip
-            except KeyboardInterrupt as stopped:
-                interrupted = stopped  # The film is complete, and what has ended is told.
+            run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
+                         advance=advance, ended=found.append)  # fmt: skip
+    except KeyboardInterrupt as stopped:
+        interrupted = stopped  # The film is complete, and what has ended is told.
     except RecordingError as error:
         unwritten = str(error)
     if found:
         console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
     if interrupted is not None:
-        console.warn(unwritten)
         console.errors.print(f"interrupted: {len(found)} of {episodes} episodes have ended", soft_wrap=True)
         raise interrupted
     if unwritten:

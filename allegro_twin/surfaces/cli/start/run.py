@@ -139,7 +139,8 @@ def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | N
     if len(jobs) > 1 and any(single):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     if out is None:
-        reports, done = _run_jobs(jobs, RunOutputs(outputs, None), count or core_count())
+        with options.interruptible(outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log):
+            reports, done = _run_jobs(jobs, RunOutputs(outputs, None), count or core_count())
         if reports and not any(single):
             from allegro_twin.surfaces.cli import console
 

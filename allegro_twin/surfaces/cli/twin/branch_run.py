@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from allegro_twin.files.atomic_write import atomic_file
-
 if TYPE_CHECKING:
     from allegro_twin.twin.branch.result import BranchOptions, BranchResult, ReferenceColumns
     from allegro_twin.types import Array, Sample
@@ -75,11 +73,9 @@ def run_branch(path: Path, at: float, texts: list[str], outputs: BranchOutputs, 
                 from allegro_twin.viewing.scenery import scenery
 
                 viewer = viewer_of(origin.spec, replace(scenery(origin.spec, origin.meta), ghost="as it was"))
-                stack.callback(viewer.close)
-                samples = shown(samples, viewer.to_file(temporary), beside)
+                samples = shown(samples, stack.enter_context(viewer.recorded(outputs.rrd)), beside)
             return samples
 
-        temporary = stack.enter_context(atomic_file(outputs.rrd)) if outputs.rrd is not None else path
         return branch_recording(path, at, changes, through, wanted)
 
 

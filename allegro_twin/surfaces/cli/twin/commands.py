@@ -68,7 +68,8 @@ def excite(
     console.errors.print(f"{pose}: {todo.pose.instruction}. It will move every finger for {todo.seconds:.0f} s.")
     if not yes and sys.stdin.isatty() and sys.stderr.isatty():
         typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
-    with console.progress() as bar:
+    kept = options.interruptible(todo.file, then="; the same command records the rest")
+    with kept, console.progress() as bar:
         job = bar.add_task(pose, total=todo.seconds)
         record_excitation.record_run(ready, todo, lambda t: bar.update(job, completed=t))
     console.say(f"{todo.file}: {todo.seconds:.0f} s, {pose}")

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from allegro_twin.errors import ConfigError, HandError
-from allegro_twin.files.atomic_write import atomic_file
 
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
@@ -134,10 +133,8 @@ def _draw(
 
     health = getattr(rig.driver, "health", None)
     if outputs.rrd is not None:
-        temporary = stack.enter_context(atomic_file(outputs.rrd))
         viewer = viewer_of(rig.spec, mirror_scenery(rig.spec), rate=RATE)
-        stack.callback(viewer.close)
-        samples = draw_mirror(samples, mirror, viewer.to_file(temporary), health)
+        samples = draw_mirror(samples, mirror, stack.enter_context(viewer.recorded(outputs.rrd)), health)
     if outputs.live is not None:
         viewer = viewer_of(rig.spec, mirror_scenery(rig.spec), rate=RATE, live=True)
         stack.callback(viewer.close)
