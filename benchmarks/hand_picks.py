@@ -42,7 +42,7 @@ def main() -> None:
 def tried(card: str, thing: str, seed: int, *, quick: bool) -> tuple[str, bool]:
     """A line, and whether a grasp was found that holds."""
     spec, began = load_spec(card), time.process_time()
-    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": card})
+    scenario = scenario_of(thing, "z", None, None, 0.8).model_copy(update={"hand": card})
     search = GraspSearch(
         scenario, spec, grasp_templates(spec), seed=seed, effort=QUICK if quick else RoundSize(), threads=1
     )

@@ -110,6 +110,11 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def known_things() -> dict[str, Scenario]:
+    """Every object of the catalogue, upright on the table."""
+    return {name: scenario_of(name, "z", None, None, 0.8) for name in read_yaml(data_root() / YCB)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("objects", nargs="*")
@@ -126,7 +131,7 @@ def main() -> None:
         made = write_things(Path("out/household"))
         things = {name: scenario_of(str(file), "z", 1.0, mass, 0.8) for name, (file, mass) in made.items()}
     else:
-        things = {name: scenario_of(name, "z", 1.0, None, 0.8) for name in read_yaml(data_root() / YCB)}
+        things = known_things()
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
     wanted = asked.objects or list(things)
     for name in wanted:
