@@ -56,6 +56,7 @@ from allegro_twin.hands.library.library import Library, load_grasp
 from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
+from benchmarks.planning import known_things
 
 SPEC = load_spec()
 LEMON = GraspVariant(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))
@@ -395,3 +396,9 @@ def test_time_that_a_first_round_cut_short_has_left_goes_to_a_round_however_smal
     rounds._budget, rounds._prover = SearchBudget(cpu=40.0), SimpleNamespace(settling_time=lambda n: 0.0)
     rounds._clock = SimpleNamespace(part=lambda round_, settling: IN_HAND * (40.0 - 16.0 - settling) / round_)
     assert rounds._affordable() == most
+
+
+def test_the_benchmark_of_planning_has_a_scenario_for_every_object_of_the_catalogue() -> None:
+    things = known_things()
+    assert len(things) == 22
+    assert all(things[name].objects[0].name == name for name in things)
