@@ -5,8 +5,8 @@ Needs matplotlib, which nothing else here does.
 
 from __future__ import annotations
 
+import argparse
 import csv
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -48,4 +48,8 @@ def _smooth(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]), Path(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("curve", type=Path, help="a training's curve.csv")
+    parser.add_argument("picture", type=Path, help="the .png to write")
+    given = parser.parse_args()
+    draw(given.curve, given.picture)
