@@ -25,6 +25,7 @@ OFFSET = _DRAW.uniform(-0.02, 0.02, 16)
 DELAY = 0.0035
 
 
+NOISY = {"encoder_noise": 1e-3}
 SHAPE = {"stiction": 1.5, "stribeck_speed": 0.14, "bristle": 1e-3, "load_friction": 0.06}
 
 
@@ -61,6 +62,18 @@ def _recorded(pose: str, breaking: bool) -> Path:
 def recordings(*, breaking: bool = False) -> tuple[Path, ...]:
     """One for each pose."""
     return tuple(recording(pose, breaking=breaking) for pose in POSES)
+
+
+@cache
+def found_with_noise() -> Identification:
+    """The same hand, whose encoders have 20 times the noise."""
+    files, folder = [], Path(mkdtemp())
+    for pose in POSES:
+        task = remaining_run(config(drive=NOISY), pose, 2.0 * SECONDS, 3, folder)
+        assert task is not None
+        record_run(pose_config(config(drive=NOISY), task.pose), task, lambda t: None)
+        files.append(task.file)
+    return identify_hand(tuple(files), (), masses_known=True)
 
 
 @cache

@@ -83,6 +83,15 @@ def test_intervals_hold_what_is_hidden() -> None:
 
 
 @pytest.mark.slow
+def test_intervals_of_delay_and_armature_hold_what_is_hidden_where_noise_makes_the_commands() -> None:
+    """Noise of 1 mrad in the reports shakes the motors through the controller: that tells a delay from an armature."""
+    values = hidden.found_with_noise().values
+    late, armature = values["delay"], values["armature"]
+    assert abs(late.value[0] - hidden.DELAY) <= late.half[0] < 2e-3
+    assert (np.abs(armature.value - hidden.ARMATURE / hidden.CONSTANT) <= armature.half).mean() >= 0.85
+
+
+@pytest.mark.slow
 def test_friction_that_is_not_in_the_model_makes_no_torque_constant_doubtful() -> None:
     constant, damping = (hidden.found().values[name] for name in ("torque_constant", "damping"))
     assert np.median(constant.half / constant.value) < 0.01

@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allegro_twin.sim.open_loop import STEP, DriveParameters, OpenLoopPlayer
+from allegro_twin.sim.open_loop import BEFORE, STEP, DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.extra_terms import NO_EXTRAS, ExtraTerms, screen_terms
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing_cost
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import DescentResult, descend, standing_cost
 from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
 from allegro_twin.twin.identify.fitting.regress import regress_presliding
@@ -86,6 +86,12 @@ SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
 
+OTHER_DELAYS = (-0.002, -0.001, -0.0005, 0.0005, 0.001, 0.002)
+"""s, beside the one that was found."""
+UNSEEN_BUMPS = 2.0
+"""Times the roughness that shows at so few delays. Ours."""
+TWO_SIDED = 1.96
+"""Standard deviations of half a 95 % interval."""
 PLAYS = (0.001, 0.004)
 """rad, tried in all joints at once: half of the first is the least that is visible."""
 BENT = 0.05
@@ -154,8 +160,9 @@ def fit_drive(
 
     links = COULOMB.player(spec, period)
     presliding = cache(partial(regress_presliding, motions, links, start))
-    drive, kind, left = _rough_fit(problem, start, slow, friction, partial(screen_terms, motions, links), presliding)
-    spreads, doubt = [], np.full(len(floor), left)
+    rough = _rough_fit(problem, start, slow, friction, partial(screen_terms, motions, links), presliding)
+    drive, kind = rough.drive, rough.kind
+    spreads, doubt = [], np.full(len(floor), rough.left)
     plain = not (kind.bristly or kind.loose)
     for stage in (FURTHER,) if plain and kind.extras else FINE[not plain]:
         whole = problem(kind, stage, np.where(doubt > PLAIN, doubt, 1.0))
@@ -164,11 +171,23 @@ def fit_drive(
         spreads.append(spread(whole, last, drive, masses))
         drive, doubt = last.drive, spreads[-1].residual
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
+    covariance = _widen_by_delay(covariance, drive, rough.vague)
     shorter = spreads[-2] if len(spreads) > 1 else None
     return DriveFit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
 
 
 Problems: TypeAlias = Callable[[ModelKind, FitStage], Problem]
+
+
+class _RoughFit(NamedTuple):
+    """A fit to some of the motion."""
+
+    drive: DriveParameters
+    kind: ModelKind
+    left: float
+    """Times the noise."""
+    vague: float = 0.0
+    """Half of an interval of the delay, s, in which the cost rises by less than it is rough; 0 where it only rises."""
 
 
 class _Candidate(NamedTuple):
@@ -191,22 +210,24 @@ def _rough_fit(
     friction: Friction,
     screen: Callable[[DriveParameters], ExtraTerms],
     presliding: Callable[[], DriveParameters | None],
-) -> tuple[DriveParameters, ModelKind, float]:
-    """A drive from some of the motion, the kind of its model, and how many times the noise it leaves. Where Coulomb's
-    friction leaves more than PLAIN, the terms that `screen` finds are added. With `auto`, breakaway friction is tried
+) -> _RoughFit:
+    """A drive from some of the motion. Where Coulomb's friction leaves no more than PLAIN, other delays are tried.
+    Where it leaves more, the terms that `screen` finds are added. With `auto`, breakaway friction is tried
     where SUSPICIOUS is still left, and where that leaves as much, friction that gives far before it slides, by
-    `presliding`, with the terms found beside. Backlash is tried where more than PLAIN is left and backlash would remove
-    some of that; with it, teeth that bend. Schwarz's criterion (1978) chooses among the models, on the same pieces."""
-    stage = ROUGH[False]
-    first, kind = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough), COULOMB
+    `presliding`, with the terms found beside. Backlash is tried where more than PLAIN is left and backlash
+    would remove some of that; with it, teeth that bend. Schwarz's criterion (1978) chooses among the models, on
+    the same pieces."""
+    stage, kind = ROUGH[False], COULOMB
+    coulomb = problem(COULOMB, stage)
+    first = descend(coulomb, start, stage.rounds, stage.enough)
     if first.left <= PLAIN and friction != "lugre":
-        return first.drive, COULOMB, first.left
+        return _from_other_delays(coulomb, first, stage)
     extras = screen(start)
     if extras:
         kind = ModelKind(False, False, extras)
         first = descend(problem(kind, NEAR), extras.add_to(start), NEAR.rounds, NEAR.enough)
         if first.left <= PLAIN and friction != "lugre":
-            return first.drive, kind, first.left
+            return _RoughFit(first.drive, kind, first.left)
     begun = [(first.drive, kind)] if friction != "lugre" else []
     if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
         begun.append((extras.add_to(slow), kind._replace(bristly=True)))
@@ -223,7 +244,7 @@ def _rough_fit(
         if best.kind.loose and best.left > PLAIN:
             bent = replace(best.drive, gear_compliance=np.full(len(row), BENT))
             best = min(best, _try(problem, bent, best.kind._replace(elastic=True)), key=_Candidate.least)
-    return best.drive, best.kind, best.left
+    return _RoughFit(best.drive, best.kind, best.left)
 
 
 def _try(problem: Problems, drive: DriveParameters, kind: ModelKind) -> _Candidate:
@@ -233,6 +254,47 @@ def _try(problem: Problems, drive: DriveParameters, kind: ModelKind) -> _Candida
     n = own.cuts.measured.size // MEAN
     information = 2.0 * n * float(np.log(last.left)) + len(own.active) * float(np.log(n))
     return _Candidate(information, last.left, last.drive, kind)
+
+
+def _from_other_delays(problem: Problem, last: DescentResult, stage: FitStage) -> _RoughFit:
+    """Descend again from other delays with the same lag, delay + armature / damping, while one of them costs less: only
+    fast commands tell these apart, and where noise in the reports makes them, the cost along that valley is rough."""
+    least, scale = standing_cost(problem, last.drive)
+    while True:
+        tried = _at_other_delays(problem, last.drive)
+        costs = [standing_cost(problem, drive, scale)[0] for drive in tried]
+        if min(costs) >= least:
+            break
+        found = descend(problem, tried[int(np.argmin(costs))], stage.rounds, stage.enough)
+        cost, _ = standing_cost(problem, found.drive, scale)
+        if cost >= least:
+            break
+        last, least = found, cost
+    rises = np.array(costs) - least
+    sides = rises[: len(rises) // 2][::-1], rises[len(rises) // 2 :]
+    rough = max(float((np.maximum.accumulate(side) - side).max()) for side in sides)
+    steep = max(float(rises[[0, -1]].mean()), 1e-12) / OTHER_DELAYS[-1] ** 2
+    vague = min(float(np.sqrt(UNSEEN_BUMPS * rough / steep)), OTHER_DELAYS[-1])
+    return _RoughFit(last.drive, COULOMB, last.left, vague)
+
+
+def _at_other_delays(problem: Problem, drive: DriveParameters) -> list[DriveParameters]:
+    """The same lag behind slow commands; of an armature at least half is left."""
+    found, longest = [], BEFORE * problem.motions[0].period
+    for delay in np.clip(drive.delay[0] + np.array(OTHER_DELAYS), 0.0, longest):
+        armature = drive.armature - (delay - drive.delay) * drive.damping
+        at_least = np.maximum(armature, drive.armature / 2.0)
+        found.append(replace(drive, delay=np.full(len(drive.delay), delay), armature=at_least))
+    return found
+
+
+def _widen_by_delay(covariance: Array, drive: DriveParameters, vague: float) -> Array:
+    """Widen the delay by an interval of ± `vague`, s, and the armatures that keep the lag with it."""
+    n = len(drive.delay)
+    along = np.zeros(len(covariance))
+    along[index("delay", n)] = 1.0
+    along[index("armature", n)] = -drive.damping
+    return np.asarray(covariance + (vague / TWO_SIDED) ** 2 * np.outer(along, along))
 
 
 def _find_backlash(problem: Problems, best: _Candidate) -> float:
