@@ -59,6 +59,8 @@ def collect(
     if any(out.iterdir()):
         raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
     recipe = load_recipe(task, hand=hand, side=side)
+    # Recipes of trainings on a GPU name it; these few episodes need none.
+    recipe = recipe.model_copy(update={"environment": recipe.environment.model_copy(update={"device": "cpu"})})
     actor, period, robot = _actor(policy, recipe)
     found: list[EnvironmentEpisode] = []
     keywords, interrupted = env_keywords(recipe.environment), False
