@@ -52,7 +52,8 @@ class SimBatch:
     for each simulation, which is then bit for bit what `SimBackend` makes of that model, and keeps everything that
     MuJoCo computes. `period`: s, of control, in which timed commands of a hand that closes its own loop are counted.
     Array attributes are live views unless they say otherwise; a write is the simulation's state at its next step.
-    Raises ConfigError for models of different layouts, and for motors that a batch cannot read.
+    Raises ConfigError for models of different layouts, for motors that a batch cannot read, and for more simulations
+    than there is memory for.
     """
 
     xp: Any = np
@@ -99,7 +100,13 @@ class SimBatch:
 
     def _make(self, threads: int) -> None:
         """The simulations."""
-        self._batch = batch.Batch(self.model, self.n, threads or core_count(), persistent=self._each)
+        try:
+            self._batch = batch.Batch(self.model, self.n, threads or core_count(), persistent=self._each)
+        except (MemoryError, ValueError) as error:
+            if isinstance(error, ValueError) and "bad_alloc" not in str(error):
+                raise
+            raise ConfigError(f"{self.n:,} simulations side by side have no room in this computer's memory: choose "
+                              "fewer") from error  # fmt: skip
         self._starts = np.empty((0, self._batch.nstate))
         if self._each:
             self._batch.set_models(self.models)

@@ -8,12 +8,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.mpc.settings import MpcSettings
 
 LEMON: dict[str, Any] = {"objects": ("lemon",)}
 
@@ -292,3 +294,14 @@ def test_two_meshes_in_one_batch_are_refused_instead_of_one_standing_for_both(tm
     with pytest.raises(ConfigError, match="make an environment for each mesh"):
         HandEnv("Grasp", objects=tuple(meshes))
     HandEnv("Grasp", objects=(meshes[0],))
+
+
+def test_more_simulations_than_there_is_memory_for_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise ValueError("std::bad_alloc")  # As MuJoCo's Batch says it.
+
+    monkeypatch.setattr("mujoco.batch.Batch", full)
+    with pytest.raises(ConfigError, match="100,000,000 simulations side by side have no room in this"):
+        HandVectorEnv("Reach", 100_000_000)
+    with pytest.raises(ValidationError, match="less than or equal to 100000"):
+        MpcSettings(samples=100_000_000)

@@ -95,10 +95,10 @@ def collect(
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
     """The acting policy, the duration of a step, s, and the name of the hand. Raises ConfigError."""
     from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.policy.card import check_card
     from allegro_twin.learning.policy.controller import ZeroPolicy
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.evaluation import check_card
 
     task = make_task(recipe.task, recipe.environment, 1, 1)
     seconds, robot = task.interface.seconds, task.spec.name
