@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -161,8 +162,20 @@ def test_a_tilt_of_the_palm_that_loses_the_object_by_itself_is_refused() -> None
             ConfigError, match=r"wrist_tilt up to .* rad about each axis leans the palm .*: at most 0.61 r"
         ):
             HandEnv("Rotate", randomise={"wrist_tilt": tilt}, timestep=0.003)
-    HandEnv("Rotate", randomise={"wrist_tilt": (0.61, 0.61)}, timestep=0.003)
+    with pytest.warns(
+        UserWarning, match="up to 49°; Rotate pays nothing while an object leans by 25° or more, which is"
+    ):
+        HandEnv("Rotate", randomise={"wrist_tilt": (0.0, 0.61)}, timestep=0.003)
     HandEnv("Reach", randomise={"wrist_tilt": (0.0, 1.0)}, timestep=0.003)
+
+
+def test_a_tilt_of_the_palm_with_which_no_episode_begins_where_anything_is_paid_is_refused() -> None:
+    for tilt in ((0.5, 0.5), (0.32, 0.4)):
+        with pytest.raises(ConfigError, match=r"pays nothing .* by 25° or more: begin the range at 0.3 rad or less"):
+            HandEnv("Rotate", randomise={"wrist_tilt": tilt}, timestep=0.003)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        HandEnv("Rotate", randomise={"wrist_tilt": (0.3, 0.3)}, timestep=0.003)
 
 
 @pytest.mark.parametrize("steps", [0, -3, 2.5, "a", True])
