@@ -22,7 +22,9 @@ from allegro_twin.spec import SIDES, HandSpec, Side
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
 Level: TypeAlias = Literal["default", "easy"]
-TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts", "grip")
+TASK_SETTINGS = (
+    "observation", "goals", "farthest", "level", "palm", "starts", "grip", "position_noise", "reach",
+)  # fmt: skip
 """Settings that only some tasks have."""
 VARIATIONS = (
     "objects", "position_noise", "level", "farthest", "starts", "grip", "randomise", "timestep", "noslip", "coarse",
