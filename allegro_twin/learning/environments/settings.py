@@ -159,7 +159,8 @@ class ResetOptions(Settings):
     object: str | None = None
     """Name in the catalogue."""
     size: Positive | None = None
-    """Factor on the object's size."""
+    """Factor on the object's size. In `Rotate` and `Reorient` an episode takes a start state near it, whose size, some
+    0.005 off, is the object's: a reset reports it."""
     friction: Annotated[float, Field(gt=0, le=LARGEST_FRICTION)] | None = None
     """Sliding friction of every contact."""
     grasp: str | None = None

@@ -344,6 +344,24 @@ def group_forces(model: Any, data: Any) -> Any:
     return found
 
 
+def test_a_size_that_no_start_state_has_is_refused_and_of_others_the_state_decides() -> None:
+    env, tested = HandEnv("Rotate", objects=("cube",)), HandEnv("Rotate", objects=("cube",), starts="test")
+    for size in (0.9, 1.0, 1.1):
+        _, info = env.reset(seed=1, options={"size": size})
+        assert info["randomised"]["size"] == pytest.approx(size, abs=0.01)
+        assert info["randomised"]["size"] == env.engine.task._factor[0]  # type: ignore[attr-defined]  # Of Rotate.
+    for other, size, known in ((env, 1.103, "0.9 to 1.1"), (tested, 1.0, "0.85 to 0.9 or 1.1 to 1.15")):
+        with pytest.raises(ConfigError, match=f"size {size:g}: start states have cube at {known} times its size"):
+            other.reset(seed=1, options={"size": size})
+
+
+def test_start_states_keep_a_range_of_sizes_that_is_asked_for() -> None:
+    envs = HandVectorEnv("Rotate", 400, randomise={"size": (0.99, 1.01)})
+    size = envs.reset(seed=0)[1]["randomised"]["size"]
+    assert (0.99 <= size).all()
+    assert (size <= 1.01).all()
+
+
 def test_test_states_are_of_the_fingertips_only() -> None:
     with pytest.raises(ConfigError, match="starts: test is of palm: forbidden"):
         HandEnv("Rotate", palm="allowed", starts="test")
