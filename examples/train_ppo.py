@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from allegro_twin.learning import compare_policy, film_policy, load_policy, load_recipe, train, write_report
 
-task = sys.argv[1] if len(sys.argv) > 1 else "Reach"
+task = sys.argv[1] if len(sys.argv) > 1 else "reach"
 steps = int(sys.argv[2]) if len(sys.argv) > 2 else None  # None: as many as the recipe in conf/training says
 recipe, folder = load_recipe(task, steps=steps), Path("runs") / task.lower()
 

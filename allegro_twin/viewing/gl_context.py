@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark, add
+from allegro_twin.viewing.views import LARGEST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +62,6 @@ _FINE = 3
 smooth the edges of shadows, and costs more where no GPU draws."""
 _SHADOW_MAP, TO_LIGHT, _CUTOFF = 1024, 1.5, 45.0
 """Pixels of the map of shadows, each way; m to the scene's spotlight, and degrees of its cone."""
-_LARGEST = 8192  # Pixels along an edge: what OpenGL drivers are sure to have.
 _THREAD = threading.local()
 _OPENED = threading.Event()
 _INHERITED = threading.Event()
@@ -90,7 +90,7 @@ class OffscreenRenderer:
         self, model: mujoco.MjModel, height: int, width: int, *, sites: bool = True, shadows: float = 0.0
     ) -> None:
         self._model, self._size = model, (height, width)
-        smooth = shadows > 0.0 and height % 2 == width % 2 == 0 and _FINE * max(height, width) <= 2 * _LARGEST
+        smooth = shadows > 0.0 and height % 2 == width % 2 == 0 and _FINE * max(height, width) <= 2 * LARGEST
         self._fine = _FINE if smooth else 2
         self._scene, self._shown = (
             mujoco.MjvScene(model, 2 * (model.ngeom + model.nsite) + _MORE_GEOMS),

@@ -16,7 +16,8 @@ AUTO = "auto"
 """Like `side`, a little higher; stills of a trial turn to where most of the grip is seen."""
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 _HAND = 0.12  # m. From a palm to the middle of its grasp, at most.
-_LARGEST = 8192  # Pixels along an edge: what OpenGL drivers are sure to have.
+LARGEST = 8192
+"""Pixels along an edge: what OpenGL drivers are sure to have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,16 +107,16 @@ def size(text: str) -> tuple[int, int]:
     if len(parts) != 2 or not all(part.isascii() and part.isdecimal() for part in parts):
         raise ConfigError(f"--size {text}: a width and a height in pixels, like 1280x720")
     width, height = (int(part) for part in parts)
-    if not (16 <= width <= _LARGEST and 16 <= height <= _LARGEST):
-        raise ConfigError(f"--size {text}: each edge is from 16 to {_LARGEST} pixels")
+    if not (16 <= width <= LARGEST and 16 <= height <= LARGEST):
+        raise ConfigError(f"--size {text}: each edge is from 16 to {LARGEST} pixels")
     return width, height
 
 
 def check_edges(width: object, height: object) -> None:
     """Raise ConfigError for what is no width or height of a picture, pixels."""
     for name, value in (("width", width), ("height", height)):
-        if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 1 <= value <= _LARGEST:
-            raise ConfigError(f"{name} is a whole number of pixels from 1 to {_LARGEST}, not {value!r}")
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 1 <= value <= LARGEST:
+            raise ConfigError(f"{name} is a whole number of pixels from 1 to {LARGEST}, not {value!r}")
 
 
 def _from(place: Array, elevation: float, distance: float) -> View:

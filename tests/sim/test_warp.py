@@ -248,6 +248,23 @@ def test_room_that_more_than_a_tenth_outgrow_is_too_small() -> None:
 
 
 @pytest.mark.long
+def test_contacts_on_the_device_are_those_of_every_physics_step() -> None:
+    warp()
+    device = HandVectorEnv("Reorient", 4, device="warp:cpu")
+    device.reset(seed=0)
+    worlds: Any = device.engine.worlds
+    states, singly = [worlds.state(row) for row in range(4)], []
+    for _ in range(3):
+        worlds.step(None, 1)
+        singly.append(np.array(worlds.contact_steps[0].cpu()))
+    for row, state in enumerate(states):
+        worlds.restore(row, state)
+    worlds.step(None, 3)
+    assert np.abs(singly).max() > 0.01
+    np.testing.assert_allclose(np.array(worlds.contact_steps.cpu()), singly, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.long
 def test_objects_of_several_shapes_weigh_and_turn_as_they_do_on_processors() -> None:
     warp()
     names = ("tennis_ball", "tomato_soup_can", "rubiks_cube", "lemon")

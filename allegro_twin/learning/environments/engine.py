@@ -25,9 +25,10 @@ from allegro_twin.learning.environments.settings import (
     read_options,
     read_settings,
 )
-from allegro_twin.learning.policy.card import PolicyCard, read_card
+from allegro_twin.learning.environments.spaces import observation_space
+from allegro_twin.learning.policy.card import PolicyCard, check_card, read_card
 from allegro_twin.learning.policy.interface import BOUND, Floats, InterfaceMemory, Observation
-from allegro_twin.learning.policy.loading import policy_file
+from allegro_twin.learning.policy.loading import PARTS, check_inputs, policy_file
 from allegro_twin.learning.tasks import make_task, task_type
 from allegro_twin.learning.tasks.base import Flags, StepOutcome, task_id
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
@@ -70,6 +71,18 @@ def read_keywords(task: str, keywords: dict[str, Any]) -> EnvSettings:
     trained = _trained_in(card)
     own_keywords = {key: value for key, value in env_keywords(trained).items() if key not in ("device", "state")}
     return EnvSettings(**own_keywords | env_keywords(given))
+
+
+def make_engine(task: str, keywords: dict[str, Any], n: int, threads: int = 0) -> EpisodeEngine:
+    """The engine of environments with these keywords. Raises ConfigError; also for a `policy` whose card or network is
+    not one of the environments that it stands for."""
+    engine = EpisodeEngine(task, read_keywords(task, keywords), n, threads)
+    if (name := keywords.get("policy")) is not None:
+        file, who = policy_file(name), f"policy {name}"
+        check_card(read_card(file), engine.task.card(), "its card and its environment differ: train it anew", who)
+        space: Any = observation_space(engine.task, engine.n_state, engine.pictures)
+        check_inputs(file, getattr(space, "spaces", PARTS[:1]), who)
+    return engine
 
 
 def _picture_sensor(settings: EnvSettings, worlds: SimBatch) -> PictureSensor:

@@ -12,7 +12,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
+from allegro_twin.learning.environments.engine import make_engine
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
 from allegro_twin.learning.policy.interface import Floats, Observation
@@ -42,7 +42,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
         check_edges(width, height)
-        self.engine = EpisodeEngine(task, read_keywords(task, kwargs), 1, threads=1)
+        self.engine = make_engine(task, kwargs, 1, threads=1)
         self.action_space = action_space(self.engine.task)
         self.observation_space = observation_space(self.engine.task, self.engine.n_state, self.engine.pictures)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}

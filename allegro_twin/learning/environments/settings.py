@@ -18,11 +18,14 @@ from allegro_twin.learning.environments.randomise import LARGEST_FRICTION, Rando
 from allegro_twin.learning.policy.interface import Mode
 from allegro_twin.sim.batch.warp import SimDevice
 from allegro_twin.spec import SIDES, HandSpec, Side
+from allegro_twin.viewing.views import LARGEST
 
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
 Level: TypeAlias = Literal["default", "easy"]
-TASK_SETTINGS = ("observation", "goals", "farthest", "level", "palm", "starts", "grip")
+TASK_SETTINGS = (
+    "observation", "goals", "farthest", "level", "palm", "starts", "grip", "position_noise", "reach",
+)  # fmt: skip
 """Settings that only some tasks have."""
 VARIATIONS = (
     "objects", "position_noise", "level", "farthest", "starts", "grip", "randomise", "timestep", "noslip", "coarse",
@@ -93,7 +96,7 @@ class EnvSettings(Settings):
     """Cameras of these pictures: `side`, `front`, `top`, `palm`, `auto`, or `AZIMUTH,ELEVATION,DISTANCE`; each looks at
     the middle of the grasp."""
     resolution: Annotated[str, Field(pattern=r"^[1-9]\d{0,3}x[1-9]\d{0,3}$")] = "84x84"
-    """Width and height of these pictures, pixels."""
+    """Width and height of these pictures, pixels, up to 8192 each."""
     goals: Literal["any", "yaw"] = "any"
     """For Reorient: turns about any axis, or about the vertical alone."""
     farthest: GoalDistance | None = None
@@ -135,6 +138,8 @@ class EnvSettings(Settings):
         for name in ("cameras", "resolution"):
             if not self.observe and getattr(self, name) != type(self).model_fields[name].default:
                 raise ValueError(f"{name} is of pictures in observations: give observe, too, or leave {name} out")
+        if max(map(int, self.resolution.split("x"))) > LARGEST:
+            raise ValueError(f"resolution: width and height are up to {LARGEST} pixels each, not {self.resolution}")
         if self.observe and self.device != "cpu":
             raise ValueError(
                 f"observe: pictures are rendered of simulations on processors: device cpu, not {self.device}"
@@ -157,7 +162,8 @@ class ResetOptions(Settings):
     object: str | None = None
     """Name in the catalogue."""
     size: Positive | None = None
-    """Factor on the object's size."""
+    """Factor on the object's size. In `Rotate` and `Reorient` an episode takes a start state near it, whose size, some
+    0.005 off, is the object's: a reset reports it."""
     friction: Annotated[float, Field(gt=0, le=LARGEST_FRICTION)] | None = None
     """Sliding friction of every contact."""
     grasp: str | None = None

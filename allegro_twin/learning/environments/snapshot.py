@@ -24,8 +24,8 @@ _OURS = ("allegro_twin.learning.environments.", "allegro_twin.learning.tasks.", 
 _PHYSICS = "physics"
 _FIELD = "worlds/_rows/"
 """In the paths of model fields that simulations have to themselves."""
-_CACHES = ("_palettes",)
-"""What follows from the models."""
+_CACHES = ("_palettes", "contact_steps", "_sensor_steps")
+"""What follows from the models, and what a task reads between two steps only."""
 _LOOKS = ("_ezpickle_args", "_ezpickle_kwargs", "render_mode", "_size", "metadata")
 """Of an environment: how it was made, and how it is shown, which decide no episode."""
 

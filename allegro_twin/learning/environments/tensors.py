@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.array_api import tensor_namespace
-from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
+from allegro_twin.learning.environments.engine import make_engine
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.snapshot import restore_snapshot, take_snapshot
 from allegro_twin.learning.environments.spaces import action_space, episode_length, observation_space
@@ -24,7 +24,7 @@ class TensorVectorEnv:
     def __init__(
         self, task: str, num_envs: int, *, seed: int = 0, max_episode_steps: int | None = None, **kwargs: Any
     ) -> None:
-        self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs)
+        self.engine = make_engine(task, kwargs, num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
         self.xp = tensor_namespace("cpu") if self._own is np else self._own
         self.limit = episode_length(max_episode_steps, self.engine.limit)

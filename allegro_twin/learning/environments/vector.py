@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import EpisodeEngine, read_keywords
+from allegro_twin.learning.environments.engine import make_engine
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
 from allegro_twin.learning.environments.spaces import (
     action_space,
@@ -66,7 +66,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
         check_edges(width, height)
-        self.engine = EpisodeEngine(task, read_keywords(task, kwargs), num_envs, threads)
+        self.engine = make_engine(task, kwargs, num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = episode_length(max_episode_steps, self.engine.limit)
         self.single_action_space = action_space(self.engine.task)

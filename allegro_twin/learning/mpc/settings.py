@@ -43,8 +43,8 @@ class MpcSettings(Settings):
     """How actions are looked for."""
 
     method: Literal["cem", "mppi", "predictive"] = "cem"
-    samples: Annotated[int, Field(ge=2)] = 48
-    """Simulations side by side."""
+    samples: Annotated[int, Field(ge=2, le=100_000)] = 48
+    """Simulations side by side. With 100,000 one search takes minutes on two cores."""
     horizon: Positive = 0.6
     """s"""
     hold: Annotated[float, Field(ge=0)] = 0.36

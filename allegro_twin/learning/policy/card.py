@@ -11,10 +11,11 @@ from pydantic import Field
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse_settings
+from allegro_twin.hands.description.specs import load_spec, names_shipped_hand
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_grasp
-from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
+from allegro_twin.learning.policy.interface import VERSION, Interface, Mode, observation_frame
 from allegro_twin.learning.policy.script import (
     SampledScript,
     closing_moves,
@@ -85,8 +86,7 @@ class PolicyCard(Settings):
     def interface(self, spec: HandSpec) -> Interface:
         """Make the interface to a hand. Raises ConfigError for the other hand, another version, or a policy that no
         real hand can serve."""
-        if self.version != VERSION:
-            raise ConfigError(f"this policy is of version {self.version}; this package runs {VERSION}: train it anew")
+        _check_version(self, "this policy")
         if self.hand != spec.model:
             raise ConfigError(f"this policy is for a hand of the model {self.hand}; this one is {spec.model}")
         if self.side != spec.side:
@@ -124,6 +124,20 @@ class PolicyCard(Settings):
             )
         return made
 
+    def check_numbers(self, where: str) -> None:
+        """Raise ConfigError for numbers of observations or actions that no task of this model of hand has. `where`: its
+        file. Of a hand that is not on this computer nobody knows them."""
+        if not names_shipped_hand(self.hand):
+            return
+        joints = load_spec(self.hand, self.side).n_joints
+        sees = observation_frame(joints, bool(self.scripts or self.periods)) * self.history + self.privileged
+        if (self.observation, self.action) != (sees, joints):
+            raise ConfigError(
+                f"{where}: its card says {self.observation} numbers of observation and {self.action} of action; with "
+                f"history {self.history} and {self.privileged} privileged numbers a policy of {self.hand} has {sees} "
+                f"and {joints}"
+            )
+
     def script(self, grasp: str) -> int:
         """Number of a grasp's script. Raises ConfigError with the nearest names."""
         names = [closed.grasp for closed in self.scripts]
@@ -132,15 +146,41 @@ class PolicyCard(Settings):
         return names.index(grasp)
 
 
+def check_card(
+    card: PolicyCard,
+    task: PolicyCard,
+    way_out: str = "give the recipe that it was trained with",
+    who: str = "the policy",
+) -> None:
+    """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
+    for name in PolicyCard.model_fields:
+        if name in ("scripts", "periods", "note", "algorithm", "environment"):
+            continue
+        if getattr(card, name) != getattr(task, name):
+            raise ConfigError(
+                f"{who} has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: {way_out}"
+            )
+
+
+def _check_version(card: PolicyCard, who: str) -> None:
+    if card.version != VERSION:
+        raise ConfigError(f"{who} is of version {card.version}; this package runs {VERSION}: train it anew")
+
+
 def read_card(path: Path) -> PolicyCard:
-    """Read the card in a policy file. Raises ConfigError without a card or file."""
+    """Read the card in a policy file. Raises ConfigError without a card or file, and for one of another version."""
     if not path.is_file():
         raise ConfigError(f"{path}: no such policy file")
     text = _zip_text(path) if path.suffix == ".zip" else _onnx_text(path)
     if text is None:
         raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
-    content: Any = json.loads(text)
-    return parse_settings(PolicyCard, content, str(path))
+    try:
+        content: Any = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: its card is not JSON ({error}): write it with write_card") from error
+    card = parse_settings(PolicyCard, content, str(path))
+    _check_version(card, f"policy {path}")
+    return card
 
 
 def write_card(path: Path, card: PolicyCard) -> None:
@@ -161,10 +201,10 @@ def write_card(path: Path, card: PolicyCard) -> None:
     onnx.save(model, str(path))
 
 
-def _zip_text(path: Path) -> str | None:
+def _zip_text(path: Path) -> bytes | None:
     try:
         with zipfile.ZipFile(path) as archive:
-            return archive.read(MEMBER).decode() if MEMBER in archive.namelist() else None
+            return archive.read(MEMBER) if MEMBER in archive.namelist() else None
     except zipfile.BadZipFile as error:
         raise ConfigError(f"{path}: not a zip file") from error
 

@@ -125,6 +125,11 @@ class ConstantsByRank:
         return self._known[ndim]
 
 
+def observation_frame(joints: int, script: bool) -> int:
+    """Numbers of one decision in an observation, with the time of a script or without."""
+    return 4 * joints + int(script)
+
+
 def radian_scale(spec: HandSpec) -> Vector:
     """A radian of a joint in its motor's positions, (n,): 1. Where motors move joints through tendons or linkages: the
     share of the motor's range that a radian is of a quarter turn."""
@@ -237,7 +242,7 @@ class Interface:
     @property
     def frame(self) -> int:
         """Numbers of one decision in an observation."""
-        return 4 * self.spec.n_joints + (0 if self.scripts is None else 1)
+        return observation_frame(self.spec.n_joints, self.scripts is not None)
 
     @property
     def n_observation(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,18 +29,19 @@ def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
     """Load a policy from `.onnx`, by path or by the name of one that ships, or from `.zip` where `trust` says that its
     maker is trusted: loading it runs what is pickled in it.
 
-    Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted.
+    Raises ConfigError for a missing file or library, no card, spaces that do not fit the card or its hand, numbers that
+    are not float32, or a zip that is not trusted.
     """
     file = policy_file(path)
     card = read_card(file)
-    if file.suffix == ".onnx":
-        return LoadedPolicy(_Onnx(file, card), card)
-    if not trust:
+    if file.suffix != ".onnx" and not trust:
         raise ConfigError(
             f"{path}: a zip of Stable-Baselines3 can run any program when it is loaded: take the policy's .onnx, or, "
             "if you trust who made it, load_policy(…, trust=True), in a config trust: true"
         )
-    return LoadedPolicy(_Baselines(file, card), card)
+    policy = _Onnx(file, card) if file.suffix == ".onnx" else _Baselines(file, card)
+    card.check_numbers(str(file))
+    return LoadedPolicy(policy, card)
 
 
 def policy_file(path: str | Path) -> Path:
@@ -62,20 +63,46 @@ def policy_controller(
     return PolicyController(loaded.policy, loaded.card.interface(spec), goal, script)
 
 
+PARTS = ("observation", "achieved_goal", "desired_goal", "state")
+"""Of an observation, by name. Pictures come besides."""
+_FLOATS = "tensor(float)"
+
+
+def check_inputs(path: Path, parts: Iterable[str], who: str) -> None:
+    """Raise ConfigError where an ONNX policy takes what is not among these parts of an observation. What a zip takes is
+    known once it is trusted."""
+    if path.suffix != ".onnx":
+        return
+    for name in (entry.name for entry in onnx_session(path).get_inputs()):
+        if name not in parts:
+            raise ConfigError(f"{who} takes {name}; an observation of these environments has {', '.join(parts)}")
+
+
 class _Onnx:
     """Inputs have the names of the observation's parts, or `observation` alone; the output is `action`."""
 
     def __init__(self, path: Path, card: PolicyCard) -> None:
         self._session = onnx_session(path)
         self._path = path
-        self._sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
-        found = (self._sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
-        _check_sizes(path, found, card)
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        for entry in (*inputs, outputs[0]):
+            if entry.type != _FLOATS or len(entry.shape) != 2:
+                raise ConfigError(f"{path}: {entry.name} is a {entry.type} of shape {entry.shape}; a policy takes and "
+                                  "gives float32 of shape (n, numbers): export it so")  # fmt: skip
+        self._sizes = {entry.name: entry.shape[-1] for entry in inputs}
+        if PARTS[0] not in self._sizes or not self._sizes.keys() <= {*PARTS}:
+            raise ConfigError(f"{path}: the network takes {', '.join(self._sizes) or 'nothing'}; its inputs must be "
+                              f"named as the parts of an observation: {', '.join(PARTS)}")  # fmt: skip
+        _check_sizes(path, (self._sizes[PARTS[0]], outputs[0].shape[-1]), card)
+        self._rows = inputs[0].shape[0]
 
     def __call__(self, observation: Observation) -> Floats:
         parts = _checked_parts(self._path, observation, self._sizes)
         single = parts["observation"].ndim == 1
         feed = {name: np.atleast_2d(parts[name]) for name in self._sizes}
+        if isinstance(self._rows, int) and any(len(part) != self._rows for part in feed.values()):
+            raise CommandError(f"policy {self._path.name} takes {self._rows} observations at once, not "
+                               f"{len(feed[PARTS[0]])}: export it with a free first axis")  # fmt: skip
         action: Floats = self._session.run(None, feed)[0]
         return action[0] if single else action
 

@@ -64,6 +64,7 @@ class HoldDisturbedTask(GraspTask):
     purpose = "keep a grasped object in the hand while it is pushed at random"
     seconds = 4.0
     options: ClassVar[tuple[str, ...]] = ("object", "friction", "grasp")
+    own_settings = ("level", "reach")
     levels: ClassVar[dict[Level, ObjectVariation]] = {
         "easy": ObjectVariation(noise=0.0),
         "default": ObjectVariation(noise=0.0, friction=(0.4, 1.0), mass=(0.5, 2.0), push=1.5),

@@ -177,11 +177,15 @@ class InHandTask(Task):
     def draw_variation(
         self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
     ) -> None:
-        """Draw the start state, which gives the object's size, and the friction."""
+        """Draw the start state, which gives the object's size, and the friction. Raises ConfigError for a chosen size
+        that no start state has."""
+        if options.size is not None:
+            self._check_size(variant, options.size)
         friction, among = draws.uniform(*_FRICTION)[:, 0], draws.uniform(0.0, 1.0)[:, 0]
         values.setdefault("friction", friction)
         table = self._states()
-        state = _choose_state(table.size[variant], values.get("size"), among)
+        within = self.settings.randomise.size if options.size is None else None
+        state = _choose_state(table.size[variant], values.get("size"), among, within)
         self._state[rows] = state
         values["size"] = table.size[variant, state]
 
@@ -257,6 +261,14 @@ class InHandTask(Task):
         shares = {f"by_{name}": share for name, share in self.contacts.shares().items()}
         return {"clearance": over, "on_palm": self._low / decisions} | shares
 
+    def _check_size(self, variant: Rows, size: float) -> None:
+        for number in sorted({*variant.tolist()}):
+            held, name = self._held[number].size, self._names[number]
+            if not any(low <= size <= high for low, high in self._sizes) and not (held == size).any():
+                known = " or ".join(f"{low:g} to {high:g}" for low, high in self._sizes)
+                raise ConfigError(f"size {size:g}: start states have {name} at {known} times its size, and each "
+                                  "episode takes one near what is asked for")  # fmt: skip
+
     def add_object(self, choice: ObjectChoice, grasp: str | None) -> None:
         self._add_object(in_hand_object(choice), self.n, 1)
         self.added.append((choice, grasp))
@@ -276,6 +288,7 @@ class InHandTask(Task):
             )
         search: Search = CRADLE if self.settings.grip == "cradle" else FINGERTIPS
         kind = (search, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
+        self._sizes = kind[1].sizes
         states = load_start_states(thing, self.settings.side, *kind, self.spec.model_reference)
         # On a device all simulations have geoms of the same types.
         mixed = self.settings.device != "cpu" and self._n_choices > 1 and thing.shape in catalogue.SIZES_OF_KIND
@@ -321,9 +334,10 @@ def in_hand_object(choice: ObjectChoice) -> catalogue.GraspObject:
     return catalogue.GraspObject(choice, row["shape"], size, mass, file, collision="hull" if file else "pieces")
 
 
-def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:
+def _choose_state(sizes: Array, wanted: Array | None, among: Array, within: tuple[float, float] | None = None) -> Rows:
     """Index of a start state for each row, from sizes in order (m, k), inf where there are no more, and numbers `among`
-    in [0, 1), (m,); near the wanted size (m,). Raises ConfigError where there is none."""
+    in [0, 1), (m,); near the wanted size (m,), and `within` a range where one is. Raises ConfigError where none is
+    near."""
     xp = array_namespace(sizes)
     count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:
@@ -336,5 +350,10 @@ def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:
         raise ConfigError(f"fingertips are taught to hold this object at {float(sizes[row, 0]):.2f} to "
                           f"{float(last[row]):.2f} times its size, not {float(wanted[row]):g}")  # fmt: skip
     near = (sizes < wanted[:, None]).sum(axis=-1) + xp.asarray((among - 0.5) * _NEAR, np.int64)
-    chosen: Rows = xp.minimum(xp.maximum(near, 0), count - 1)
+    first, beyond = 0 * count, count
+    if within is not None:
+        first, beyond = ((sizes < within[0]).sum(axis=-1), (sizes <= within[1]).sum(axis=-1))
+        some = beyond > first
+        first, beyond = xp.where(some, first, 0), xp.where(some, beyond, count)
+    chosen: Rows = xp.minimum(xp.maximum(near, first), beyond - 1)
     return chosen

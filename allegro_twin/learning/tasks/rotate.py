@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import ClassVar
 
 import numpy as np
@@ -89,14 +90,40 @@ class RotateTask(InHandTask):
 
 
 def _check_tilt(drawn: tuple[float, float] | None) -> None:
-    """Raise ConfigError for tilts of the palm about each of its axes, rad, that are a loss by themselves."""
+    """Raise ConfigError for tilts of the palm about each of its axes, rad, that are a loss by themselves, or with which
+    no episode begins where anything is paid; warn where some begin so."""
     if drawn is None:
         return
     # About both horizontal axes at once: the same tilt about the diagonal between them.
-    largest = np.sqrt(2.0) * drawn[1]
+    least, largest = _lean(drawn[0], drawn[1]), np.sqrt(2.0) * drawn[1]
+    paid = f"Rotate pays nothing while an object leans by {np.degrees(UPRIGHT):.0f}° or more"
     if largest > TOPPLED:
         raise ConfigError(
             f"randomise.wrist_tilt up to {drawn[1]:g} rad about each axis leans the palm by up to "
             f"{np.degrees(largest):.0f}°, and Rotate loses an object that leans by {np.degrees(TOPPLED):.0f}°: "
-            f"at most {np.floor(100.0 * TOPPLED / np.sqrt(2.0)) / 100.0:g} rad"
+            f"at most {_each(TOPPLED):g} rad"
         )
+    if least > UPRIGHT:
+        raise ConfigError(
+            f"randomise.wrist_tilt from {drawn[0]:g} rad on about each axis leans the palm by {np.degrees(least):.0f}° "
+            f"or more, and {paid}: begin the range at {_each(UPRIGHT):g} rad or less"
+        )
+    if largest > UPRIGHT:
+        warnings.warn(
+            f"randomise.wrist_tilt up to {drawn[1]:g} rad about each axis leans the palm by up to "
+            f"{np.degrees(largest):.0f}°; {paid}, which is {_each(UPRIGHT):g} rad, and success asks for less than "
+            f"{np.degrees(ENOUGH_UPRIGHT):.0f}°",
+            stacklevel=2,
+        )
+
+
+def _lean(each: float, about: float) -> float:
+    """Angle from the vertical, rad, after turns by `each` about both horizontal axes and `about` the vertical one."""
+    square = 2.0 * each**2
+    turn = np.sqrt(square + about**2)
+    return float(np.arccos(np.cos(turn) + (1.0 - np.cos(turn)) * about**2 / turn**2)) if turn > 0.0 else 0.0
+
+
+def _each(lean: float) -> float:
+    """Largest tilt about both axes with which a palm leans by no more, rad, rounded down."""
+    return float(np.floor(100.0 * lean / np.sqrt(2.0)) / 100.0)

@@ -77,7 +77,7 @@ class ScriptedClosingTask(Task):
     after: ClassVar[float] = 0.0
     """s of an episode from there to its verdict."""
     levels: ClassVar[dict[Level, ObjectVariation]] = {"easy": EASY, "default": HARD}
-    own_settings: ClassVar[tuple[str, ...]] = ("level",)
+    own_settings: ClassVar[tuple[str, ...]] = ("level", "position_noise", "reach")
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)

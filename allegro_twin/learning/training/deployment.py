@@ -19,9 +19,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.calibration import Version, load_wiring
 from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.card import check_card
 from allegro_twin.learning.policy.controller import PolicyController
 from allegro_twin.learning.policy.loading import load_policy
-from allegro_twin.learning.training.evaluation import Evaluation, check_card
+from allegro_twin.learning.training.evaluation import Evaluation
 from allegro_twin.loop import run
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.vector import HandVectorEnv
-from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.controller import Policy
 
 
@@ -70,15 +69,3 @@ def evaluate(
         running &= ~ended
     env.close()
     return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None, shares)
-
-
-def check_card(card: PolicyCard, task: PolicyCard) -> None:
-    """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
-    for name in PolicyCard.model_fields:
-        if name in ("scripts", "periods", "note", "algorithm", "environment"):
-            continue
-        if getattr(card, name) != getattr(task, name):
-            raise ConfigError(
-                f"the policy has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: "
-                "give the recipe that it was trained with"
-            )

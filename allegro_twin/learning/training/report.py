@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
+from allegro_twin.learning.policy.card import check_card
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.tasks import make_task, task_type
-from allegro_twin.learning.training.evaluation import Evaluation, check_card, evaluate
+from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, round_seed
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.viewing.camera import Picture

@@ -9,10 +9,9 @@ from pydantic import Field, field_validator, model_validator
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.files.schema import Positive, Settings, parse_settings
-from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings, GoalDistance
-from allegro_twin.learning.tasks import NO_BATCH, TASKS, explain_no_batch, task_names
+from allegro_twin.learning.tasks import NO_BATCH, explain_no_batch, task_names
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -127,8 +126,9 @@ class Recipe(Settings):
 
 
 def load_recipe(name: str, **changes: Any) -> Recipe:
-    """A recipe by path or by its name in conf/training, or the defaults for the name of a task; `changes` that are None
-    are left out. Raises ConfigError with the nearest names."""
+    """A recipe by path or by its name in conf/training (`lift`), or the name of a task (`Lift`): the task as
+    `gymnasium.make` has it, with the default values of a recipe. `changes` that are None are left out. Raises
+    ConfigError with the nearest names."""
     given = {key: value for key, value in changes.items() if value is not None}
     own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
 
@@ -140,14 +140,12 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
     if name == NO_BATCH:
         raise ConfigError(explain_no_batch())
-    # Shipped recipes are for one hand, with its objects: for another hand a task's name means the defaults.
-    foreign = name in TASKS and own.get("hand", HAND) != HAND
-    if ":" in name or foreign or (name in task_names() and name.lower() not in shipped):
+    if ":" in name or name in task_names():
         return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}),
                               lambda place: source(place, "recipe"))  # fmt: skip
-    if "." not in name and "/" not in name and name.lower() not in shipped:
+    if "." not in name and "/" not in name and name not in shipped:
         raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
-    path = shipped.get(name.lower()) or find_file(name, "recipe", "conf/training")
+    path = shipped.get(name) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
     if own:
         content["environment"] = content.get("environment", {}) | own

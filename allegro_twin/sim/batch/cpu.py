@@ -52,7 +52,8 @@ class SimBatch:
     for each simulation, which is then bit for bit what `SimBackend` makes of that model, and keeps everything that
     MuJoCo computes. `period`: s, of control, in which timed commands of a hand that closes its own loop are counted.
     Array attributes are live views unless they say otherwise; a write is the simulation's state at its next step.
-    Raises ConfigError for models of different layouts, and for motors that a batch cannot read.
+    Raises ConfigError for models of different layouts, for motors that a batch cannot read, and for more simulations
+    than there is memory for.
     """
 
     xp: Any = np
@@ -73,6 +74,11 @@ class SimBatch:
         if not shared and len({layout(model) for model in self.models}) != 1:
             raise ConfigError("simulations side by side need models of one layout")
         self._each = not shared
+        self.contact_steps: Array | None = None
+        """What `contact_forces` are at each physics step of the last `step`, (steps, n, links, 3), N; None where nobody
+        has asked for them."""
+        self._sensor_steps: dict[int, Array] = {}
+        """What all sensors report at each physics step, by the number of steps, (steps, n, numbers)."""
         self._rows: dict[str, NDArray[Any]] = {}
         self._palettes: dict[str, NDArray[Any]] = {}
         self.variant: Rows = self.xp.zeros(self.n, np.int64)
@@ -94,7 +100,13 @@ class SimBatch:
 
     def _make(self, threads: int) -> None:
         """The simulations."""
-        self._batch = batch.Batch(self.model, self.n, threads or core_count(), persistent=self._each)
+        try:
+            self._batch = batch.Batch(self.model, self.n, threads or core_count(), persistent=self._each)
+        except (MemoryError, ValueError) as error:
+            if isinstance(error, ValueError) and "bad_alloc" not in str(error):
+                raise
+            raise ConfigError(f"{self.n:,} simulations side by side have no room in this computer's memory: choose "
+                              "fewer") from error  # fmt: skip
         self._starts = np.empty((0, self._batch.nstate))
         if self._each:
             self._batch.set_models(self.models)
@@ -203,12 +215,32 @@ class SimBatch:
 
     def contact_forces(self) -> tuple[tuple[str, ...], Array]:
         """Of scenes with `Stage.sensed`: the links, and the net force of each on the object as of the last step, world,
-        (n, links, 3), N, live."""
+        (n, links, 3), N, live. From now on `contact_steps` has them at each physics step."""
         found = [self.model.sensor(k) for k in range(self.model.nsensor)]
         sensors = [each for each in found if each.name.startswith(PREFIX)]
         first = int(sensors[0].adr[0])
-        numbers = self._output("sensordata")[:, first : first + 3 * len(sensors)]
-        return tuple(each.name.removeprefix(PREFIX) for each in sensors), numbers.reshape(self.n, len(sensors), 3)
+        self._contacts = slice(first, first + 3 * len(sensors))
+        self.contact_steps = self._forces(self._output("sensordata")[None])
+        return tuple(each.name.removeprefix(PREFIX) for each in sensors), self.contact_steps[0]
+
+    def _forces(self, numbers: Array) -> Array:
+        """Contact forces, (steps, n, links, 3), among the numbers of all sensors, (steps, n, numbers)."""
+        return numbers[:, :, self._contacts].reshape(len(numbers), self.n, -1, 3)
+
+    def _room_for(self, count: int) -> Array | None:
+        """Where the sensors of so many physics steps are kept, (count, n, numbers); None for one, whose numbers are the
+        live ones, and where nobody asks for contacts."""
+        if self.contact_steps is None:
+            return None
+        if count == 1:
+            if len(self.contact_steps) > 1:
+                self.contact_steps = self._forces(self._output("sensordata")[None])
+            return None
+        if count not in self._sensor_steps:
+            self._sensor_steps[count] = self.xp.zeros((count, *self._output("sensordata").shape))
+        if len(self.contact_steps) != count:
+            self.contact_steps = self._forces(self._sensor_steps[count])
+        return self._sensor_steps[count]
 
     def free_body(self, name: str) -> FreeBody:
         """A body that flies freely, by its name in the first model."""
@@ -243,7 +275,13 @@ class SimBatch:
 
     def step(self, rows: Rows | None, count: int) -> None:
         """Let `count` physics steps pass in some simulations, or in all."""
-        self._batch.step(rows, nstep=count)
+        kept = self._room_for(count)
+        if kept is None:
+            self._batch.step(rows, nstep=count)
+            return
+        for each in kept:  # A contact may last for one physics step, and sensors show the last one only.
+            self._batch.step(rows, nstep=1)
+            each[...] = self._outputs["sensordata"]
 
     def check(self) -> None:
         """Raise ConfigError where steps have left out what they had no room for."""

@@ -16,19 +16,19 @@ _TOUCH = 1e-9  # N. A contact without force touches nothing.
 
 
 class LinkContacts:
-    """Contact forces of `n` hands on one object, period by period, summed since the reset of each simulation.
+    """Contact forces of `n` hands on one object at every physics step, summed since the reset of each simulation.
 
     Scenes have the sensors of `Stage.sensed`.
     """
 
     def __init__(self, worlds: SimBatch) -> None:
-        xp = worlds.xp
-        self.links, self._force = worlds.contact_forces()
+        xp, self._worlds = worlds.xp, worlds
+        self.links, _ = worlds.contact_forces()
         group = _groups(worlds, self.links)
         self._member: Array = xp.asarray((group[:, None] == np.arange(len(GROUPS))).astype(np.float64))
         """Whether a link (row) belongs to a group (column)."""
         self.sums: Array = xp.zeros((worlds.n, len(self.links)))
-        """Of each link, size of the force summed over periods, (n, links), N."""
+        """Of each link, size of the force summed over physics steps, (n, links), N."""
         self._touched: Any = xp.zeros((worlds.n, len(self.links)), bool)
         """Since `begin_decision`; `_now`: in the last period."""
         self._now: Any = xp.zeros((worlds.n, len(self.links)), bool)
@@ -45,11 +45,14 @@ class LinkContacts:
         self._new[...] = False
 
     def add_period(self) -> None:
-        """Count the period that has just been simulated."""
-        square = (self._force * self._force).sum(axis=-1)
+        """Count the period that has just been simulated, with each of its physics steps."""
+        force = self._worlds.contact_steps
+        assert force is not None
+        square = (force * force).sum(axis=-1)
         square = self._xp.where(self._xp.isfinite(square) & ~self._new[:, None], square, 0.0)
-        self.sums += self._xp.sqrt(square)
-        self._now[...] = square > _TOUCH**2
+        for each in self._xp.sqrt(square):  # In the same order for any number of simulations.
+            self.sums += each
+        self._now[...] = (square > _TOUCH**2).any(axis=0)
         self._touched |= self._now
 
     def in_contact(self) -> NDArray[np.bool_]:

@@ -103,8 +103,16 @@ class WarpBatch(SimBatch):
         if self._displaced:
             self._place()
         before = None if rows is None else {name: own.clone() for name, own in self._own.items()}
+        kept = self._room_for(count)
+
+        def steps() -> None:
+            for k in range(count):
+                self._mjw.step(self._m, self._d)
+                if kept is not None:
+                    self._wp.copy(self._wp.from_torch(kept[k]), self._d.sensordata)
+
         with self._wp.ScopedDevice(self._device):
-            self._run(count, lambda: [self._mjw.step(self._m, self._d) for _ in range(count)])
+            self._run((count, kept is not None), steps)
         if before is not None:
             still = self.xp.ones(self.n, bool)
             still[rows] = False

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.mpc.settings import MpcSettings
 
 LEMON: dict[str, Any] = {"objects": ("lemon",)}
 
@@ -40,6 +43,12 @@ LEMON: dict[str, Any] = {"objects": ("lemon",)}
         ("Grasp", {"period": 0.05}, r"actions of 0\.65 s \(decimation 13\) are too long"),
         ("Lift", {"goals": "yaw"}, "Lift has no goals to choose"),
         ("Reach", {"level": "easy"}, "Reach has no level to choose"),
+        ("Reach", {"position_noise": 0.01}, "Reach has no position_noise to choose"),
+        ("Rotate", {"position_noise": 0.01}, "Rotate has no position_noise to choose"),
+        ("Reorient", {"position_noise": 0.02}, "Reorient has no position_noise to choose"),
+        ("HoldDisturbed", {"position_noise": 0.01}, "HoldDisturbed has no position_noise to choose"),
+        ("Reach", {"reach": 0.2}, "Reach has no reach to choose"),
+        ("Rotate", {"reach": 0.1}, "Rotate has no reach to choose"),
         ("Reach", {"width": 0}, "width is a whole number of pixels from 1 to 8192, not 0"),
         ("Reach", {"height": 3.5}, "height is a whole number of pixels from 1 to 8192, not 3.5"),
         ("Reach", {"policy": 3}, "policy is the path of a policy's file, or the name of one that ships, not 3"),
@@ -159,8 +168,20 @@ def test_a_tilt_of_the_palm_that_loses_the_object_by_itself_is_refused() -> None
             ConfigError, match=r"wrist_tilt up to .* rad about each axis leans the palm .*: at most 0.61 r"
         ):
             HandEnv("Rotate", randomise={"wrist_tilt": tilt}, timestep=0.003)
-    HandEnv("Rotate", randomise={"wrist_tilt": (0.61, 0.61)}, timestep=0.003)
+    with pytest.warns(
+        UserWarning, match="up to 49°; Rotate pays nothing while an object leans by 25° or more, which is"
+    ):
+        HandEnv("Rotate", randomise={"wrist_tilt": (0.0, 0.61)}, timestep=0.003)
     HandEnv("Reach", randomise={"wrist_tilt": (0.0, 1.0)}, timestep=0.003)
+
+
+def test_a_tilt_of_the_palm_with_which_no_episode_begins_where_anything_is_paid_is_refused() -> None:
+    for tilt in ((0.5, 0.5), (0.32, 0.4)):
+        with pytest.raises(ConfigError, match=r"pays nothing .* by 25° or more: begin the range at 0.3 rad or less"):
+            HandEnv("Rotate", randomise={"wrist_tilt": tilt}, timestep=0.003)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        HandEnv("Rotate", randomise={"wrist_tilt": (0.3, 0.3)}, timestep=0.003)
 
 
 @pytest.mark.parametrize("steps", [0, -3, 2.5, "a", True])
@@ -292,3 +313,14 @@ def test_two_meshes_in_one_batch_are_refused_instead_of_one_standing_for_both(tm
     with pytest.raises(ConfigError, match="make an environment for each mesh"):
         HandEnv("Grasp", objects=tuple(meshes))
     HandEnv("Grasp", objects=(meshes[0],))
+
+
+def test_more_simulations_than_there_is_memory_for_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise ValueError("std::bad_alloc")  # As MuJoCo's Batch says it.
+
+    monkeypatch.setattr("mujoco.batch.Batch", full)
+    with pytest.raises(ConfigError, match="100,000,000 simulations side by side have no room in this"):
+        HandVectorEnv("Reach", 100_000_000)
+    with pytest.raises(ValidationError, match="less than or equal to 100000"):
+        MpcSettings(samples=100_000_000)

@@ -257,12 +257,12 @@ def test_a_touch_between_two_decisions_counts() -> None:
     env.reset(seed=0)
     in_hand: Any = env.engine.task
     contacts, palm = in_hand.contacts, in_hand.contacts.links.index("palm_link")
-    real, add, count = contacts._force, contacts.add_period, []
+    real, add, count = in_hand.worlds.contact_steps, contacts.add_period, []
 
     def once() -> None:
         count.append(1)
-        contacts._force = np.array(real)
-        contacts._force[0, palm, 2] = 0.5 if len(count) == 7 else 0.0
+        in_hand.worlds.contact_steps = np.array(real)
+        in_hand.worlds.contact_steps[0, 0, palm, 2] = 0.5 if len(count) == 7 else 0.0
         add()
 
     contacts.add_period = once
@@ -271,8 +271,32 @@ def test_a_touch_between_two_decisions_counts() -> None:
     assert info["dropped"] == -20.0
 
 
-def test_shares_are_those_of_mujocos_own_contact_forces() -> None:
-    env = HandVectorEnv("Rotate", N, autoreset_mode="disabled", timestep=0.003, decimation=1, palm="allowed")
+def test_a_touch_within_a_control_period_counts() -> None:
+    env = HandEnv("Rotate", period=0.02, decimation=2)
+    env.reset(seed=9)
+    worlds: Any = env.engine.worlds
+    step, rng, action, palm = worlds.step, np.random.default_rng(9), np.zeros(16), list[float]()
+
+    def watched(rows: Any, count: int) -> None:
+        before = worlds.state(0)
+        palm.extend(each[2] for each in forces(worlds, 0, before, count))
+        step(rows, count)
+
+    worlds.step = watched
+    failed = False
+    while not failed:
+        palm.clear()
+        action = (0.95 * action + rng.normal(0.0, 0.15, 16)).clip(-1.0, 1.0)
+        _, _, failed, truncated, _ = env.step(action.astype(np.float32))
+        assert failed == (max(palm) > 1e-9)
+        assert not truncated
+    assert len(palm) == 40
+    assert palm[19] == palm[39] == 0.0  # At the end of a period nothing of it is left.
+
+
+@pytest.mark.parametrize("timestep", [0.003, 0.001])
+def test_shares_are_those_of_mujocos_own_contact_forces(timestep: float) -> None:
+    env = HandVectorEnv("Rotate", N, autoreset_mode="disabled", timestep=timestep, decimation=1, palm="allowed")
     env.reset(seed=11)
     sums = np.zeros((N, 3))
     rng, worlds = np.random.default_rng(0), env.engine.worlds
@@ -280,7 +304,7 @@ def test_shares_are_those_of_mujocos_own_contact_forces() -> None:
         before = [worlds.state(row) for row in range(N)]
         info = env.step(rng.normal(0.0, 0.3, (N, 16)).clip(-1.0, 1.0).astype(np.float32))[4]
         for row in range(N):
-            sums[row] += forces(worlds, row, before[row])
+            sums[row] += sum(forces(worlds, row, before[row], round(0.003 / timestep)))
     shares = np.stack([info["by_tips"], info["by_middle"], info["by_palm"]], axis=-1)
     assert (sums.sum(axis=-1) > 0.1).all()
     np.testing.assert_allclose(shares, sums / sums.sum(axis=-1, keepdims=True), atol=1e-6)
@@ -288,14 +312,21 @@ def test_shares_are_those_of_mujocos_own_contact_forces() -> None:
     assert shares[:, 2].max() > 0.02
 
 
-def forces(worlds: Any, row: int, before: Any) -> Any:
-    """Sizes of the net forces of each group of links on the object at the last step, from the state before it, (3,),
-    N."""
+def forces(worlds: Any, row: int, before: Any, steps: int) -> list[Any]:
+    """Sizes of the net forces of each group of links on the object at each physics step from a state, (3,) each, N."""
     model = worlds._batch.get_model(row)
-    data, body = mujoco.MjData(model), worlds.model.body("object").id
+    data = mujoco.MjData(model)
     mujoco.mj_setState(model, data, before, mujoco.mjtState.mjSTATE_INTEGRATION)
     data.ctrl[:] = worlds._ctrl[row]
-    mujoco.mj_forward(model, data)
+    found = []
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+        found.append(group_forces(model, data))
+    return found
+
+
+def group_forces(model: Any, data: Any) -> Any:
+    body = model.body("object").id
     net: dict[str, Any] = {}
     for k, contact in enumerate(data.contact[: data.ncon]):
         bodies = model.geom_bodyid[contact.geom]
@@ -311,6 +342,24 @@ def forces(worlds: Any, row: int, before: Any) -> Any:
     for link, each in net.items():
         found[group[link]] += np.linalg.norm(each)
     return found
+
+
+def test_a_size_that_no_start_state_has_is_refused_and_of_others_the_state_decides() -> None:
+    env, tested = HandEnv("Rotate", objects=("cube",)), HandEnv("Rotate", objects=("cube",), starts="test")
+    for size in (0.9, 1.0, 1.1):
+        _, info = env.reset(seed=1, options={"size": size})
+        assert info["randomised"]["size"] == pytest.approx(size, abs=0.01)
+        assert info["randomised"]["size"] == env.engine.task._factor[0]  # type: ignore[attr-defined]  # Of Rotate.
+    for other, size, known in ((env, 1.103, "0.9 to 1.1"), (tested, 1.0, "0.85 to 0.9 or 1.1 to 1.15")):
+        with pytest.raises(ConfigError, match=f"size {size:g}: start states have cube at {known} times its size"):
+            other.reset(seed=1, options={"size": size})
+
+
+def test_start_states_keep_a_range_of_sizes_that_is_asked_for() -> None:
+    envs = HandVectorEnv("Rotate", 400, randomise={"size": (0.99, 1.01)})
+    size = envs.reset(seed=0)[1]["randomised"]["size"]
+    assert (size >= 0.99).all()
+    assert (size <= 1.01).all()
 
 
 def test_test_states_are_of_the_fingertips_only() -> None:

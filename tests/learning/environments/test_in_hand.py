@@ -373,7 +373,7 @@ def test_a_wanted_size_is_begun_with_and_one_that_nobody_has_tried_is_refused() 
     env = HandEnv("Rotate")
     _, info = env.reset(seed=0, options={"size": 1.06})
     assert info["randomised"]["size"] == pytest.approx(1.06, abs=0.01)
-    with pytest.raises(ConfigError, match=r"hold this object at 0\.90 to 1\.10 times its size, not 1\.4"):
+    with pytest.raises(ConfigError, match=r"size 1\.4: start states have .* at 0\.9 to 1\.1 times its size"):
         env.reset(seed=0, options={"size": 1.4})
 
 

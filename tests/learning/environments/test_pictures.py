@@ -107,6 +107,7 @@ def test_a_simulation_that_has_diverged_shows_zeros() -> None:
         ({"observe": ("rbg",)}, "observe"),
         ({"observe": ("rgb", "rgb")}, "observe has one of rgb, rgb twice"),
         ({"observe": ("rgb",), "resolution": "84"}, "resolution"),
+        ({"observe": ("rgb",), "resolution": "9999x9999"}, "resolution: width and height are up to 8192 pixels each"),
         ({"observe": ("rgb",), "cameras": ("sdie",)}, "sdie"),
         ({"cameras": ("top",)}, "cameras is of pictures in observations: give observe, too"),
         ({"resolution": "64x64"}, "resolution is of pictures in observations: give observe, too"),

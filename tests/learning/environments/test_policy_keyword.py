@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -13,11 +14,13 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.learning import load_policy
 from allegro_twin.learning.environments import engine
+from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
-from allegro_twin.learning.policy.card import read_card
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.card import check_card, read_card
 from allegro_twin.learning.tasks import make_task
-from allegro_twin.learning.training.evaluation import check_card
 from allegro_twin.learning.training.settings import load_recipe
+from tests.learning.policy import tiny_onnx
 
 pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
 
@@ -100,6 +103,41 @@ def test_a_card_that_does_not_say_its_environment_is_refused(monkeypatch: pytest
     monkeypatch.setattr(engine, "read_card", lambda path: bare)
     with pytest.raises(ConfigError, match="reach_right does not say in which environments it was trained"):
         engine.read_keywords("Reach", {"policy": "reach_right"})
+
+
+CARDS: list[tuple[dict[str, Any], str]] = [
+    ({"version": 99}, "is of version 99; this package runs 1: train it anew"),
+    ({"hand": "leap"}, "has hand leap, these environments have allegro: its card and its environment differ"),
+    ({"side": "left"}, "has side left, these environments have right"),
+    ({"step": 0.3}, "has step 0.3, these environments have 0.08"),
+    ({"gains": "stiff"}, "has gains stiff, these environments have default"),
+    ({"history": 7}, "has history 7, these environments have 10"),
+    ({"decimation": 5}, "has decimation 5, these environments have 20"),
+    ({"observation": 10}, "has observation 10, these environments have 640"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), CARDS)
+def test_a_card_that_is_not_of_its_own_environment_is_refused(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    card = read_card(data_root() / "conf" / "policies" / "rotate_hand_right.onnx").model_copy(update=change)
+    file = tiny_onnx.write_linear(
+        tmp_path / "mine.onnx", card.model_dump_json(), {"observation": ("n", card.observation)}, 16
+    )
+    with pytest.raises(ConfigError, match=message) as error:
+        HandEnv("Rotate", policy=str(file))
+    assert "mine.onnx" in str(error.value)
+    with pytest.raises(ConfigError, match=message):
+        HandVectorEnv("Rotate", 2, policy=str(file))
+
+
+def test_a_network_that_takes_what_its_environment_does_not_show_is_refused(tmp_path: Path) -> None:
+    card = read_card(data_root() / "conf" / "policies" / "rotate_hand_right.onnx")
+    inputs: dict[str, tuple[int | str, ...]] = {"observation": ("n", card.observation), "desired_goal": ("n", 4)}
+    file = tiny_onnx.write_linear(tmp_path / "mine.onnx", card.model_dump_json(), inputs, 16)
+    with pytest.raises(ConfigError, match="takes desired_goal; an observation of these environments has observation"):
+        HandEnv("Rotate", policy=str(file))
 
 
 def test_a_card_tells_its_environment_so_that_it_is_made_again() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.policy.card import PolicyCard, read_card, write_card
 from allegro_twin.learning.policy.loading import load_policy, policy_controller
+from tests.learning.policy import tiny_onnx
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,54 @@ def test_an_observation_that_a_policy_cannot_take_is_named(onnx_file: Path, card
     ]:
         with pytest.raises(CommandError, match=words):
             policy(observation)
+
+
+SEES, ROWS = 65, "batch"
+NETWORKS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({}, {"kind": tiny_onnx.DOUBLE}, "observation is a tensor.double. of shape .*; a policy takes and gives float32"),
+    ({}, {"inputs": {"x": (ROWS, SEES)}}, "the network takes x; its inputs must be named as the parts of an"),
+    ({}, {"inputs": {"observation": (ROWS, SEES), "joints": (ROWS, 3)}}, "the network takes observation, joints; its"),
+    ({"observation": 10}, {"inputs": {"observation": (ROWS, 10)}},
+     "its card says 10 numbers of observation and 16 of action; with history 1 and 0 privileged .* has 65 and 16"),
+    ({"action": 12}, {"outputs": 12}, "its card says 65 numbers of observation and 12 of action"),
+    ({"history": 7}, {}, "with history 7 and 0 privileged numbers a policy of allegro has 455 and 16"),
+    ({"version": 99}, {}, r"policy\.onnx is of version 99; this package runs 1: train it anew"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "network", "message"), NETWORKS)
+def test_a_policy_that_fits_no_task_of_its_hand_is_refused_when_it_is_loaded(
+    tmp_path: Path, card: PolicyCard, change: dict[str, Any], network: dict[str, Any], message: str
+) -> None:
+    pytest.importorskip("onnxruntime")
+    usual: dict[str, Any] = {"inputs": {"observation": (ROWS, SEES)}, "outputs": 16}
+    text = card.model_copy(update=change).model_dump_json()
+    path = tiny_onnx.write_linear(tmp_path / "policy.onnx", text, **usual | network)
+    with pytest.raises(ConfigError, match=message):
+        load_policy(path)
+    fits = tiny_onnx.write_linear(tmp_path / "policy.onnx", card.model_dump_json(), **usual)
+    assert load_policy(fits).policy(np.zeros(SEES, np.float32)).shape == (16,)
+
+
+def test_a_card_that_is_no_json_is_named_with_its_file(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    inputs: dict[str, tuple[int | str, ...]] = {"observation": (ROWS, SEES)}
+    path = tiny_onnx.write_linear(tmp_path / "policy.onnx", '{"task": "AllegroTwin/Li', inputs, 16)
+    with zipfile.ZipFile(tmp_path / "policy.zip", "w") as archive:
+        archive.writestr("allegro_twin.json", b"\xff\xfe\xfd")
+    for file in (path, tmp_path / "policy.zip"):
+        with pytest.raises(ConfigError, match=rf"{file.name}: its card is not JSON \(.*\): write it with write_card"):
+            read_card(file)
+
+
+def test_a_network_for_one_observation_at_once_says_so(tmp_path: Path, card: PolicyCard) -> None:
+    pytest.importorskip("onnxruntime")
+    text = card.model_dump_json()
+    path = tiny_onnx.write_linear(tmp_path / "policy.onnx", text, {"observation": (1, SEES)}, 16)
+    policy = load_policy(path).policy
+    assert policy(np.zeros(SEES, np.float32)).shape == (16,)
+    with pytest.raises(CommandError, match="takes 1 observations at once, not 3: export it with a free first axis"):
+        policy(np.zeros((3, SEES), np.float32))
 
 
 WRONG_SIZES = pytest.mark.parametrize(
@@ -165,8 +215,6 @@ def test_a_file_that_is_no_policy_is_named(tmp_path: Path, name: str, content: b
 def test_a_missing_library_is_an_error_that_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, card: PolicyCard
 ) -> None:
-    import zipfile
-
     path = tmp_path / "policy.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("data", "{}")

@@ -13,8 +13,9 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.card import check_card
 from allegro_twin.learning.policy.controller import PolicyController, ZeroPolicy
-from allegro_twin.learning.training.evaluation import check_card, evaluate
+from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.settings import load_recipe
 from allegro_twin.loop import run
 

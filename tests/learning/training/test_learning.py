@@ -287,10 +287,10 @@ def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() 
     grasp = load_recipe("grasp_easy")
     assert grasp.environment.position_noise == 0.015
     assert not set(grasp.held_out) & set(grasp.environment.objects or ())
-    assert load_recipe("Reach", seed=4).seed == 4
+    assert load_recipe("reach", seed=4).seed == 4
     assert load_recipe("grasp_easy", side="left").environment.side == "left"
-    assert load_recipe("Lift").task == "Lift"
-    assert load_recipe("Lift", side="left").environment.side == "left"
+    assert load_recipe("lift").task == "Lift"
+    assert load_recipe("lift", side="left").environment.side == "left"
     with pytest.raises(ConfigError, match="no task or recipe named 'Grap'; did you mean 'Grasp'"):
         load_recipe("Grap")
 

@@ -39,7 +39,7 @@ REACH = data_root() / "conf" / "policies" / "reach_right.onnx"
 
 
 def recipe(**changes: Any) -> Recipe:
-    return load_recipe("Reach").model_copy(update=changes)
+    return load_recipe("reach").model_copy(update=changes)
 
 
 @pytest.mark.slow
@@ -298,18 +298,15 @@ def test_a_recipe_with_the_name_of_a_task_is_the_task_as_gymnasium_makes_it(name
     recipes, made = (HandEnv(own[name], **keywords) for keywords in (env_keywords(found), of_the_learner))
     ours, theirs = ([each.reset(seed=3), each.step(np.full(16, 0.3, np.float32))] for each in (recipes, made))
     assert pickle.dumps(ours) == pickle.dumps(theirs)
-    assert load_recipe(own[name]) == load_recipe(name)
 
 
-def test_the_name_of_any_other_task_is_that_task_and_no_recipe_of_a_part_of_it() -> None:
+def test_the_name_of_a_task_is_that_task_as_gymnasium_makes_it_and_no_recipe() -> None:
     for task in TASKS:
-        settings = as_shipped(load_recipe(task).environment)
-        assert (settings.palm, settings.level, settings.goals, settings.objects) == (
-            "forbidden",
-            "default",
-            "any",
-            None,
-        )
+        assert load_recipe(task) == Recipe(task=task)
+        assert load_recipe(task, side="left").environment == EnvSettings(side="left")
+    assert load_recipe("lift").environment.decimation == 26
+    with pytest.raises(ConfigError, match="no task or recipe named 'LIFT'"):
+        load_recipe("LIFT")
     with pytest.raises(ConfigError, match="'rotate_on_palm_hand'"):
         load_recipe("rotate_hand")
     with pytest.raises(ConfigError, match="'Reorient'"):

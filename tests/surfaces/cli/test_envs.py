@@ -42,6 +42,17 @@ def test_episodes_are_kept_and_of_them_only_those_that_ended_well(
     assert f"{kept} of 4 ended well" in shown
 
 
+def test_episodes_of_a_recipe_that_trains_on_a_gpu_are_collected_on_processors(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = "environment: {level: easy, timestep: 0.003, decimation: 100, device: warp}"
+    (tmp_path / "quick.yaml").write_text(f"task: Pinch\nlearner: rsl-rl\n{quick}\n")
+    monkeypatch.chdir(tmp_path)
+    code, shown, errors = command("collect", "quick.yaml", "set", "--episodes", 1)
+    assert (code, errors) == (0, "")
+    assert "set/: 1 episodes" in shown
+
+
 def test_episodes_that_are_whole_are_kept_when_it_is_interrupted(
     tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,9 +17,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
 from allegro_twin.learning.environments.settings import env_keywords
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
-from allegro_twin.learning.policy.card import PolicyCard, read_card
+from allegro_twin.learning.policy.card import PolicyCard, check_card, read_card
 from allegro_twin.learning.tasks import make_task
-from allegro_twin.learning.training.evaluation import check_card
 from allegro_twin.learning.training.onnx_policy import NetworkActor, PolicyNetwork, read_onnx_network
 from allegro_twin.learning.training.progress import Advance, TrainingProgress, TrainingResult, learning_rate
 from allegro_twin.learning.training.rsl.rounds import EpisodeStatistics, train_in_rounds

@@ -59,6 +59,8 @@ def collect(
     if any(out.iterdir()):
         raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
     recipe = load_recipe(task, hand=hand, side=side)
+    # Recipes of trainings on a GPU name it; these few episodes need none.
+    recipe = recipe.model_copy(update={"environment": recipe.environment.model_copy(update={"device": "cpu"})})
     actor, period, robot = _actor(policy, recipe)
     found: list[EnvironmentEpisode] = []
     keywords, interrupted = env_keywords(recipe.environment), False
@@ -93,10 +95,10 @@ def collect(
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
     """The acting policy, the duration of a step, s, and the name of the hand. Raises ConfigError."""
     from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.policy.card import check_card
     from allegro_twin.learning.policy.controller import ZeroPolicy
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.tasks import make_task
-    from allegro_twin.learning.training.evaluation import check_card
 
     task = make_task(recipe.task, recipe.environment, 1, 1)
     seconds, robot = task.interface.seconds, task.spec.name

@@ -29,11 +29,11 @@ def mpc(
     from contextlib import ExitStack
 
     from allegro_twin.errors import ConfigError, RecordingError
-    from allegro_twin.files.schema import load_settings, parse_settings
+    from allegro_twin.files.schema import load_settings
     from allegro_twin.learning.mpc.episodes import MpcEpisode, run_episodes
     from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
-    from allegro_twin.learning.tasks import task_names, task_type
-    from allegro_twin.learning.training.settings import Recipe, load_recipe
+    from allegro_twin.learning.tasks import task_type
+    from allegro_twin.learning.training.settings import load_recipe
     from allegro_twin.surfaces.cli import console
     from allegro_twin.viewing.films import check_av, open_film
 
@@ -41,10 +41,7 @@ def mpc(
         check_av()
     if seconds is not None and not seconds > 0:
         raise ConfigError(f"--seconds must be positive, not {seconds:g}")
-    # The name of a task is the task as `gymnasium.make` has it, with as many decisions a second.
-    own = {name: value for name, value in (("hand", hand), ("side", side)) if value is not None}
-    plain = {"task": task, "environment": own}
-    recipe = parse_settings(Recipe, plain, "mpc") if task in task_names() else load_recipe(task, **own)
+    recipe = load_recipe(task, hand=hand, side=side)
     chosen = planner_settings(recipe.task) if settings is None else load_settings(MpcSettings, settings)
     # Physics in steps of the control period: three times as fast as those of 1 ms.
     environment = recipe.environment.model_copy(
