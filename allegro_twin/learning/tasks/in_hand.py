@@ -240,12 +240,15 @@ class InHandTask(Task):
     def move_surroundings(self, k: int) -> None:
         if k:
             self.contacts.add_period()
+        if k == self.settings.decimation - 1:
+            self.contacts.count()
 
     def lost(self) -> Flags:
         """Who has lost the object: it is aside, or rests on what must not touch it. Call once per decision, and before
         `palm_terms`."""
         assert self.thing is not None
         self.contacts.add_period()
+        self.contacts.count()
         aside: Flags = length(self.thing.pose[:, :3] - self.place) > ASIDE
         return aside | (self.contacts.touching("palm") > 0) if self._palm_ends else aside
 

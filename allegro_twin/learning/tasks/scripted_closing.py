@@ -96,7 +96,7 @@ class ScriptedClosingTask(Task):
                 self.worlds = make_worlds(self.spec, scene.model, n, threads, settings)
             self._add_object(scene, choice, None)
         self.thing = self.worlds.free_body(THING)
-        self.contacts = LinkContacts(self.worlds)
+        self.contacts = LinkContacts(self.worlds, within=False)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
         """Offset of each object, m, world."""
@@ -157,7 +157,7 @@ class ScriptedClosingTask(Task):
         self.thing.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
 
     def held(self) -> Flags:
-        """Who touches the object in the last period, (n,): without that nothing counts as held. Call once per
+        """Who touches the object at the last physics step, (n,): without that nothing counts as held. Call once per
         decision."""
         self.contacts.add_period()
         return self.contacts.in_contact_now()

@@ -75,10 +75,11 @@ class SimBatch:
             raise ConfigError("simulations side by side need models of one layout")
         self._each = not shared
         self.contact_steps: Array | None = None
-        """What `contact_forces` are at each physics step of the last `step`, (steps, n, links, 3), N; None where nobody
-        has asked for them."""
-        self._sensor_steps: dict[int, Array] = {}
-        """What all sensors report at each physics step, by the number of steps, (steps, n, numbers)."""
+        """Net force of each link on the object at each physics step of the last `step`, world, (steps, n, links, 3), N;
+        None where nobody asks for them (`watch_contacts`)."""
+        self._sensor_steps: dict[int, Array] | None = None
+        """What all sensors report at each physics step, by the number of steps, (steps, n, numbers); None where the
+        last one is enough."""
         self._rows: dict[str, NDArray[Any]] = {}
         self._palettes: dict[str, NDArray[Any]] = {}
         self.variant: Rows = self.xp.zeros(self.n, np.int64)
@@ -213,15 +214,15 @@ class SimBatch:
         """Likewise, (n, bodies, 4), w x y z."""
         return self._output("xquat")
 
-    def contact_forces(self) -> tuple[tuple[str, ...], Array]:
-        """Of scenes with `Stage.sensed`: the links, and the net force of each on the object as of the last step, world,
-        (n, links, 3), N, live. From now on `contact_steps` has them at each physics step."""
+    def watch_contacts(self, within: bool) -> tuple[str, ...]:
+        """Of scenes with `Stage.sensed`: the links. From now on `contact_steps` has their forces: `within` a `step`
+        those of each of its physics steps, else those of the last one."""
         found = [self.model.sensor(k) for k in range(self.model.nsensor)]
         sensors = [each for each in found if each.name.startswith(PREFIX)]
         first = int(sensors[0].adr[0])
-        self._contacts = slice(first, first + 3 * len(sensors))
+        self._contacts, self._sensor_steps = slice(first, first + 3 * len(sensors)), {} if within else None
         self.contact_steps = self._forces(self._output("sensordata")[None])
-        return tuple(each.name.removeprefix(PREFIX) for each in sensors), self.contact_steps[0]
+        return tuple(each.name.removeprefix(PREFIX) for each in sensors)
 
     def _forces(self, numbers: Array) -> Array:
         """Contact forces, (steps, n, links, 3), among the numbers of all sensors, (steps, n, numbers)."""
@@ -229,18 +230,16 @@ class SimBatch:
 
     def _room_for(self, count: int) -> Array | None:
         """Where the sensors of so many physics steps are kept, (count, n, numbers); None for one, whose numbers are the
-        live ones, and where nobody asks for contacts."""
-        if self.contact_steps is None:
+        live ones, and where nobody asks for contacts within a step."""
+        if self._sensor_steps is None:
             return None
-        if count == 1:
-            if len(self.contact_steps) > 1:
-                self.contact_steps = self._forces(self._output("sensordata")[None])
-            return None
-        if count not in self._sensor_steps:
-            self._sensor_steps[count] = self.xp.zeros((count, *self._output("sensordata").shape))
+        assert self.contact_steps is not None
         if len(self.contact_steps) != count:
-            self.contact_steps = self._forces(self._sensor_steps[count])
-        return self._sensor_steps[count]
+            if count > 1 and count not in self._sensor_steps:
+                self._sensor_steps[count] = self.xp.zeros((count, *self._output("sensordata").shape))
+            kept = self._output("sensordata")[None] if count == 1 else self._sensor_steps[count]
+            self.contact_steps = self._forces(kept)
+        return None if count == 1 else self._sensor_steps[count]
 
     def free_body(self, name: str) -> FreeBody:
         """A body that flies freely, by its name in the first model."""
@@ -279,9 +278,10 @@ class SimBatch:
         if kept is None:
             self._batch.step(rows, nstep=count)
             return
+        step, numbers = self._batch.step, self._outputs["sensordata"]
         for each in kept:  # A contact may last for one physics step, and sensors show the last one only.
-            self._batch.step(rows, nstep=1)
-            each[...] = self._outputs["sensordata"]
+            step(rows, 1)
+            each[...] = numbers
 
     def check(self) -> None:
         """Raise ConfigError where steps have left out what they had no room for."""

@@ -18,12 +18,12 @@ _TOUCH = 1e-9  # N. A contact without force touches nothing.
 class LinkContacts:
     """Contact forces of `n` hands on one object at every physics step, summed since the reset of each simulation.
 
-    Scenes have the sensors of `Stage.sensed`.
+    Scenes have the sensors of `Stage.sensed`. `within`: whether every physics step of a period counts, or its last one.
     """
 
-    def __init__(self, worlds: SimBatch) -> None:
+    def __init__(self, worlds: SimBatch, *, within: bool = True) -> None:
         xp, self._worlds = worlds.xp, worlds
-        self.links, _ = worlds.contact_forces()
+        self.links = worlds.watch_contacts(within)
         group = _groups(worlds, self.links)
         self._member: Array = xp.asarray((group[:, None] == np.arange(len(GROUPS))).astype(np.float64))
         """Whether a link (row) belongs to a group (column)."""
@@ -34,45 +34,62 @@ class LinkContacts:
         self._now: Any = xp.zeros((worlds.n, len(self.links)), bool)
         self._new: Any = xp.zeros(worlds.n, bool)
         """Simulations that have not moved since their reset: their sensors have the forces of the episode before."""
+        self._waiting: list[Array] = []
+        """Forces of periods that are not counted yet: those of a decision are counted at once, which is faster."""
         self._xp = xp
 
     def begin(self, rows: Rows) -> None:
+        self.count()
         self.sums[rows], self._touched[rows], self._now[rows] = 0.0, False, False
         self._new[rows] = True
 
     def begin_decision(self) -> None:
+        self.count()
         self._touched[...] = False
         self._new[...] = False
 
     def add_period(self) -> None:
         """Count the period that has just been simulated, with each of its physics steps."""
-        force = self._worlds.contact_steps
-        assert force is not None
+        assert self._worlds.contact_steps is not None
+        self._waiting.append(self._xp.copy(self._worlds.contact_steps))
+
+    def count(self) -> None:
+        """Count the periods that wait. A state of the simulations is complete after that."""
+        if not self._waiting:
+            return
+        force = self._xp.concatenate(self._waiting)
+        last = len(self._waiting[-1])
+        self._waiting.clear()
         square = (force * force).sum(axis=-1)
         square = self._xp.where(self._xp.isfinite(square) & ~self._new[:, None], square, 0.0)
         for each in self._xp.sqrt(square):  # In the same order for any number of simulations.
             self.sums += each
-        self._now[...] = (square > _TOUCH**2).any(axis=0)
-        self._touched |= self._now
+        touching = square > _TOUCH**2
+        self._now[...] = touching[-last:].any(axis=0)
+        self._touched |= touching.any(axis=0)
 
     def in_contact(self) -> NDArray[np.bool_]:
         """Whether any link touched the object in a period since `begin_decision`, (n,): a gait lets go for moments."""
+        self.count()
         found: NDArray[np.bool_] = self._touched.any(axis=-1)
         return found
 
     def in_contact_now(self) -> NDArray[np.bool_]:
         """Whether any link touched the object in the last period, (n,)."""
+        self.count()
         found: NDArray[np.bool_] = self._now.any(axis=-1)
         return found
 
     def touching(self, group: str) -> NDArray[np.int64]:
         """Number of a group's links that touched the object in a period since `begin_decision`, (n,)."""
+        self.count()
         column = self._member[:, GROUPS.index(group)] > 0
         found: NDArray[np.int64] = (self._touched & column).sum(axis=-1)
         return found
 
     def shares(self) -> dict[str, Array]:
         """Share of each group in the sum of contact forces since the reset, (n,); 0 where nothing touched."""
+        self.count()
         total = self.sums.sum(axis=-1)
         safe = self._xp.where(total > 0, total, 1.0)
         return {name: (self.sums * self._member[:, k]).sum(axis=-1) / safe for k, name in enumerate(GROUPS)}
