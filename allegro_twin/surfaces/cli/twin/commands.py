@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
+    from allegro_twin.spec import HandSpec
     from allegro_twin.twin.identify.pipeline import KnownWeight
     from allegro_twin.twin.mirror.on_recording import MirrorResult
 
@@ -190,45 +192,60 @@ def mirror(
     identification.check_scipy()
     from allegro_twin.twin.mirror.factory import describe_backlash
 
-    down, ended = None if gravity is None else mirror_run.parse_gravity(gravity), None
-    found: MirrorResult | None
+    down = None if gravity is None else mirror_run.parse_gravity(gravity)
     if Path(target).suffix == ".arrow":
         from allegro_twin.recording.reader import load
-        from allegro_twin.twin.mirror.on_recording import mirror_recording
 
         if stop_on or rrd is not None or view or web:
             raise ConfigError(f"{target} is a recording: --stop-on, --rrd, --view and --web are for a hand that runs")
-        spec = load(Path(target), partial=partial).spec
+        recording = load(Path(target), partial=partial)
+        spec = recording.spec
         console.warn(describe_backlash(spec, hand or ""))
-        found = mirror_recording(Path(target), hand or "", free, down, partial=partial, into=record)
-        if found.free is not None:
-            console.warn(mirror_run.other_name(found.free, spec))
-            console.warn(mirror_run.misfit(found.free, spec))
-    else:
-        from allegro_twin.app.config import load_config
-        from allegro_twin.app.rig import spec_of
+        with _mirrored(record, None):
+            found, ended = mirror_run.mirror_file(recording, hand or "", free, down, record)
+            if found is not None and found.free is not None:
+                console.warn(mirror_run.other_name(found.free, spec))
+                console.warn(mirror_run.misfit(found.free, spec))
+            _show_mirrored(found, spec, free)
+            if ended is not None:
+                raise ended
+        return
+    from allegro_twin.app.config import load_config
+    from allegro_twin.app.rig import spec_of
 
-        if partial:
-            raise ConfigError(f"--partial is for a recording, and {target} is a config")
-        config = load_config(target)
-        spec = spec_of(config)
-        console.warn(describe_backlash(spec, hand or ""))
+    if partial:
+        raise ConfigError(f"--partial is for a recording, and {target} is a config")
+    config = load_config(target)
+    spec = spec_of(config)
+    console.warn(describe_backlash(spec, hand or ""))
+    stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
+    wanted = mirror_run.MirrorOutputs(free, stop, record, rrd, "web" if web else "native" if view else None, down)
+    with _mirrored(record, rrd):
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
-            stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
-            wanted = mirror_run.MirrorOutputs(
-                free, stop, record, rrd, "web" if web else "native" if view else None, down
-            )
             found, ended = mirror_run.run_with_mirror(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print, console.warn
             )
-    if found is not None:
-        console.console.print(mirror_run.table(found, spec.joint_labels))
-        console.warn(mirror_run.missing_checks(found, free))
-        for line in mirror_run.lines(found, spec):
-            console.console.print(line, highlight=False, soft_wrap=True)
-    if ended is not None:
-        raise ended
+        _show_mirrored(found, spec, free)
+        if ended is not None:
+            raise ended
+
+
+def _mirrored(record: Path | None, rrd: Path | None) -> AbstractContextManager[None]:
+    """What an interrupted mirror says of its files, or else of what it printed."""
+    return options.interruptible(record, rrd, otherwise="what is shown is what came until then")
+
+
+def _show_mirrored(found: MirrorResult | None, spec: HandSpec, free: Path | None) -> None:
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.twin import mirror_run
+
+    if found is None:
+        return
+    console.console.print(mirror_run.table(found, spec.joint_labels))
+    console.warn(mirror_run.missing_checks(found, free))
+    for line in mirror_run.lines(found, spec):
+        console.console.print(line, highlight=False, soft_wrap=True)
 
 
 def branch(
