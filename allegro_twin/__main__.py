@@ -19,7 +19,7 @@ def main() -> None:
     try:
         from allegro_twin.surfaces.cli.main import main as run
     except (ImportError, OSError, MemoryError) as error:
-        if not (said := computer_error(error)):
+        if not (said := computer_error(error, "`pip install --force-reinstall allegro-twin` may mend it")):
             raise
         sys.stderr.write(f"allegro-twin: {said}\n")
         sys.exit(2)

@@ -11,8 +11,9 @@ _FILES = "Too many open files"
 _OURS = "allegro_twin"
 
 
-def computer_error(error: BaseException) -> str:
-    """One line that says what is missing and where to look; empty for an error of another kind."""
+def computer_error(error: BaseException, way_out: str = "`allegro-twin doctor` says what mends it") -> str:
+    """One line that says what is missing and where to look; empty for an error of another kind. `way_out`: for the
+    import of a package."""
     number = getattr(error, "errno", None)
     if isinstance(error, MemoryError) or number == errno.ENOMEM or any(each in str(error) for each in _MEMORY):
         return "not enough memory: end other programs, or raise the limit (`ulimit -v`)"
@@ -20,7 +21,7 @@ def computer_error(error: BaseException) -> str:
         return "too many open files: raise the limit (`ulimit -n`)"
     if isinstance(error, (ImportError, OSError)) and (package := imported_package(error)):
         why = (str(error).strip() or type(error).__name__).splitlines()[0]
-        return f"{package} cannot be imported: {why}; `allegro-twin doctor` says what mends it"
+        return f"{package} cannot be imported: {why}; {way_out}"
     return ""
 
 
@@ -31,7 +32,7 @@ def imported_package(error: BaseException) -> str:
         name = str(frame.f_globals.get("__name__") or "").partition(".")[0]
         if name == _OURS:
             package = ""
-        elif frame.f_code.co_name == "<module>" and not package:
-            package = name
+        elif frame.f_code.co_name == "<module>":
+            package = name  # The last one: of the package that is broken, not of those that import it.
     asked = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     return "" if asked == _OURS else package or asked

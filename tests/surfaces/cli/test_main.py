@@ -272,6 +272,7 @@ def test_a_compiled_library_that_does_not_load_is_one_line_that_leads_to_the_doc
         ("pinocchio", "raise ImportError('built for another Python')", "built for another Python"),
         ("mujoco", "import ctypes; ctypes.CDLL('libgone.so')", "libgone.so: cannot open shared object file"),
         ("rich", "raise ImportError('half installed')", "half installed"),
+        ("pydantic", "raise ImportError('half installed')", "half installed"),  # Which typer imports.
     ],
 )
 def test_a_package_that_cannot_be_imported_is_one_line_that_names_it(
