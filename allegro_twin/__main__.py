@@ -13,13 +13,13 @@ def main() -> None:
     # No hand is open yet, and a library that is stopped in the middle of its import says so in many lines.
     before = signal.signal(signal.SIGINT, lambda number, frame: os._exit(130))
     from allegro_twin.files.standard_streams import open_streams
-    from allegro_twin.surfaces.cli.computer_errors import computer_error
+    from allegro_twin.surfaces.cli.computer_errors import REINSTALL, computer_error
 
     open_streams()
     try:
         from allegro_twin.surfaces.cli.main import main as run
     except (ImportError, OSError, MemoryError) as error:
-        if not (said := computer_error(error, "`pip install --force-reinstall allegro-twin` may mend it")):
+        if not (said := computer_error(error, REINSTALL)):
             raise
         sys.stderr.write(f"allegro-twin: {said}\n")
         sys.exit(2)

@@ -8,6 +8,8 @@ import traceback
 _MEMORY = ("Cannot allocate memory", "failed to map segment")
 """What the loader of shared libraries says."""
 _FILES = "Too many open files"
+REINSTALL = "`pip install --force-reinstall allegro-twin` may mend it"
+"""The way out where the doctor cannot be asked."""
 _OURS = "allegro_twin"
 
 

@@ -17,7 +17,7 @@ import typer
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionInterrupted, MotionStalled
 from allegro_twin.files import standard_streams
 from allegro_twin.files.first_error import message_of
-from allegro_twin.surfaces.cli.computer_errors import computer_error
+from allegro_twin.surfaces.cli.computer_errors import REINSTALL, computer_error
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 """The parser's usage error. Not every version of typer has a public name for it."""
@@ -72,7 +72,8 @@ def _answer(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
     except Exception as error:
         if "KeyboardInterrupt" in str(error):  # It came while a library was loaded, in a callback from C.
             return 130
-        if not (said := computer_error(error)):
+        doctor = "doctor" in arguments[:1]  # Which cannot say more of what it needs itself.
+        if not (said := computer_error(error, REINSTALL) if doctor else computer_error(error)):
             raise
         complain(f"{program}: {said}")
         return 2

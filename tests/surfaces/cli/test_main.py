@@ -282,6 +282,9 @@ def test_a_package_that_cannot_be_imported_is_one_line_that_names_it(
     (tmp_path / package / "__init__.py").write_text(text)
     done = piped("$AT run conf/sim_right.yaml --seconds 0.1", PYTHONPATH=f"{tmp_path}:{SUITE}")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    if package in ("rich", "pydantic"):  # The doctor needs them too.
+        done = piped("$AT doctor", PYTHONPATH=f"{tmp_path}:{SUITE}")
+        assert done.stderr.endswith("; `pip install --force-reinstall allegro-twin` may mend it\n")
     assert done.stderr.startswith(f"allegro-twin: {package} cannot be imported: {why}")
 
 

@@ -50,7 +50,11 @@ def lab(
     ] = None,
     film: Annotated[
         Path | None,
-        typer.Option(help="Film of the run, an .mp4 file.", callback=options.film, rich_help_panel=options.OUTPUT),
+        typer.Option(
+            help="Film of the run, an .mp4; replaces what is there.",
+            callback=options.film,
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
     pictures: Annotated[
         float,

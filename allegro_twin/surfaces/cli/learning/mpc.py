@@ -21,7 +21,9 @@ def mpc(
     ] = None,
     hand: options.TrainedHand = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of all episodes, .mp4.", callback=options.film)] = None,
+    film: Annotated[
+        Path | None, typer.Option(help="Film of all episodes, .mp4; replaces what is there.", callback=options.film)
+    ] = None,
 ) -> None:
     """Do a task without learning, by model predictive control.
 

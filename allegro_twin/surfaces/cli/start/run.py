@@ -67,13 +67,13 @@ Out = Annotated[
         rich_help_panel=options.OUTPUT,
     ),
 ]
-Record = Annotated[Path | None, _file("Record to this .arrow file.", ".arrow")]
-Image = Annotated[Path | None, _file("Render to this .png.", ".png")]
-Video = Annotated[Path | None, _file("Render to this .mp4.", ".mp4")]
-Rrd = Annotated[Path | None, _file("Write a Rerun recording to this .rrd.", ".rrd")]
+Record = Annotated[Path | None, _file("Record to this .arrow; replaces what is there.", ".arrow")]
+Image = Annotated[Path | None, _file("Render to this .png; replaces what is there.", ".png")]
+Video = Annotated[Path | None, _file("Film to this .mp4; replaces what is there.", ".mp4")]
+Rrd = Annotated[Path | None, _file("Write a Rerun file to this .rrd; replaces what is there.", ".rrd")]
 WireLog = Annotated[
     Path | None,
-    _file("Log every frame of the hand's bus to this .blf, .log or .asc.", ".blf", ".log", ".asc"),
+    _file("Log the hand's bus to this .blf, .log or .asc; replaces it.", ".blf", ".log", ".asc"),
 ]
 Size = Annotated[
     str, typer.Option(help="Size of pictures and films, WIDTHxHEIGHT in pixels.", rich_help_panel=options.OUTPUT)

@@ -101,7 +101,8 @@ def identify(
         bool, typer.Option("--known-masses", help="Take the masses of the links as exact: the scale of N·m.")
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="Write a page to this .html.", callback=options.file(".html"))
+        Path | None,
+        typer.Option(help="Write a page to this .html; replaces what is there.", callback=options.file(".html")),
     ] = None,
 ) -> None:
     """Identify a hand's motors and friction from recordings."""
@@ -169,12 +170,13 @@ def mirror(
     record: Annotated[
         Path | None,
         typer.Option(
-            help="Record the run, or copy the recording, with the columns `predicted`, `disturbance` and `event`.",
+            help="Record it with `predicted`, `disturbance`, `event`; replaces it.",
             callback=options.file(".arrow"),
         ),
     ] = None,
     rrd: Annotated[
-        Path | None, typer.Option(help="Write a Rerun file of the run.", callback=options.file(".rrd"))
+        Path | None,
+        typer.Option(help="Write a Rerun file of the run; replaces what is there.", callback=options.file(".rrd")),
     ] = None,
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
@@ -277,14 +279,20 @@ def branch(
         str | None, typer.Option(help="Gravity in the palm's frame, m/s², if the hand does not report it: 0,0,-9.81.")
     ] = None,
     record: Annotated[
-        Path | None, typer.Option(help="Record the branch to this .arrow.", callback=options.file(".arrow"))
+        Path | None,
+        typer.Option(help="Record the branch to this .arrow; replaces what is there.", callback=options.file(".arrow")),
     ] = None,
     rrd: Annotated[
         Path | None,
-        typer.Option(help="Write both futures to one Rerun file.", callback=options.file(".rrd")),
+        typer.Option(
+            help="Write both futures to one Rerun file; replaces what is there.", callback=options.file(".rrd")
+        ),
     ] = None,
     image: Annotated[
-        Path | None, typer.Option(help="Plot all futures, joint by joint, to this .png.", callback=options.file(".png"))
+        Path | None,
+        typer.Option(
+            help="Plot all futures, joint by joint, to this .png; replaces it.", callback=options.file(".png")
+        ),
     ] = None,
 ) -> None:
     """Change something at one instant of a recording: what if?
