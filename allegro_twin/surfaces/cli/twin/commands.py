@@ -112,7 +112,7 @@ def identify(
 
     weights = [weight_of(text) for text in known_mass or ()]
     path = identification.file_to_write(hand) if hand is not None else None
-    with console.progress() as bar:
+    with options.interruptible(path, report, otherwise="nothing is identified"), console.progress() as bar:
         job = bar.add_task("reading", total=None)
         found = identification.identify_drive(
             recordings, weights, path, known_masses, friction.value, lambda line: bar.update(job, description=line)
@@ -305,7 +305,8 @@ def branch(
 
     down = None if gravity is None else mirror_run.parse_gravity(gravity)
     wanted = BranchOptions(hand or "", disturbance.value, open_loop, down)
-    found = branch_run.run_branch(recording, at, change or [], branch_run.BranchOutputs(record, rrd), wanted)
+    with options.interruptible(record, rrd, image, otherwise="nothing is compared"):
+        found = branch_run.run_branch(recording, at, change or [], branch_run.BranchOutputs(record, rrd), wanted)
     for line in branch_run.warnings(recording, wanted):
         console.warn(line)
     if image is not None:
