@@ -105,7 +105,7 @@ def test_an_interrupted_row_of_episodes_shows_those_that_have_ended_and_its_film
     assert code == 130
     assert shown.count("│ cube") == 1
     assert " 0 │" in shown  # Goals are whole numbers.
-    assert errors == "interrupted: 1 of 4 episodes have ended\n"
+    assert errors == "interrupted: 1 of 4 episodes have ended; what came until then is in seen.mp4\n"
     with av.open("seen.mp4") as film:
         assert sum(1 for _ in film.decode(video=0)) == 3
 
