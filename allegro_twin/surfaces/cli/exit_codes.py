@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Sequence
@@ -21,6 +22,8 @@ from allegro_twin.surfaces.cli.computer_errors import REINSTALL, computer_error
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 """The parser's usage error. Not every version of typer has a public name for it."""
+HELP_WIDTH = 80
+"""Columns that the help has at least."""
 _ENDS = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
 ]  # Windows has the first.
@@ -33,6 +36,8 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # A terminal may lack a degree sign.
+    if shutil.get_terminal_size().columns < HELP_WIDTH:  # Typer cuts names of options off in a narrower one.
+        os.environ.setdefault("TERMINAL_WIDTH", str(HELP_WIDTH))
     logging.getLogger("can").addHandler(logging.NullHandler())  # python-can raises what it logs.
     try:
         code = _answer(app, arguments, program)

@@ -58,6 +58,15 @@ def test_a_terminal_without_a_sign_shows_another_in_its_place(tmp_path: Path) ->
     assert "thumb" in done.stdout
 
 
+@pytest.mark.parametrize("columns", ["20", "40", "60"])
+def test_the_help_in_a_narrow_terminal_has_the_names_of_all_options(columns: str) -> None:
+    wide, narrow = (piped("$AT run --help", COLUMNS=width, TERM="xterm").stdout for width in ("120", columns))
+    names = set(re.findall(r"--[a-z-]{3,}", wide))
+    assert len(names) > 15
+    assert names <= set(re.findall(r"--[a-z-]{3,}", narrow))
+    assert max(map(len, narrow.splitlines())) <= 80
+
+
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
 def test_a_command_works_with_standard_streams_that_are_closed(tmp_path: Path, closed: str) -> None:
     recording = tmp_path / "it.arrow"
