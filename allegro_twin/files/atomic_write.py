@@ -22,8 +22,12 @@ def check_place(path: Path) -> None:
         if isinstance(error, RecordingError):
             raise
         raise write_error(path, error) from error
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise RecordingError(f"cannot write {path}: no permission")
+    place = path if path.exists() else path.parent
+    if not os.access(place, os.W_OK):
+        unchanging = os.statvfs(place).f_flag & os.ST_RDONLY
+        raise RecordingError(
+            f"cannot write {path}: {'its file system is read-only' if unchanging else 'no permission'}"
+        )
 
 
 @contextmanager

@@ -73,9 +73,10 @@ class _File:
             _log.debug("%s: its file system has no locks", path)
         self.write(0, b"")
 
-    def write(self, at: int, message: Any) -> int:
+    def write(self, at: int, message: Any, *, keep: bool = True) -> int:
         """Write a message at a place, and cut the file after it. Returns the new end. What an earlier attempt left
-        there is gone. After an error the file takes no more, and every further attempt raises the same one."""
+        there is gone. After an error the file takes no more, and every further attempt raises the same one; without
+        `keep` the file is removed then."""
         if self._error:
             raise RecordingError(self._error)
         rest = memoryview(message)
@@ -86,6 +87,9 @@ class _File:
             while rest:
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
+            if not keep:
+                with suppress(OSError):  # What went wrong is said below.
+                    self._path.unlink()
             raise self._failed(error) from error
         return end
 
@@ -122,14 +126,16 @@ class _Done(NamedTuple):
 
 
 class FileSink:
-    """A file with one stream, which is gone where nothing was put. Raises RecordingError when it cannot be made."""
+    """A file with one stream, which is gone where nothing was put, or the disk did not take more than its head. Raises
+    RecordingError when it cannot be made."""
 
     def __init__(self, path: Path) -> None:
         self._file, self._done = _File(path), _Done(0, {"": 0})
 
     def put(self, number: int, message: Any) -> None:
         if number > self._done.counts[""]:
-            self._done = _Done(self._file.write(self._done.size, message), {"": number})
+            keep = self._done.counts[""] > 1  # The first message has no row.
+            self._done = _Done(self._file.write(self._done.size, message, keep=keep), {"": number})
 
     def close(self) -> None:
         if self._done.size:

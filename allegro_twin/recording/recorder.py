@@ -126,7 +126,9 @@ class Recorder:
             self._schema, self._done, self._ended = None, self._done._replace(rows=self._rows), True
             if not self._own:
                 raise
-            rest = f"its first {rows} rows are readable: --partial" if rows else "no row of it is whole"
+            rest = (
+                f"its first {rows} rows are readable: --partial" if rows else "no row of it is whole, and it is removed"
+            )
             raise RecordingError(f"{error}; {rest}") from error.__cause__
 
 

@@ -67,7 +67,7 @@ def open_film(path: Path, fps: int = 30) -> Iterator[Callable[[Picture], None]]:
     ended: BaseException | None = None
     try:
         with atomic_file(path) as temporary, av.open(str(temporary), "w", format=container) as written:
-            made = _Film(written, fps)
+            made = _Film(path, written, fps)
             try:
                 yield made.add
             except (HandError, KeyboardInterrupt, GeneratorExit) as error:
@@ -84,12 +84,12 @@ def open_film(path: Path, fps: int = 30) -> Iterator[Callable[[Picture], None]]:
 
 
 class _Film:
-    """H.264 in a container of PyAV. An error of the disk waits for `finish`: whoever is filmed goes on."""
+    """H.264 in a container of PyAV. An error of the disk or the codec waits for `finish`: whoever is filmed goes on."""
 
-    def __init__(self, written: Any, fps: int) -> None:
-        self._written, self._fps = written, fps
+    def __init__(self, path: Path, written: Any, fps: int) -> None:
+        self._path, self._written, self._fps = path, written, fps
         self._stream: Any = None
-        self._error: OSError | None = None
+        self._error: Exception | None = None
 
     @property
     def begun(self) -> bool:
@@ -109,15 +109,24 @@ class _Film:
             self._stream.pix_fmt = "yuv420p"
         try:
             self._written.mux(self._stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        except OSError as error:
+        except (OSError, av.FFmpegError) as error:
             self._error = error
 
     def finish(self) -> None:
-        """Write what the codec has still. Raises OSError, also that of a picture before."""
-        if self._error is not None:
-            raise self._error
-        if self._stream is not None:
-            self._written.mux(self._stream.encode())
+        """Write what the codec has still. Raises OSError, also that of a picture before, and RecordingError where the
+        codec failed."""
+        import av
+
+        try:
+            if self._error is not None:
+                raise self._error
+            if self._stream is not None:
+                self._written.mux(self._stream.encode())
+        except OSError:
+            raise
+        except av.FFmpegError as error:
+            why = f"the codec failed ({error.strerror}); is there enough memory, or a limit (`ulimit -v`)?"
+            raise RecordingError(f"cannot write {self._path}: {why}") from error
 
 
 def _even(picture: Picture) -> Picture:

@@ -152,6 +152,16 @@ def test_the_left_hand_is_seen_from_the_mirrored_place_with_the_grasp_in_the_mid
     assert hand[60:100, 60:100].any()
 
 
+def test_a_codec_that_fails_does_not_stop_whoever_is_filmed_and_is_an_error_at_the_end(tmp_path: Path) -> None:
+    refused = pytest.raises(RecordingError, match="a.mp4: the codec failed .*is there enough memory")
+    went_on = False
+    with refused, open_film(tmp_path / "a.mp4") as add:
+        add(np.zeros((2, 40_000, 3), dtype=np.uint8))  # Wider than H.264 has it.
+        went_on = True
+    assert went_on
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_film_may_have_any_size_though_its_codec_wants_even_ones(tmp_path: Path) -> None:
     film((np.full((31, 41, 3), 200, dtype=np.uint8) for _ in range(3)), tmp_path / "odd.mp4", 30)
     with av.open(str(tmp_path / "odd.mp4")) as container:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import sys
 import urllib.request
@@ -15,7 +16,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.reader import load
@@ -26,6 +27,7 @@ from allegro_twin.viewing.rerun.columns import AT_ONCE
 from allegro_twin.viewing.rerun.server import claim
 from allegro_twin.viewing.rerun.viewer import Viewer, shown, write_rrd
 from allegro_twin.viewing.scenery import scenery
+from tests.full_disk import full_disk
 from tests.test_safety import state
 
 PHASES = [["close", 0.0, 0.1], ["shake", 0.1, 0.3]]
@@ -298,3 +300,26 @@ def test_what_nothing_was_drawn_into_or_what_an_error_ends_leaves_the_file_that_
     with pytest.raises(type(error)):
         interrupted(tmp_path / "a.rrd", spec, error, ticks)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["before"]
+
+
+def test_a_full_disk_names_the_file_that_was_asked_for(tmp_path: Path, spec: HandSpec) -> None:
+    path = tmp_path / "a.rrd"
+    said = pytest.raises(RecordingError, match=rf"^cannot write {re.escape(str(path))}: File too large")
+    with full_disk(20_000), said, Viewer(spec, scenery(spec, {})).recorded(path) as viewer:
+        for tick in range(100):
+            viewer.draw(sample(tick), look())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_disk_does_not_take_later_names_the_file_too(
+    tmp_path: Path, spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: Viewer) -> None:
+        raise RuntimeError("the writer has ended")
+
+    monkeypatch.setattr(Viewer, "flush", fail)
+    path = tmp_path / "a.rrd"
+    said = pytest.raises(RecordingError, match=rf"^cannot write {re.escape(str(path))}: the writer has ended; is the")
+    with said, Viewer(spec, scenery(spec, {})).recorded(path) as viewer:
+        viewer.draw(sample(0), look())
+    assert list(tmp_path.iterdir()) == []

@@ -144,6 +144,8 @@ class GraspSearch:
     """The same by seed, where several searches ran side by side."""
     cpu: float = 0.0
     """s that it took, of all processors together."""
+    whole: float = math.nan
+    """s of all processors that a whole trial took; NaN where none was made."""
     cut: bool = False
     """Whether its time did not suffice for one round: the same seed and as many candidates find something else."""
     interrupted: bool = False
@@ -223,6 +225,8 @@ class _Rounds:
         except KeyboardInterrupt:
             search.interrupted = True
         search.cpu = clock.spent
+        if prover.drawn["whole"]:
+            search.whole = prover.cpu["whole"] / prover.drawn["whole"]
         best = prover.best(self._n)
         for each in best:
             each.seed, each.candidates = search.seed, search.closed

@@ -14,6 +14,8 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from allegro_twin.files.standard_streams import OutputLost
+
 if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import GraspSearch
     from allegro_twin.grasping.plan.validate import PlannedGrasp
@@ -32,7 +34,11 @@ if TYPE_CHECKING:
 
 
 class _Console(Console):
-    """Whoever stops to listen, as `head` does, does not stop what is told."""
+    """Whoever stops to listen, as `head` does, does not stop what is told, nor does a full disk."""
+
+    def __exit__(self, *raised: object) -> None:
+        with suppress(OutputLost):  # The program says so when it ends.
+            super().__exit__(*raised)
 
     def on_broken_pipe(self) -> None:
         self.quiet = True

@@ -5,54 +5,83 @@ from __future__ import annotations
 import io
 import logging
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from types import FrameType
 from typing import Any, NoReturn
 
 import typer
 
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionInterrupted, MotionStalled
+from allegro_twin.files import standard_streams
 from allegro_twin.files.first_error import message_of
+from allegro_twin.surfaces.cli.computer_errors import REINSTALL, computer_error
 
 USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 """The parser's usage error. Not every version of typer has a public name for it."""
+HELP_WIDTH = 80
+"""Columns that the help has at least."""
 _ENDS = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
 ]  # Windows has the first.
 
 
 def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
-    """Run a command line and exit. Every HandError and every usage error is one line on standard error."""
+    """Run a command line and exit. Every HandError, every usage error and what this computer refuses is one line on
+    standard error."""
     stop_on_signals()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # A terminal may lack a degree sign.
+    if shutil.get_terminal_size().columns < HELP_WIDTH:  # Typer cuts names of options off in a narrower one.
+        os.environ.setdefault("TERMINAL_WIDTH", str(HELP_WIDTH))
     logging.getLogger("can").addHandler(logging.NullHandler())  # python-can raises what it logs.
     try:
-        _check_none_empty(arguments)
-        sys.exit(app(list(arguments), prog_name=program, standalone_mode=False) or 0)
-    except HandError as error:
-        sys.stderr.write(f"{program}: {message_of(error)}\n")
-        sys.exit(exit_code(error))
-    except ImportError as error:
-        if error.path is None:
-            raise
-        sys.stderr.write(f"{import_error(error)}\n")
-        sys.exit(2)
-    except USAGE as error:
-        sys.stderr.write(f"{usage_error(error)}\n")
-        sys.exit(2)
-    except (KeyboardInterrupt, typer.Abort):
-        sys.exit(130)
+        code = _answer(app, arguments, program)
+        sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        code = 0
+    except standard_streams.OutputLost:
+        code = 2
+    if standard_streams.failed:
+        complain(f"{program}: {standard_streams.failed[0]}")
+    sys.exit(code or 2 if standard_streams.failed else code)
+
+
+def complain(line: str) -> None:
+    """Write a line to standard error, if it takes one."""
+    with suppress(OSError):
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+
+def _answer(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
+    """Run a command line; the exit code. Raises BrokenPipeError, OutputLost, and faults of this package."""
+    try:
+        _check_none_empty(arguments)
+        return int(app(list(arguments), prog_name=program, standalone_mode=False) or 0)
+    except HandError as error:
+        complain(f"{program}: {message_of(error)}")
+        return exit_code(error)
+    except USAGE as error:
+        complain(usage_error(error))
+        return 2
+    except (KeyboardInterrupt, typer.Abort):
+        return 130
+    except (BrokenPipeError, standard_streams.OutputLost):
+        raise
     except Exception as error:
         if "KeyboardInterrupt" in str(error):  # It came while a library was loaded, in a callback from C.
-            sys.exit(130)
-        raise
+            return 130
+        doctor = "doctor" in arguments[:1]  # Which cannot say more of what it needs itself.
+        if not (said := computer_error(error, REINSTALL) if doctor else computer_error(error)):
+            raise
+        complain(f"{program}: {said}")
+        return 2
 
 
 def _check_none_empty(arguments: Sequence[str]) -> None:
@@ -80,11 +109,6 @@ def usage_error(error: Any) -> str:
     details = error.__cause__.errors()[:1] if hasattr(error.__cause__, "errors") else ()
     value = "".join(f", not {detail['input']!r}" for detail in details if repr(detail["input"]) not in text)
     return f"{command}: {text[:1].lower()}{text[1:]}{value}; `{command} --help` shows what there is"
-
-
-def import_error(error: ImportError) -> str:
-    """One line about a compiled module that is installed and cannot be loaded."""
-    return f"allegro-twin: {str(error).splitlines()[0]}; `allegro-twin doctor` says which package of the system has it"
 
 
 def stop_on_signals() -> None:

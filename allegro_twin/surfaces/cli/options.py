@@ -137,8 +137,11 @@ def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
 
 
 @contextmanager
-def interruptible(*files: Path | None, then: str = "") -> Iterator[None]:
-    """Where Ctrl-C ends the block, say which of its files have what came until then, and `then` of them."""
+def interruptible(
+    *files: Path | None, then: str = "", otherwise: str = "", progress: Callable[[], str] | None = None
+) -> Iterator[None]:
+    """Where Ctrl-C ends the block, say `progress`, which of its files have what came until then, and `then` of them.
+    `otherwise`: what is said where no file is asked for."""
     asked = [file for file in files if file is not None]
     before = {file: _written(file) for file in asked}
     try:
@@ -146,8 +149,10 @@ def interruptible(*files: Path | None, then: str = "") -> Iterator[None]:
     except KeyboardInterrupt:
         kept = [str(file) for file in asked if _written(file) not in (None, before[file])]
         missing = [str(file) for file in asked if str(file) not in kept]
-        said = [f"what came until then is in {', '.join(kept)}{then}"] if kept else []
+        said = [] if progress is None else [progress()]
+        said += [f"what came until then is in {', '.join(kept)}{then}"] if kept else []
         said += [f"{', '.join(missing)} not written"] if missing else []
+        said += [otherwise] if otherwise and not asked else []
         if said:
             console.warn(f"interrupted: {'; '.join(said)}")
         raise

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,8 +78,7 @@ class MirrorLog:
 
     def __init__(self, mirror: Mirror) -> None:
         self.mirror = mirror
-        self._t: list[float] = []
-        self._rows: list[tuple[Array | NDArray[np.bool_], ...]] = []
+        self._rows: list[tuple[float, tuple[Array | NDArray[np.bool_], ...]]] = []
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Observe samples and pass them on (a stage). Raises as `Mirror.watch`."""
@@ -94,12 +94,11 @@ class MirrorLog:
 
     def _add(self, sample: Sample) -> None:
         each = self.mirror
-        latest, t = each.columns(), sample.state.t
+        latest = each.columns()
         off = sample.state.position - latest["predicted"]
-        self._t.append(t)
         touched = latest["event"][: len(each.spec.fingers)] > 0.0
-        spread = each.observer.spread
-        self._rows.append((latest["disturbance"], off, each.moving, each.contact_thresholds, spread, touched))
+        row = (latest["disturbance"], off, each.moving, each.contact_thresholds, each.observer.spread, touched)
+        self._rows.append((sample.state.t, row))  # In one step, which Ctrl-C does not divide.
 
     @property
     def rows(self) -> int:
@@ -109,13 +108,13 @@ class MirrorLog:
     def columns(self) -> tuple[Array, Array, NDArray[np.bool_], Array, Array, NDArray[np.bool_]]:
         """Disturbances, N·m, reported minus predicted positions, rad, which joints moved, contact thresholds, N·m, and
         the spread of disturbances by noise alone, N·m, (rows, n) each; which fingers were touched, (rows, fingers)."""
-        rows = zip(*self._rows[1:], strict=True)
+        rows = zip(*(row for _, row in self._rows[1:]), strict=True)
         disturbance, off, moving, above, spread, touched = (np.array(column) for column in rows)
         return disturbance, off, moving, above, spread, touched
 
     def result(self, free: FreeMotion | None = None) -> MirrorResult:
         """What was found up to now, with at least one row."""
-        each, t = self.mirror, np.array(self._t[1:])
+        each, t = self.mirror, np.array([t for t, _ in self._rows[1:]])
         disturbance, off, _, above, _, touched = self.columns()
         touches = tuple(find_contacts(t, touched, disturbance, above, each.spec))
         return MirrorResult(t, disturbance, off, above, touches, each.faults, each.unchecked_faults, free)
@@ -143,11 +142,19 @@ def mirror_recording(
     frame, (3,), m/s², where neither hand nor recording says it; `partial`: use what is there of a recording that was
     cut short; `into`: a copy with the mirror's columns. Raises HandError."""
     recording = load(path, partial=partial)
+    log, own = log_for_recording(recording, hand, free, gravity)
+    run_recording(recording, log, into)
+    return log.result(own)
+
+
+def log_for_recording(
+    recording: Recording, hand: str, free: Path | None, gravity: Vector | None = None
+) -> tuple[MirrorLog, FreeMotion | None]:
+    """The log of a mirror for a recording, and the motion that its thresholds are from; arguments as those of
+    `mirror_recording`. Raises HandError."""
     version = (recording.meta.get("calibration") or {}).get("version")
     own = None if free is None else read_free_motion(free, hand, recording.spec, version, gravity)
-    log = MirrorLog(mirror_for_recording(recording, hand, None if own is None else own.thresholds, gravity))
-    _run(recording, log, into)
-    return log.result(own)
+    return MirrorLog(mirror_for_recording(recording, hand, None if own is None else own.thresholds, gravity)), own
 
 
 def read_free_motion(
@@ -159,7 +166,7 @@ def read_free_motion(
     _check_kind(recording, spec, version)
     log = MirrorLog(each := mirror_for_recording(recording, hand, None, gravity))
     each.fault_detector.keep_rows()
-    _run(recording, log, None)
+    run_recording(recording, log)
     disturbance, _, moving, _, spread, _ = log.columns()
     shapes = each.fault_detector.free_shapes()
     usual = np.median(spread, axis=0)
@@ -183,8 +190,9 @@ def _check_kind(recording: Recording, spec: HandSpec, version: Version | None) -
             )
 
 
-def _run(recording: Recording, log: MirrorLog, into: Path | None) -> None:
-    """Raises ConfigError for one row, RecordingError where the copy cannot be written."""
+def run_recording(recording: Recording, log: MirrorLog, into: Path | None = None) -> None:
+    """Run a recording past the mirror of a log; `into`: a copy with the mirror's columns, which is whole up to where
+    Ctrl-C ends it. Raises ConfigError for one row, RecordingError where the copy cannot be written."""
     backend = ReplayBackend(recording)
     samples = log.watch(to_the_end(replay_samples(backend)))
     if into is not None:
@@ -195,8 +203,9 @@ def _run(recording: Recording, log: MirrorLog, into: Path | None) -> None:
             samples, into, recording.spec, recording.period, meta=meta,
             extras=lambda: backend.extras() | log.mirror.columns(),
         )  # fmt: skip
-    for _ in samples:
-        pass
+    with closing(cast("Generator[Sample]", samples)):
+        for _ in samples:
+            pass
     if not log.rows:
         raise ConfigError(f"{recording.path} has one row: a mirror needs a motion")
 

@@ -13,7 +13,7 @@ from typing import Self
 import rerun as rr
 
 from allegro_twin.errors import ConfigError, HandError, RecordingError
-from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.atomic_write import atomic_file, write_error
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.reader import CellRecording
 from allegro_twin.spec import HandSpec
@@ -29,6 +29,8 @@ from allegro_twin.viewing.views import DEFAULT
 Look = Callable[[], Mapping[str, Array]]
 """What is known beside the hand's state: `target` (n,), `palm`, `object`, `target_object` (7,), `contact_force` (p,),
 `contact_point`, `contact_vector` (3 p,)."""
+_HEAD = 2**19
+"""Bytes that the disk must take before Rerun begins a file: its layout and the shapes of a hand take 0.3 MB."""
 _TOGETHER = 0.1  # s of the device's clock that are sent together to somebody who watches.
 
 
@@ -51,6 +53,7 @@ class Viewer:
     ) -> None:
         self._stream = rr.RecordingStream("allegro_twin")
         self._server: server.RerunServer | None = None
+        self._name: Path | None = None
         self._spec, self._arm, self._interval, self._next = spec, arm, 1.0 / rate, {"hand": 0.0, "arm": 0.0}
         self._scene, self._view = scene or scenery(spec, {}), view
         self._rows = RowBuffer(self._stream, spec, self._scene, arm)
@@ -100,12 +103,18 @@ class Viewer:
             server.browse(address)
         return address
 
-    def to_file(self, path: Path) -> Self:
-        """Write a file that `rerun` and https://app.rerun.io open. Raises ConfigError where it cannot be made."""
+    def to_file(self, path: Path, name: Path | None = None) -> Self:
+        """Write a file that `rerun` and https://app.rerun.io open; `name`: what errors call it. Raises ConfigError
+        where it cannot be made, RecordingError on a full disk."""
+        self._name = name or path
+        try:
+            path.write_bytes(bytes(_HEAD))  # Where the disk takes not even this, Rerun may wait for ever.
+        except OSError as error:
+            raise write_error(self._name, error) from error
         try:
             self._stream.save(str(path), default_blueprint=self._layout())
         except (OSError, RuntimeError) as error:
-            raise ConfigError(f"cannot write {path}: {error}") from error
+            raise ConfigError(f"cannot write {self._name}: {error}") from error
         self._draw_static()
         return self
 
@@ -116,7 +125,7 @@ class Viewer:
         ended: BaseException | None = None
         with atomic_file(path) as temporary:
             try:
-                self.to_file(temporary)
+                self.to_file(temporary, path)
                 yield self
             except (HandError, KeyboardInterrupt) as error:
                 if isinstance(error, (ConfigError, RecordingError)) or not any(self._next.values()):
@@ -137,7 +146,8 @@ class Viewer:
         try:
             self.flush()
         except RuntimeError as error:
-            raise RecordingError(f"cannot write the Rerun recording: {error}; is the disk full?") from error
+            what = "send to the viewer" if self._name is None else f"write {self._name}"
+            raise RecordingError(f"cannot {what}: {error}; is the disk full?") from error
         finally:
             self._stream.disconnect()
             if self._server is not None:
@@ -182,7 +192,7 @@ def write_rrd(samples: Iterable[Sample], viewer: Viewer, path: Path, look: Look 
 def write_events(events: Iterable[SessionEvent], viewer: Viewer, path: Path) -> None:
     """Consume all events of a session into a `.rrd` file, which is there only when it is whole."""
     with atomic_file(path) as temporary:
-        viewer.to_file(temporary)
+        viewer.to_file(temporary, path)
         try:
             for event in events:
                 viewer.on_event(event)

@@ -6,6 +6,7 @@ import inspect
 import json
 import socket
 import subprocess
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -37,6 +38,49 @@ def versions(installed: dict[str, str]) -> packages.Version:
     return version
 
 
+def fine(modules: Sequence[str]) -> dict[str, str]:
+    return {}
+
+
+def test_a_needed_package_that_is_installed_and_cannot_be_imported_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in (
+        ("pinocchio", "raise ImportError('libgomp.so.1: not there\\nand more')"),
+        ("can", "import os; os.abort()"),
+        ("yaml", "print('[I print]')"),
+    ):
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    given = ["pyyaml>=6", "pin>=4.0", "python-can>=4.5", "pyserial>=3.5", "gone>=1"]
+    (found,) = packages.packages(given, versions({"pyyaml": "6.0", "pin": "4.0", "python-can": "4.5", "pyserial": "4"}))
+    assert found.status == "broken"
+    assert found.says == (
+        "gone is not installed; pinocchio cannot be imported: libgomp.so.1: not there; can cannot be imported: its "
+        "import ends Python with -6"
+    )
+    assert found.mend == (
+        "pip install --upgrade allegro-twin; pip install --force-reinstall 'pin>=4.0'; pip install --force-reinstall "
+        "'python-can>=4.5'"
+    )
+
+
+def test_the_packages_of_this_computer_are_all_imported_by_their_own_names() -> None:
+    found = next(packages.packages())
+    assert (found.status, found.mend) == ("works", ""), found.says
+
+
+@pytest.mark.parametrize("value", ["", "egl", "off", "glfw"])
+def test_where_mujoco_cannot_be_imported_nobody_is_told_to_install_a_renderer(
+    monkeypatch: pytest.MonkeyPatch, value: str
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", value)
+    (found,) = computer.pictures(lambda backend: "a card", lambda modules: {"mujoco": "half installed"})
+    assert found.status == "broken"
+    assert found.says == "mujoco cannot be imported: half installed"
+    assert "apt-get" not in found.mend
+
+
 def test_packages_that_are_missing_or_too_old_or_too_new_are_named_with_their_extra() -> None:
     given = [
         "numpy>=2.0",
@@ -45,11 +89,11 @@ def test_packages_that_are_missing_or_too_old_or_too_new_are_named_with_their_ex
         'ray>=2.40; extra == "ray"',
         "x; extra == 'dev'",
     ]
-    well = list(packages.packages(given, versions({"numpy": "2.4.6", "mujoco": "4.0.0", "av": "18.1.0"})))
+    well = list(packages.packages(given, versions({"numpy": "2.4.6", "mujoco": "4.0.0", "av": "18.1.0"}), imports=fine))
     assert [(each.what, each.status) for each in well] == [
         ("packages", "works"), ("extra ray", "absent"), ("extra view", "works")]  # fmt: skip
     assert well[1].mend == "pip install 'allegro-twin[ray]'"
-    ill = next(iter(packages.packages(given, versions({"numpy": "1.26.4", "mujoco": "4.1.2"}))))
+    ill = next(iter(packages.packages(given, versions({"numpy": "1.26.4", "mujoco": "4.1.2"}), imports=fine)))
     assert ill.status == "broken"
     assert "numpy is 1.26.4; >=2.0 is needed" in ill.says
     assert "mujoco is 4.1.2; <4.1,>=4.0 is needed" in ill.says
@@ -58,7 +102,7 @@ def test_packages_that_are_missing_or_too_old_or_too_new_are_named_with_their_ex
 def test_an_extra_that_is_not_for_this_python_says_for_which_it_is() -> None:
     given = ["dex>=0.5; python_version < '3.13' and extra == 'teleop'", 'av>=14; extra == "view"']
     for minor, words in ((12, False), (13, True), (14, True)):
-        _, teleop, view = packages.packages(given, versions({"av": "18.1.0"}), minor)
+        _, teleop, view = packages.packages(given, versions({"av": "18.1.0"}), minor, fine)
         assert (teleop.status, view.status) == ("absent", "works")
         assert ("not for Python 3.13 and later" in teleop.says) == words
         assert ("use Python 3.12" in teleop.mend) == words
@@ -137,7 +181,7 @@ def test_pictures_are_tried_with_the_mujoco_gl_that_commands_have(monkeypatch: p
     found = {}
     for value in ("off", "glfw", "osmesa", ""):
         monkeypatch.setenv("MUJOCO_GL", value)
-        (found[value],) = computer.pictures(draw)
+        (found[value],) = computer.pictures(draw, fine)
     assert tried == ["glfw", "osmesa", "egl"]
     assert [found[value].status for value in ("off", "glfw", "osmesa", "")] == ["broken", "broken", "works", "works"]
     assert found["glfw"].says == "no picture with MUJOCO_GL=glfw: no screen"
@@ -150,15 +194,15 @@ def test_a_picture_that_cannot_be_made_names_the_packages(monkeypatch: pytest.Mo
     def fail(backend: str) -> str:
         raise OSError("no EGL display")
 
-    (broken,) = computer.pictures(fail)
+    (broken,) = computer.pictures(fail, fine)
     assert (broken.status, "libegl1" in broken.mend) == ("broken", True)
-    (slow,) = computer.pictures(lambda backend: "llvmpipe (LLVM 15)")
+    (slow,) = computer.pictures(lambda backend: "llvmpipe (LLVM 15)", fine)
     assert (slow.status, "software" in slow.says) == ("works", True)
 
     def hang(backend: str) -> str:
         raise subprocess.TimeoutExpired("python", 60.0)
 
-    assert next(iter(computer.pictures(hang))).status == "broken"
+    assert next(iter(computer.pictures(hang, fine))).status == "broken"
 
 
 def test_real_time_that_is_not_allowed_says_where_it_is_allowed() -> None:

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli.main import app
+from tests.full_disk import full_disk
 from tests.surfaces.cli.conftest import Run
 
 
@@ -78,6 +79,31 @@ def test_episodes_that_are_whole_are_kept_when_it_is_interrupted(
     assert "set/: 4 episodes" in shown
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("format", ["lerobot", "minari"])
+def test_a_full_disk_costs_the_episodes_that_do_not_fit_and_no_others(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch, format: str
+) -> None:
+    (tmp_path / "quick.yaml").write_text("task: Pinch\nenvironment: {level: easy, timestep: 0.003, decimation: 100}\n")
+    monkeypatch.chdir(tmp_path)
+    words = ("--episodes", 8, "--seed", 10, "--format", format)
+    assert command("collect", "quick.yaml", "all-v0", *words)[0] == 0
+    largest = max(path.stat().st_size for path in (tmp_path / "all-v0").rglob("*") if path.is_file())
+    with full_disk(round(0.8 * largest)):
+        code, shown, errors = command("collect", "quick.yaml", "some-v0", *words)
+    meta = "meta/info.json" if format == "lerobot" else "data/metadata.json"
+    kept = json.loads((tmp_path / "some-v0" / meta).read_text())["total_episodes"]
+    assert (code, 0 < kept < 8) == (2, True)
+    assert f"some-v0/: {kept} episodes" in shown
+    said = " ".join(errors.split())
+    assert f"it has {kept} of 8 episodes: the same command with a folder on another disk" in said
+    assert f"--seed {10 + kept} and --episodes {8 - kept} collects the rest" in said
+    with full_disk(100):
+        code, shown, errors = command("collect", "quick.yaml", "none-v0", *words)
+    assert (code, shown, errors.count("\n")) == (2, "", 1)
+    assert not (tmp_path / "none-v0").exists()
+
+
 def test_a_task_is_done_without_learning_and_each_episode_is_a_row(
     tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,7 +142,7 @@ def test_an_interrupted_row_of_episodes_shows_those_that_have_ended_and_its_film
     assert code == 130
     assert shown.count("│ cube") == 1
     assert " 0 │" in shown  # Goals are whole numbers.
-    assert errors == "interrupted: 1 of 4 episodes have ended\n"
+    assert errors == "interrupted: 1 of 4 episodes have ended; what came until then is in seen.mp4\n"
     with av.open("seen.mp4") as film:
         assert sum(1 for _ in film.decode(video=0)) == 3
 

@@ -42,6 +42,21 @@ def test_every_option_and_argument_says_what_it_is() -> None:
     assert silent == []
 
 
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [
+        ("run", "record image video rrd wire_log"), ("mirror", "record rrd"), ("branch", "record rrd image"),
+        ("lab", "film"), ("mpc", "film"), ("evaluate", "film"), ("identify", "report"), ("lab-look", "out"),
+        ("firmware", "report wire_log"),
+    ],
+)  # fmt: skip
+def test_an_option_that_names_a_file_says_that_it_replaces_it(name: str, wanted: str) -> None:
+    said = {each.name: str(getattr(each, "help", "")) for each in COMMANDS[name].params}
+    for option in wanted.split():
+        assert "replaces" in said[option], (option, said[option])
+        assert len(said[option]) <= WIDTH, said[option]
+
+
 def test_the_help_loads_neither_numpy_nor_pydantic_nor_a_simulator() -> None:
     code = "import sys, allegro_twin.surfaces.cli.main; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

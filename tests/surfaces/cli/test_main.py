@@ -6,6 +6,7 @@ Once as a program of its own; the rest in this process, which is many times fast
 from __future__ import annotations
 
 import ctypes
+import errno
 import json
 import os
 import re
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.cli import exit_codes
 from tests.conftest import can_config
 from tests.surfaces.cli.conftest import Run
@@ -54,6 +56,68 @@ def test_a_terminal_without_a_sign_shows_another_in_its_place(tmp_path: Path) ->
     done = piped("$AT hand show allegro", PYTHONIOENCODING="ascii", LC_ALL="POSIX")
     assert (done.returncode, done.stderr) == (0, "")
     assert "thumb" in done.stdout
+
+
+@pytest.mark.parametrize("columns", ["20", "40", "60"])
+def test_the_help_in_a_narrow_terminal_has_the_names_of_all_options(columns: str) -> None:
+    wide, narrow = (piped("$AT run --help", COLUMNS=width, TERM="xterm").stdout for width in ("120", columns))
+    names = set(re.findall(r"--[a-z-]{3,}", wide))
+    assert len(names) > 15
+    assert names <= set(re.findall(r"--[a-z-]{3,}", narrow))
+    assert max(map(len, narrow.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_a_command_works_with_standard_streams_that_are_closed(tmp_path: Path, closed: str) -> None:
+    recording = tmp_path / "it.arrow"
+    done = piped(f"$AT run conf/sim_right.yaml --seconds 0.1 --record {recording} {closed}")
+    assert (done.returncode, "Traceback" in done.stderr) == (0, False)
+    assert len(load(recording)) > 30  # And nothing that is printed goes into it.
+
+
+@pytest.mark.parametrize("buffered", ["", "1"])
+@pytest.mark.parametrize("arguments", ["list", "--version", "list --help"])
+def test_a_full_disk_under_standard_output_is_one_line(arguments: str, buffered: str) -> None:
+    done = piped(f"$AT {arguments} > /dev/full", PYTHONUNBUFFERED=buffered)
+    assert done.stderr == "allegro-twin: cannot write to standard output: No space left on device\n"
+    assert done.returncode == 2
+
+
+def test_a_full_disk_under_standard_output_or_error_loses_nothing_that_a_command_writes(tmp_path: Path) -> None:
+    for where in (">", "2>"):
+        folder = tmp_path / where
+        done = piped(f"$AT run conf/sim_right.yaml --seconds 0.1 --out '{folder}' {where} /dev/full")
+        assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+        assert (folder / "sim_right.arrow").is_file()
+    assert piped("$AT nothing 2> /dev/full").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "not enough memory: end other programs, or raise the limit (`ulimit -v`)"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), "not enough memory: "),
+        (ImportError("libx.so: failed to map segment from shared object"), "not enough memory: "),
+        (OSError(errno.EMFILE, "Too many open files", "x.py"), "too many open files: raise the limit (`ulimit -n`)"),
+    ],
+)
+def test_a_limit_of_the_computer_is_one_line(error: Exception, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    def app(*_: object, **__: object) -> None:
+        raise error
+
+    with pytest.raises(SystemExit) as ended:
+        exit_codes.run(app, [], "allegro-twin")  # type: ignore[arg-type]  # As typer's are called.
+    shown = capsys.readouterr().err
+    assert (ended.value.code, shown.count("\n")) == (2, 1)
+    assert shown.startswith(f"allegro-twin: {said}")
+
+
+def test_a_fault_of_this_package_keeps_its_traceback() -> None:
+    def app(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOENT, "No such file or directory", "x.yaml")
+
+    with pytest.raises(OSError, match="x.yaml"):
+        exit_codes.run(app, [], "allegro-twin")  # type: ignore[arg-type]  # As typer's are called.
 
 
 def test_an_interrupt_in_a_callback_of_a_library_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,7 +270,31 @@ def test_a_compiled_library_that_does_not_load_is_one_line_that_leads_to_the_doc
     )  # fmt: skip
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert done.stderr.startswith("allegro-twin: ")
-    assert "`allegro-twin doctor` says which package of the system has it" in done.stderr
+    assert "pinocchio cannot be imported: " in done.stderr
+    assert done.stderr.endswith("; `allegro-twin doctor` says what mends it\n")
+
+
+@pytest.mark.parametrize(
+    ("package", "text", "why"),
+    [
+        ("pinocchio", "import gone_for_good", "No module named 'gone_for_good'"),
+        ("pinocchio", "raise ImportError('built for another Python')", "built for another Python"),
+        ("mujoco", "import ctypes; ctypes.CDLL('libgone.so')", "libgone.so: cannot open shared object file"),
+        ("rich", "raise ImportError('half installed')", "half installed"),
+        ("pydantic", "raise ImportError('half installed')", "half installed"),  # Which typer imports.
+    ],
+)
+def test_a_package_that_cannot_be_imported_is_one_line_that_names_it(
+    tmp_path: Path, package: str, text: str, why: str
+) -> None:
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").write_text(text)
+    done = piped("$AT run conf/sim_right.yaml --seconds 0.1", PYTHONPATH=f"{tmp_path}:{SUITE}")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    if package in ("rich", "pydantic"):  # The doctor needs them too.
+        done = piped("$AT doctor", PYTHONPATH=f"{tmp_path}:{SUITE}")
+        assert done.stderr.endswith("; `pip install --force-reinstall allegro-twin` may mend it\n")
+    assert done.stderr.startswith(f"allegro-twin: {package} cannot be imported: {why}")
 
 
 def test_an_empty_argument_is_not_the_current_folder(command: Run, tmp_path: Path) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -30,7 +31,7 @@ from allegro_twin.hands.library.entry_files import name_from
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.console import plan_table
-from allegro_twin.surfaces.cli.grasps.plan import alternatives, restless, scenario_of, search_failure
+from allegro_twin.surfaces.cli.grasps.plan import alternatives, judging, restless, scenario_of, search_failure
 from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
 from tests.surfaces.cli.conftest import Run
 
@@ -383,3 +384,11 @@ def test_a_scale_of_one_is_one_that_was_said(command: Run, tmp_path: Path) -> No
         assert "m across" in said
     with pytest.raises(ConfigError, match="--scale and --mass are for meshes"):
         scenario_of("lemon", "z", 1.0, None, 0.8)
+
+
+def test_a_search_that_is_over_says_what_judging_its_grasps_takes_on_top() -> None:
+    known, unknown = (cast(GraspSearch, SimpleNamespace(whole=whole)) for whole in (2.0, math.nan))
+    assert judging(known, 5) == (
+        "the search is over: 5 grasps; each is now judged on 20 fresh draws, up to about 200 CPU-s"
+    )
+    assert judging(unknown, 1) == "the search is over: 1 grasp; each is now judged on 20 fresh draws"

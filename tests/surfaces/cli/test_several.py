@@ -18,11 +18,13 @@ import pytest
 
 from allegro_twin.app import session
 from allegro_twin.app.session import RunOutcome
-from allegro_twin.errors import HandFault
+from allegro_twin.errors import HandError, HandFault
 from allegro_twin.files.output_folder import FILES, UNFINISHED
 from allegro_twin.grasping.verdict import faulted
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.cli.start import parallel
+from allegro_twin.sweep import workers
 from tests.patience import comes_true
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state
@@ -135,7 +137,9 @@ def test_an_interruption_ends_all_processes_and_their_recordings_are_whole(
         _, errors = program.communicate()
     out = tmp_path / "out" / UNFINISHED
     assert program.returncode == 130
-    assert errors == f"what was written until then is in {out}; the rest of {out.parent} is as it was\n"
+    counted, kept = errors.splitlines()
+    assert counted == "interrupted: 0 of 2 runs had ended"
+    assert kept == f"what was written until then is in {out}; the rest of {out.parent} is as it was"
     assert not any(alive(worker) for worker in workers)
     assert [path.name for path in out.parent.iterdir()] == [UNFINISHED]  # It was no run.
     assert {path.name for path in out.iterdir()} == {"a.arrow", "b.arrow", FILES}  # And nothing begun or half-written.
@@ -182,3 +186,54 @@ def test_a_hand_that_the_guard_stops_in_a_trial_has_not_held_and_the_others_go_o
     assert "a, right" in shown
     report = json.loads((tmp_path / "out" / "report.json").read_text())["trials"]
     assert [each["held"] for each in report.values()] == [False, True][:count]
+
+
+LEMON = (SUITE / "scenarios/demo/lemon.yaml").read_text()
+
+
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), HandError("the disk burns")])
+def test_what_ends_several_runs_does_not_lose_the_verdicts_of_those_that_had_ended(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch, error: BaseException, folder: bool
+) -> None:
+    def perform(rig: Any, config: Any, *_: object) -> RunOutcome:
+        if Path(config.task.scenario).stem == "c":
+            raise error
+        return RunOutcome(state(), replace(faulted("it slipped"), held=Path(config.task.scenario).stem == "a"), ())
+
+    paths = written(tmp_path, a=LEMON, b=LEMON, c=LEMON, d=LEMON)
+    monkeypatch.setattr(session, "perform", perform)
+    out = tmp_path / "out"
+    code, shown, said = command("run", *paths, "--jobs", 1, *(["--out", out] if folder else []))
+    said = " ".join(said.split())
+    assert "1 of 2 held" in shown
+    assert "b, right: it slipped" in shown
+    assert "2 of 4 runs had ended" in said
+    assert code == (130 if isinstance(error, KeyboardInterrupt) else 2)
+    if folder:
+        trials = json.loads((out / UNFINISHED / "report.json").read_text())["trials"]
+        assert {name: trial["held"] for name, trial in trials.items()} == {"a_right": True, "b_right": False}
+
+
+def test_what_had_ended_before_its_turn_is_told_too_when_runs_side_by_side_are_interrupted(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class TwoAtOnce(workers.Workers):
+        """The first run goes on and the second has ended when Ctrl-C comes."""
+
+        def give(self, task: int, content: Any) -> None:
+            self.given = task
+
+        @property
+        def free(self) -> int:
+            return 1 - getattr(self, "given", -1)
+
+        def events(self) -> Iterator[workers.UnitDone]:
+            outcome = RunOutcome(state(), replace(faulted(""), held=True), ())
+            yield workers.UnitDone(1, parallel.RunResult(load_spec(), outcome, "pinch"))
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(workers, "Workers", TwoAtOnce)
+    code, shown, said = command("run", *written(tmp_path, a=LEMON, b=LEMON, c=LEMON), "--jobs", 2)
+    assert (code, "b, right hand: not held:" in shown) == (130, True)
+    assert "interrupted: 1 of 3 runs had ended" in " ".join(said.split())

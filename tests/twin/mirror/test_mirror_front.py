@@ -14,8 +14,9 @@ from allegro_twin.surfaces.cli.twin.mirror_run import lines, misfit, other_name,
 from allegro_twin.twin.mirror.contact_detection import Contact
 from allegro_twin.twin.mirror.fault_detection import Thresholds
 from allegro_twin.twin.mirror.faults import Fault, FaultReport
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult
-from allegro_twin.types import Vector
+from allegro_twin.types import Sample, Vector
 from tests.surfaces.cli.conftest import Run
 from tests.surfaces.cli.conftest import command as command
 from tests.twin import plugin_hand
@@ -142,3 +143,46 @@ def test_a_torque_that_no_motor_gives_is_said_to_be_one(spec: HandSpec) -> None:
 def test_what_is_wrong_is_said_with_the_time_at_which_it_got_its_name(spec: HandSpec) -> None:
     _, line = lines(result(spec, np.full(N, 0.010), FaultReport(Fault("stuck", 3, 0.1), 0.9, 1.234)), spec)
     assert line == "Something is wrong: index_3 is stuck (since 0.90 s, named at 1.23 s)."
+
+
+def stopped_after(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C comes while the mirror observes a row."""
+    observe, seen = Mirror.observe, iter(range(10**6))
+
+    def one(mirror: Mirror, sample: Sample) -> None:
+        if next(seen) == rows:
+            raise KeyboardInterrupt
+        observe(mirror, sample)
+
+    monkeypatch.setattr(Mirror, "observe", one)
+
+
+def test_a_mirror_of_a_recording_that_is_interrupted_tells_what_it_found_and_keeps_a_whole_copy_of_it(
+    free: Path, tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = tmp_path / "copy.arrow"
+    stopped_after(901, monkeypatch)
+    code, shown, errors = command("mirror", free, "--record", copy)
+    assert (code, "2.7 s beside the model" in shown) == (130, True)
+    assert f"interrupted: what came until then is in {copy}" in " ".join(errors.split())
+    assert (len(load(copy)), load(copy).complete) == (901, True)
+
+
+def test_a_mirror_without_files_that_is_interrupted_says_that_its_table_is_of_what_came_until_then(
+    free: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped_after(901, monkeypatch)
+    code, shown, errors = command("mirror", free)
+    assert (code, "2.7 s beside the model" in shown) == (130, True)
+    assert "interrupted: what is shown is what came until then" in " ".join(errors.split())
+
+
+def test_a_mirror_of_a_hand_that_is_interrupted_names_its_files(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = tmp_path / "run.arrow"
+    stopped_after(301, monkeypatch)
+    code, shown, errors = command("mirror", "can_virtual", "--record", copy)
+    assert (code, "0.9 s beside the model" in shown) == (130, True)
+    assert f"interrupted: what came until then is in {copy}" in " ".join(errors.split())
+    assert load(copy).complete

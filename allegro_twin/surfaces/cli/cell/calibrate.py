@@ -34,7 +34,7 @@ def lab_calibrate(
     ] = None,
     pattern: Annotated[
         Path | None,
-        typer.Option(help="Write the pattern to print, a PNG, and end.", callback=options.file(".png")),
+        typer.Option(help="Write the pattern to print, a PNG; replaces it, and ends.", callback=options.file(".png")),
     ] = None,
 ) -> None:
     """Find the mount of a cell's camera (hand-eye calibration)."""

@@ -50,7 +50,11 @@ def lab(
     ] = None,
     film: Annotated[
         Path | None,
-        typer.Option(help="Film of the run, an .mp4 file.", callback=options.film, rich_help_panel=options.OUTPUT),
+        typer.Option(
+            help="Film of the run, an .mp4; replaces what is there.",
+            callback=options.film,
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
     pictures: Annotated[
         float,
@@ -97,7 +101,7 @@ def lab(
     cell = make_cell(settings, wanted=None if thing is None else settings.objects[0].name)
     report, unwritten = None, ""
     try:
-        with ExitStack() as stack:
+        with options.interruptible(film), ExitStack() as stack:
             folder = None if out is None else stack.enter_context(options.run_folder(out))
             stack.callback(cell.close)
             observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)

@@ -32,7 +32,7 @@ def lab_look(
     tf: Annotated[bool, typer.Option("--tf", help="Take the camera's pose from the bag.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Write picture and planning scene, an .mcap.", callback=options.file(".mcap")),
+        typer.Option(help="Write picture and planning scene, an .mcap; replaces it.", callback=options.file(".mcap")),
     ] = None,
 ) -> None:
     """Take one picture with a cell's camera and show what is seen."""

@@ -136,7 +136,7 @@ def _rrd(recording: Any, target: Path) -> None:
 
     backend = ReplayBackend(recording)
     with atomic_file(target) as temporary:
-        viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary)
+        viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary, target)
         with closing(viewer):
             for _ in shown(replay_samples(backend), viewer, backend.extras):
                 pass

@@ -110,7 +110,7 @@ def evaluate(
     film: Annotated[
         Path | None,
         typer.Option(
-            help="Film three episodes of a policy to this .mp4.",
+            help="Film three episodes of a policy to this .mp4; replaces it.",
             callback=options.film,
             rich_help_panel=options.POLICY,
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -72,13 +73,23 @@ def improve(
 
     if not rounds and sustained is None:
         raise ConfigError("--rounds 0 changes nothing: search for 1 round or more, or say --sustained")
-    settings, begun, spec, path = _load_start(scenario, grasp, thing, _own_spec(scenario, hand, side))
-    chosen = engine_of(engine.value, address, 1 if engine is options.Engines.local else None)
-    search = GraspImprovement(
-        settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
-        sustained=math.inf if sustained is None else sustained, engine=chosen.engine, at_once=chosen.at_once,
-    )  # fmt: skip
-    better = _search(search, path.stem)
+    ended = 0
+
+    def tell(number: int) -> None:
+        nonlocal ended
+        ended = number
+
+    told = options.interruptible(
+        otherwise="nothing is compared or written", progress=lambda: f"{ended} of {rounds} rounds had ended"
+    )
+    with told:
+        settings, begun, spec, path = _load_start(scenario, grasp, thing, _own_spec(scenario, hand, side))
+        chosen = engine_of(engine.value, address, 1 if engine is options.Engines.local else None)
+        search = GraspImprovement(
+            settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
+            sustained=math.inf if sustained is None else sustained, engine=chosen.engine, at_once=chosen.at_once,
+        )  # fmt: skip
+        better = _search(search, path.stem, tell)
     description = _print_comparison(better, unseen, path.stem, begun.name)
     pair = better.comparison
     if not better.found or (sustained is None and pair.only_second < pair.only_first):
@@ -123,23 +134,18 @@ def _load_start(
     return settings, begun, spec, path
 
 
-def _search(search: GraspImprovement, name: str) -> ImprovementResult:
+def _search(search: GraspImprovement, name: str, ended: Callable[[int], None]) -> ImprovementResult:
+    """Search with a progress bar; `ended` gets how many rounds have ended."""
     from allegro_twin.surfaces.cli import console
 
-    ended = 0
     with console.progress() as bar:
         task = bar.add_task(name, total=search.rounds)
 
         def tell(number: int, share: float) -> None:
-            nonlocal ended
-            ended = number + 1
-            bar.update(task, completed=ended, description=f"{share:.0%}")
+            ended(number + 1)
+            bar.update(task, completed=number + 1, description=f"{share:.0%}")
 
-        try:
-            return search.run(tell)
-        except KeyboardInterrupt:
-            console.warn(f"interrupted: {ended} of {search.rounds} rounds had ended; nothing is compared or written")
-            raise
+        return search.run(tell)
 
 
 def _print_comparison(better: ImprovementResult, unseen: int, name: str, begun: str) -> str:

@@ -107,7 +107,7 @@ def plan(
         float | None,
         typer.Option(
             "--time",
-            help="Budget of the search, CPU seconds of all processes together; default: 120.",
+            help="Budget of the search, CPU-s; default: 120. Judging comes on top.",
             callback=options.positive,
             rich_help_panel=options.TRIALS,
         ),
@@ -245,7 +245,9 @@ def _found(
             found = _search(search, n, budget)
         else:
             found = _search_parallel(search, n, budget, parallel)
-        if not search.interrupted:
+        if found and not search.interrupted:
+            if parallel is not None or not math.isnan(search.whole):
+                console.errors.print(judging(search, len(found)), soft_wrap=True, highlight=False)
             judge_planned(found, judged, search.uncertainty, search.seed, search.folder)
     except KeyboardInterrupt:
         search.interrupted = True
@@ -264,6 +266,14 @@ def _found(
         console.errors.print(f"no grasp holds {name}: {why}", soft_wrap=True, highlight=False)
         raise typer.Exit(5)
     return found
+
+
+def judging(search: GraspSearch, found: int) -> str:
+    """What comes after a search, and about how long it takes, in a sentence."""
+    from allegro_twin.grasping.plan.validate import JUDGED
+
+    takes = "" if math.isnan(search.whole) else f", up to about {found * JUDGED * search.whole:.0f} CPU-s"
+    return f"the search is over: {found} grasp{'s'[: found != 1]}; each is now judged on {JUDGED} fresh draws{takes}"
 
 
 def interrupted_search(search: GraspSearch, found: Sequence[PlannedGrasp], n: int) -> str:

@@ -111,11 +111,16 @@ def firmware(
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="Write the verdict on a scenario to this .json.", callback=options.file(".json")),
+        typer.Option(
+            help="Write the verdict on a scenario to this .json; replaces it.", callback=options.file(".json")
+        ),
     ] = None,
     wire_log: Annotated[
         Path | None,
-        typer.Option(help="Log every frame to this .blf, .log or .asc.", callback=options.file(".blf", ".log", ".asc")),
+        typer.Option(
+            help="Log every frame to this .blf, .log or .asc; replaces it.",
+            callback=options.file(".blf", ".log", ".asc"),
+        ),
     ] = None,
 ) -> None:
     """Serve a virtual hand on a bus or serial port, for any driver."""

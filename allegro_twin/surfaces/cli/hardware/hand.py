@@ -60,7 +60,7 @@ def calibrate_limits(
     codec = calibration.codec_with_encoders(settings, config) if offsets else None
     if into is not None:
         calibration.refuse_another_hand(into, settings, config, codec)
-    with console.progress() as bar:
+    with options.interruptible(into, otherwise="no limits are found"), console.progress() as bar:
         task = bar.add_task("to both ends of every joint", total=None)
         model, found = calibration.find_limits(
             settings, by_hand, lambda t, total: bar.update(task, completed=t, total=total)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from allegro_twin.errors import RecordingError
 from allegro_twin.surfaces.cli import completion, options
 
 if TYPE_CHECKING:
@@ -80,16 +82,42 @@ def collect(
     kept = held if only else found
     if not kept:
         raise ConfigError(f"none of {len(found)} episodes ended well: leave out --only-success, or take a policy")
-    with defer_signals():
-        if format is Formats.minari:
-            to_minari(kept, out, period)
-        else:
-            to_lerobot(kept, out, period, robot)
-    steps = sum(len(episode.action) for episode in kept)
-    said = f"{out}/: {len(kept)} episodes, {steps} steps; {len(held)} of {len(found)} ended well"
+
+    def write(some: Sequence[EnvironmentEpisode]) -> None:
+        with defer_signals():
+            if format is Formats.minari:
+                to_minari(some, out, period)
+            else:
+                to_lerobot(some, out, period, robot)
+
+    written, full = _write_what_fits(kept, write)
+    steps = sum(len(episode.action) for episode in written)
+    said = f"{out}/: {len(written)} episodes, {steps} steps; {len(held)} of {len(found)} ended well"
     console.console.print(said, soft_wrap=True, highlight=False, markup=False)
+    if full is not None:
+        first = found.index(kept[len(written)])
+        raise RecordingError(
+            f"{full}; it has {len(written)} of {len(kept)} episodes: the same command with a folder on another disk, "
+            f"--seed {seed + first} and --episodes {episodes - first} collects the rest"
+        )
     if interrupted:
         raise typer.Exit(130)
+
+
+def _write_what_fits(
+    kept: Sequence[EnvironmentEpisode], write: Callable[[Sequence[EnvironmentEpisode]], None]
+) -> tuple[Sequence[EnvironmentEpisode], RecordingError | None]:
+    """Write a data set of all episodes, or of the first ones where the disk takes no more, and the error of that disk.
+    Raises RecordingError where it takes none."""
+    full, count = None, len(kept)
+    while True:
+        try:
+            write(kept[:count])
+            return kept[:count], full
+        except RecordingError as error:
+            if count == 1 or not isinstance(error.__cause__, OSError):
+                raise
+            full, count = error, max(1, count * 3 // 4)
 
 
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:

@@ -21,7 +21,9 @@ def mpc(
     ] = None,
     hand: options.TrainedHand = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
-    film: Annotated[Path | None, typer.Option(help="Film of all episodes, .mp4.", callback=options.film)] = None,
+    film: Annotated[
+        Path | None, typer.Option(help="Film of all episodes, .mp4; replaces what is there.", callback=options.film)
+    ] = None,
 ) -> None:
     """Do a task without learning, by model predictive control.
 
@@ -49,28 +51,24 @@ def mpc(
     )
     fps = round(1.0 / (environment.period * environment.decimation))
     found: list[MpcEpisode] = []
-    interrupted: KeyboardInterrupt | None = None
     unwritten = ""
-    try:
-        with ExitStack() as stack:
-            bar = stack.enter_context(console.progress()) if sys.stdout.isatty() else None
-            line = None if bar is None else bar.add_task("decisions", total=None)
+    with options.interruptible(film, progress=lambda: f"{len(found)} of {episodes} episodes have ended"):
+        try:
+            with ExitStack() as stack:
+                bar = stack.enter_context(console.progress()) if sys.stdout.isatty() else None
+                line = None if bar is None else bar.add_task("decisions", total=None)
 
-            def advance(done: int, of: int) -> None:
-                if bar is not None and line is not None:
-                    bar.update(line, completed=done, total=of)
+                def advance(done: int, of: int) -> None:
+                    if bar is not None and line is not None:
+                        bar.update(line, completed=done, total=of)
 
-            shown = None if film is None else stack.enter_context(open_film(film, fps))
-            run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
-                         advance=advance, ended=found.append)  # fmt: skip
-    except KeyboardInterrupt as stopped:
-        interrupted = stopped  # The film is complete, and what has ended is told.
-    except RecordingError as error:
-        unwritten = str(error)
-    if found:
-        console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
-    if interrupted is not None:
-        console.errors.print(f"interrupted: {len(found)} of {episodes} episodes have ended", soft_wrap=True)
-        raise interrupted
+                shown = None if film is None else stack.enter_context(open_film(film, fps))
+                run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
+                             advance=advance, ended=found.append)  # fmt: skip
+        except RecordingError as error:
+            unwritten = str(error)
+        finally:
+            if found:
+                console.console.print(console.mpc_table(found, task_type(recipe.task), chosen, seed))
     if unwritten:
         options.end_unwritten(unwritten)

@@ -13,6 +13,7 @@ from pathlib import Path
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.cli.machine.bus import may_open
 from allegro_twin.surfaces.cli.machine.finding import Diagnosis
+from allegro_twin.surfaces.cli.machine.packages import Imports, import_errors
 from allegro_twin.sweep.processors import core_count
 
 _RENDER = """
@@ -40,9 +41,12 @@ def render(backend: str) -> str:
     return done.stdout.strip()
 
 
-def pictures(draw: Callable[[str], str] = render) -> Iterator[Diagnosis]:
+def pictures(draw: Callable[[str], str] = render, imports: Imports = import_errors) -> Iterator[Diagnosis]:
     """Rendering, with the MUJOCO_GL that commands have."""
     given = os.environ.get("MUJOCO_GL", "").strip()
+    if why := imports(["mujoco"]).get("mujoco"):
+        yield Diagnosis("pictures", "broken", f"mujoco cannot be imported: {why}", "mend the packages first")
+        return
     if given and given.lower() != "egl":
         try:
             yield Diagnosis("pictures", "works", f"with MUJOCO_GL={given}, by {_drawn(given, draw)}")

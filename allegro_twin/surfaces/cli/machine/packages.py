@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import os
 import platform
 import re
+import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 
@@ -15,7 +18,32 @@ _REQUIREMENT = re.compile(r"([A-Za-z0-9_.-]+)(?:\[[^]]*\])?\s*([^;]*)(?:;\s*(.*)
 _EXTRA = re.compile(r"extra\s*==\s*['\"]([^'\"]+)['\"]")
 _BEFORE = re.compile(r"python_version\s*<\s*['\"]3\.(\d+)['\"]")
 _BOUND = re.compile(r"(>=|<)\s*([0-9.]+)")
+_MODULES = {
+    "pin": "pinocchio",
+    "pyserial": "serial",
+    "python-can": "can",
+    "pyyaml": "yaml",
+    "ruamel-yaml": "ruamel.yaml",
+}
+"""Modules that are not named as their packages."""
+_IMPORT = """
+import importlib, json, os, sys
+told = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # What libraries print is no answer.
+for name in sys.argv[1:]:
+    print(json.dumps([name, None]), file=told, flush=True)
+    try:
+        importlib.import_module(name)
+        said = ""
+    except BaseException as error:
+        said = (str(error).strip() or type(error).__name__).splitlines()[0]
+    print(json.dumps([name, said]), file=told, flush=True)
+"""
+"""Says of each module, before, that it is tried, and then why it cannot be imported; empty where it can."""
+_SECONDS = 120.0
 Version = Callable[[str], str]
+Imports = Callable[[Sequence[str]], Mapping[str, str]]
+"""Why modules cannot be imported, by the name of each that cannot."""
 
 
 def python() -> Iterator[Diagnosis]:
@@ -25,17 +53,51 @@ def python() -> Iterator[Diagnosis]:
     yield Diagnosis("Python", "works" if fine else "broken", found, "" if fine else "install Python 3.11 or newer")
 
 
+def import_errors(modules: Sequence[str]) -> dict[str, str]:
+    """Why modules cannot be imported, by the name of each that cannot; in separate processes, which a broken library
+    may end. MuJoCo is imported without a way to render."""
+    wrong: dict[str, str] = {}
+    left = list(modules)
+    while left:
+        command = [sys.executable, "-c", _IMPORT, *left]
+        try:
+            done = subprocess.run(
+                command, env=os.environ | {"MUJOCO_GL": "off"}, capture_output=True, text=True, timeout=_SECONDS
+            )
+            shown, how = done.stdout, f"its import ends Python with {done.returncode}"
+        except subprocess.TimeoutExpired as error:
+            shown = error.stdout.decode() if isinstance(error.stdout, bytes) else error.stdout or ""
+            how = f"its import takes more than {_SECONDS:g} s"
+        said: dict[str, str | None] = dict(json.loads(line) for line in shown.splitlines())
+        wrong |= {name: how if why is None else why for name, why in said.items() if why != ""}
+        if not said:
+            return wrong | dict.fromkeys(left, how)
+        left = left[len(said) :]
+    return wrong
+
+
 def packages(
-    given: list[str] | None = None, its: Version = version, minor: int = sys.version_info[1]
+    given: list[str] | None = None,
+    its: Version = version,
+    minor: int = sys.version_info[1],
+    imports: Imports = import_errors,
 ) -> Iterator[Diagnosis]:
-    """The required packages, and each extra. `given`: requirements as in the metadata; `minor`: minor version of
-    Python 3."""
+    """The required packages, which are imported, and each extra. `given`: requirements as in the metadata; `minor`:
+    minor version of Python 3."""
     given = requires("allegro-twin") or [] if given is None else given
     core, extras = parse_requirements(given)
     wrong = list(_wrong(core, its))
+    mends = ["pip install --upgrade allegro-twin"] if wrong else []
+    normal = {name: re.sub(r"[-_.]+", "-", name).lower() for name in core if _installed(name, its)}
+    modules = {name: _MODULES.get(each, each.replace("-", "_")) for name, each in normal.items()}
+    errors = imports(list(modules.values()))
+    for name, module in modules.items():
+        if module in errors:
+            wrong.append(f"{module} cannot be imported: {errors[module]}")
+            mends.append(f"pip install --force-reinstall '{name}{core[name].strip()}'")
     yield Diagnosis(
-        "packages", "broken" if wrong else "works", "; ".join(wrong) or f"{len(core)} needed, all there",
-        "pip install --upgrade allegro-twin" if wrong else "",
+        "packages", "broken" if wrong else "works", "; ".join(wrong) or f"{len(core)} needed, all can be imported",
+        "; ".join(mends),
     )  # fmt: skip
     for extra, needed in extras.items():
         wrong = list(_wrong(needed, its))
@@ -75,6 +137,13 @@ def parse_requirements(given: list[str]) -> tuple[dict[str, str], dict[str, dict
         elif extra[1] != "dev":
             extras.setdefault(extra[1], {})[name] = bounds
     return core, dict(sorted(extras.items()))
+
+
+def _installed(name: str, its: Version) -> bool:
+    try:
+        return bool(its(name))
+    except PackageNotFoundError:
+        return False
 
 
 def _wrong(needed: dict[str, str], its: Version) -> Iterator[str]:

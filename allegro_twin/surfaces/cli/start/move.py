@@ -80,7 +80,8 @@ def teach(
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.hand import Hand
 
-    with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
+    opened = Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty())
+    with options.interruptible(into), opened as hand:
         console.say(f"Move the fingers; {seconds:g} s from now on.")
         with hand.teach() as demonstration:
             hand.wait(seconds)

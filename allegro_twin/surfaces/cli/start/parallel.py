@@ -52,12 +52,18 @@ ReportLine = Callable[[str], None]
 
 
 def run_all(
-    jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: Progress, report: ReportLine
+    jobs: Sequence[RunJob],
+    outputs: RunOutputs,
+    count: int,
+    bar: Progress,
+    report: ReportLine,
+    ahead: dict[int, RunResult | HandError],
 ) -> Generator[tuple[RunJob, RunResult], None, None]:
-    """Run every job in up to `count` processes; yields each job with its result, in order. Raises HandError."""
+    """Run every job in up to `count` processes; yields each job with its result, in order. `ahead` has what ended
+    before its turn, by the number of the job, also after an interruption. Raises HandError."""
     together = count > 1 and len(jobs) > 1 and all(job.config.backend.kind == "sim" for job in jobs)
     whole = bar.add_task(f"0 of {len(jobs)}", total=len(jobs), visible=len(jobs) > 1)
-    results = _run_parallel(jobs, outputs, count, bar) if together else _run_in_turn(jobs, outputs, bar, report)
+    results = _run_parallel(jobs, outputs, count, bar, ahead) if together else _run_in_turn(jobs, outputs, bar, report)
     for number, (job, ran) in enumerate(zip(jobs, results, strict=True), 1):
         bar.update(whole, description=f"{number} of {len(jobs)}", completed=number)
         yield job, ran
@@ -129,11 +135,13 @@ def _run_in_turn(jobs: Sequence[RunJob], outputs: RunOutputs, bar: Progress, rep
         yield ran
 
 
-def _run_parallel(jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: Progress) -> Iterator[RunResult]:
+def _run_parallel(
+    jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: Progress, ended: dict[int, RunResult | HandError]
+) -> Iterator[RunResult]:
     """Results in order. Raises the error of the earliest job: it stops later jobs and waits for earlier ones."""
     from allegro_twin.sweep.workers import WorkerEvent, Workers
 
-    bars, ended = _Bars(jobs, bar), dict[int, RunResult | HandError]()
+    bars = _Bars(jobs, bar)
     begun, end, number = 0, len(jobs), 0
     with Workers(f"{__name__}:run_in_worker", outputs, min(count, end), _ONE_THREAD) as workers:
         while number < len(jobs):
@@ -149,10 +157,11 @@ def _run_parallel(jobs: Sequence[RunJob], outputs: RunOutputs, count: int, bar: 
                 if isinstance(found, HandError):
                     end = min(end, event.task)
             while number in ended:
-                ran = ended.pop(number)
+                ran = ended[number]
                 if isinstance(ran, HandError):
                     raise ran
                 yield ran
+                del ended[number]
                 number += 1
 
 

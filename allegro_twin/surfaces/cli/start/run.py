@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 from contextlib import closing
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.errors import ConfigError, LinkError
+from allegro_twin.errors import ConfigError, HandError, LinkError, RecordingError
 from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.options import OtherHand
 from allegro_twin.surfaces.cli.start import view as viewing
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.spec.thermal import ThermalData
     from allegro_twin.surfaces.cli.start.jobs import RunJob, RunOptions
-    from allegro_twin.surfaces.cli.start.parallel import RunOutputs
+    from allegro_twin.surfaces.cli.start.parallel import RunOutputs, RunResult
 
 REPORT = "report.json"
 """The verdicts of the trials, in the folder of --out."""
@@ -66,13 +67,13 @@ Out = Annotated[
         rich_help_panel=options.OUTPUT,
     ),
 ]
-Record = Annotated[Path | None, _file("Record to this .arrow file.", ".arrow")]
-Image = Annotated[Path | None, _file("Render to this .png.", ".png")]
-Video = Annotated[Path | None, _file("Render to this .mp4.", ".mp4")]
-Rrd = Annotated[Path | None, _file("Write a Rerun recording to this .rrd.", ".rrd")]
+Record = Annotated[Path | None, _file("Record to this .arrow; replaces what is there.", ".arrow")]
+Image = Annotated[Path | None, _file("Render to this .png; replaces what is there.", ".png")]
+Video = Annotated[Path | None, _file("Film to this .mp4; replaces what is there.", ".mp4")]
+Rrd = Annotated[Path | None, _file("Write a Rerun file to this .rrd; replaces what is there.", ".rrd")]
 WireLog = Annotated[
     Path | None,
-    _file("Log every frame of the hand's bus to this .blf, .log or .asc.", ".blf", ".log", ".asc"),
+    _file("Log the hand's bus to this .blf, .log or .asc; replaces it.", ".blf", ".log", ".asc"),
 ]
 Size = Annotated[
     str, typer.Option(help="Size of pictures and films, WIDTHxHEIGHT in pixels.", rich_help_panel=options.OUTPUT)
@@ -140,63 +141,107 @@ def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | N
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     if out is None:
         with options.interruptible(outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log):
-            reports, done = _run_jobs(jobs, RunOutputs(outputs, None), count or core_count())
-        if reports and not any(single):
+            verdicts = _run_jobs(jobs, RunOutputs(outputs, None), count or core_count())
+        if verdicts.reports and not any(single):
             from allegro_twin.surfaces.cli import console
 
             console.hint("Next: --out FOLDER keeps a recording, a picture and a report of each; --view shows it live")
-        return done
+        return verdicts.done
     with options.run_folder(out, REPORT) as staging:
-        reports, done = _run_jobs(jobs, RunOutputs(outputs, staging), count or core_count())
-        pictures = _write_reports(reports, staging)
-    _print_folder(reports, out, pictures=pictures)
-    return done
+        verdicts = _run_jobs(jobs, RunOutputs(outputs, staging), count or core_count())
+        pictures = _write_reports(verdicts.reports, staging)
+    _print_folder(verdicts.reports, out, pictures=pictures)
+    return verdicts.done
 
 
-def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> tuple[dict[tuple[str, str], TrialReport], bool]:
-    """Run the jobs and print the outcomes. Returns the verdicts, and whether every run reached its goal."""
+@dataclass(slots=True)
+class _Verdicts:
+    """What the runs that have ended came to."""
 
+    reports: dict[tuple[str, str], TrialReport] = field(default_factory=dict)
+    grasps: dict[str, str] = field(default_factory=dict)
+    thermal: ThermalData | None = None
+    printed: set[str] = field(default_factory=set)
+    """Notes."""
+    ended: set[int] = field(default_factory=set)
+    """Numbers of the jobs."""
+    done: bool = True
+    """Every run reached its goal."""
+    unwritten: str = ""
+
+    def add(self, number: int, job: RunJob, ran: RunResult) -> None:
+        """Add a run, and print what there is to say of it alone. Raises LinkError for one that is not confirmed."""
+        from allegro_twin.surfaces.cli import console
+
+        self.ended.add(number)
+        for note in ran.outcome.notes:
+            if note not in self.printed:
+                console.warn(f"{job.name} {ran.spec.side}: {note}")
+            self.printed.add(note)
+        self.unwritten = self.unwritten or ran.outcome.unwritten
+        if ran.outcome.unconfirmed:
+            raise LinkError(ran.outcome.unconfirmed)
+        if ran.outcome.report is not None:
+            self.reports[job.name, ran.spec.side], self.grasps[job.name] = ran.outcome.report, ran.grasp
+            self.thermal = ran.spec.thermal
+            self.done = self.done and ran.outcome.report.held
+            return
+        console.console.print(console.final_state(ran.spec, ran.outcome.last))
+        self.done = self.done and not ran.outcome.failed  # A note has said so.
+        cut = job.cut and ran.outcome.last.t < ran.outcome.motion  # --seconds ended the motion early.
+        if ran.outcome.missed and not cut:
+            self.done = False
+            console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
+        elif ran.outcome.missed:
+            console.warn(
+                f"{job.name}, {ran.spec.side} hand: --seconds ended the motion at {ran.outcome.last.t:.1f} s; "
+                f"it takes {ran.outcome.motion:.1f} s"
+            )
+
+
+def _run_jobs(jobs: list[RunJob], files: RunOutputs, count: int) -> _Verdicts:
+    """Run the jobs and print the outcomes. Where Ctrl-C or an error ends them, what had ended is printed, and its
+    report is in the folder of `files`."""
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.start.parallel import run_all
 
-    reports: dict[tuple[str, str], TrialReport] = {}
-    grasps: dict[str, str] = {}
-    thermal: ThermalData | None = None
-    printed: set[str] = set()
-    done, unwritten = True, ""
+    found, ahead = _Verdicts(), dict[int, Any]()
 
     def report(line: str) -> None:
         console.errors.print(line, soft_wrap=True)
 
-    with console.progress() as bar, closing(run_all(jobs, files, count, bar, report)) as runs:
-        for job, ran in runs:
-            for note in ran.outcome.notes:
-                if note not in printed:
-                    console.warn(f"{job.name} {ran.spec.side}: {note}")
-                printed.add(note)
-            unwritten = unwritten or ran.outcome.unwritten
-            if ran.outcome.unconfirmed:
-                raise LinkError(ran.outcome.unconfirmed)
-            if ran.outcome.report is None:
-                console.console.print(console.final_state(ran.spec, ran.outcome.last))
-                done = done and not ran.outcome.failed  # A note has said so.
-                cut = job.cut and ran.outcome.last.t < ran.outcome.motion  # --seconds ended the motion early.
-                if ran.outcome.missed and not cut:
-                    done = False
-                    console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
-                elif ran.outcome.missed:
-                    console.warn(
-                        f"{job.name}, {ran.spec.side} hand: --seconds ended the motion at {ran.outcome.last.t:.1f} s; "
-                        f"it takes {ran.outcome.motion:.1f} s"
-                    )
-            else:
-                reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
-                thermal = ran.spec.thermal
-    _print_verdicts(reports, grasps, thermal)
-    done = done and all(report.held for report in reports.values())
-    if unwritten:
-        options.end_unwritten(unwritten, 0 if done else 5)
-    return reports, done
+    try:
+        with console.progress() as bar, closing(run_all(jobs, files, count, bar, report, ahead)) as runs:
+            for number, (job, ran) in enumerate(runs):
+                found.add(number, job, ran)
+    except KeyboardInterrupt:
+        for number in sorted(number for number, ran in ahead.items() if not isinstance(ran, HandError)):
+            found.add(number, jobs[number], ahead[number])
+        _print_ended(found, files.folder)
+        if len(jobs) > 1:
+            console.warn(f"interrupted: {len(found.ended)} of {len(jobs)} runs had ended")
+        raise
+    except HandError as error:
+        if found.reports:
+            _print_ended(found, files.folder)
+            error.args = (f"{error}; {len(found.ended)} of {len(jobs)} runs had ended",)
+        raise
+    _print_verdicts(found.reports, found.grasps, found.thermal)
+    if found.unwritten:
+        options.end_unwritten(found.unwritten, 0 if found.done else 5)
+    return found
+
+
+def _print_ended(found: _Verdicts, folder: Path | None) -> None:
+    """Print, and write, the verdicts of runs that had ended when something ended all."""
+    from allegro_twin.surfaces.cli import console
+
+    _print_verdicts(found.reports, found.grasps, found.thermal)
+    if folder is not None:
+        try:
+            _write_reports(found.reports, folder, pictures=False)
+        except RecordingError as error:
+            console.warn(str(error))
 
 
 def _print_verdicts(
@@ -217,8 +262,8 @@ def _print_verdicts(
         console.console.print(console.summary(reports, grasps, ENGINE))
 
 
-def _write_reports(reports: dict[tuple[str, str], TrialReport], folder: Path) -> bool:
-    """Write the verdicts and an overview of the pictures. Returns whether there are pictures."""
+def _write_reports(reports: dict[tuple[str, str], TrialReport], folder: Path, *, pictures: bool = True) -> bool:
+    """Write the verdicts and, with `pictures`, an overview of the pictures. Returns whether there are pictures."""
     from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.viewing.stills import picture_all
 
@@ -226,7 +271,7 @@ def _write_reports(reports: dict[tuple[str, str], TrialReport], folder: Path) ->
         return False
     names = {f"{name}_{side}": report for (name, side), report in reports.items()}
     write_reports(folder / REPORT, names)
-    return picture_all(folder, names) is not None
+    return pictures and picture_all(folder, names) is not None
 
 
 def _print_folder(reports: dict[tuple[str, str], TrialReport], out: Path, *, pictures: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
+    from allegro_twin.spec import HandSpec
     from allegro_twin.twin.identify.pipeline import KnownWeight
     from allegro_twin.twin.mirror.on_recording import MirrorResult
 
@@ -99,7 +101,8 @@ def identify(
         bool, typer.Option("--known-masses", help="Take the masses of the links as exact: the scale of N·m.")
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="Write a page to this .html.", callback=options.file(".html"))
+        Path | None,
+        typer.Option(help="Write a page to this .html; replaces what is there.", callback=options.file(".html")),
     ] = None,
 ) -> None:
     """Identify a hand's motors and friction from recordings."""
@@ -109,7 +112,7 @@ def identify(
 
     weights = [weight_of(text) for text in known_mass or ()]
     path = identification.file_to_write(hand) if hand is not None else None
-    with console.progress() as bar:
+    with options.interruptible(path, report, otherwise="nothing is identified"), console.progress() as bar:
         job = bar.add_task("reading", total=None)
         found = identification.identify_drive(
             recordings, weights, path, known_masses, friction.value, lambda line: bar.update(job, description=line)
@@ -167,12 +170,13 @@ def mirror(
     record: Annotated[
         Path | None,
         typer.Option(
-            help="Record the run, or copy the recording, with the columns `predicted`, `disturbance` and `event`.",
+            help="Record it with `predicted`, `disturbance`, `event`; replaces it.",
             callback=options.file(".arrow"),
         ),
     ] = None,
     rrd: Annotated[
-        Path | None, typer.Option(help="Write a Rerun file of the run.", callback=options.file(".rrd"))
+        Path | None,
+        typer.Option(help="Write a Rerun file of the run; replaces what is there.", callback=options.file(".rrd")),
     ] = None,
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
@@ -190,45 +194,60 @@ def mirror(
     identification.check_scipy()
     from allegro_twin.twin.mirror.factory import describe_backlash
 
-    down, ended = None if gravity is None else mirror_run.parse_gravity(gravity), None
-    found: MirrorResult | None
+    down = None if gravity is None else mirror_run.parse_gravity(gravity)
     if Path(target).suffix == ".arrow":
         from allegro_twin.recording.reader import load
-        from allegro_twin.twin.mirror.on_recording import mirror_recording
 
         if stop_on or rrd is not None or view or web:
             raise ConfigError(f"{target} is a recording: --stop-on, --rrd, --view and --web are for a hand that runs")
-        spec = load(Path(target), partial=partial).spec
+        recording = load(Path(target), partial=partial)
+        spec = recording.spec
         console.warn(describe_backlash(spec, hand or ""))
-        found = mirror_recording(Path(target), hand or "", free, down, partial=partial, into=record)
-        if found.free is not None:
-            console.warn(mirror_run.other_name(found.free, spec))
-            console.warn(mirror_run.misfit(found.free, spec))
-    else:
-        from allegro_twin.app.config import load_config
-        from allegro_twin.app.rig import spec_of
+        with _mirrored(record, None):
+            found, ended = mirror_run.mirror_file(recording, hand or "", free, down, record)
+            if found is not None and found.free is not None:
+                console.warn(mirror_run.other_name(found.free, spec))
+                console.warn(mirror_run.misfit(found.free, spec))
+            _show_mirrored(found, spec, free)
+            if ended is not None:
+                raise ended
+        return
+    from allegro_twin.app.config import load_config
+    from allegro_twin.app.rig import spec_of
 
-        if partial:
-            raise ConfigError(f"--partial is for a recording, and {target} is a config")
-        config = load_config(target)
-        spec = spec_of(config)
-        console.warn(describe_backlash(spec, hand or ""))
+    if partial:
+        raise ConfigError(f"--partial is for a recording, and {target} is a config")
+    config = load_config(target)
+    spec = spec_of(config)
+    console.warn(describe_backlash(spec, hand or ""))
+    stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
+    wanted = mirror_run.MirrorOutputs(free, stop, record, rrd, "web" if web else "native" if view else None, down)
+    with _mirrored(record, rrd):
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
-            stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
-            wanted = mirror_run.MirrorOutputs(
-                free, stop, record, rrd, "web" if web else "native" if view else None, down
-            )
             found, ended = mirror_run.run_with_mirror(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print, console.warn
             )
-    if found is not None:
-        console.console.print(mirror_run.table(found, spec.joint_labels))
-        console.warn(mirror_run.missing_checks(found, free))
-        for line in mirror_run.lines(found, spec):
-            console.console.print(line, highlight=False, soft_wrap=True)
-    if ended is not None:
-        raise ended
+        _show_mirrored(found, spec, free)
+        if ended is not None:
+            raise ended
+
+
+def _mirrored(record: Path | None, rrd: Path | None) -> AbstractContextManager[None]:
+    """What an interrupted mirror says of its files, or else of what it printed."""
+    return options.interruptible(record, rrd, otherwise="what is shown is what came until then")
+
+
+def _show_mirrored(found: MirrorResult | None, spec: HandSpec, free: Path | None) -> None:
+    from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.twin import mirror_run
+
+    if found is None:
+        return
+    console.console.print(mirror_run.table(found, spec.joint_labels))
+    console.warn(mirror_run.missing_checks(found, free))
+    for line in mirror_run.lines(found, spec):
+        console.console.print(line, highlight=False, soft_wrap=True)
 
 
 def branch(
@@ -260,14 +279,20 @@ def branch(
         str | None, typer.Option(help="Gravity in the palm's frame, m/s², if the hand does not report it: 0,0,-9.81.")
     ] = None,
     record: Annotated[
-        Path | None, typer.Option(help="Record the branch to this .arrow.", callback=options.file(".arrow"))
+        Path | None,
+        typer.Option(help="Record the branch to this .arrow; replaces what is there.", callback=options.file(".arrow")),
     ] = None,
     rrd: Annotated[
         Path | None,
-        typer.Option(help="Write both futures to one Rerun file.", callback=options.file(".rrd")),
+        typer.Option(
+            help="Write both futures to one Rerun file; replaces what is there.", callback=options.file(".rrd")
+        ),
     ] = None,
     image: Annotated[
-        Path | None, typer.Option(help="Plot all futures, joint by joint, to this .png.", callback=options.file(".png"))
+        Path | None,
+        typer.Option(
+            help="Plot all futures, joint by joint, to this .png; replaces it.", callback=options.file(".png")
+        ),
     ] = None,
 ) -> None:
     """Change something at one instant of a recording: what if?
@@ -280,7 +305,8 @@ def branch(
 
     down = None if gravity is None else mirror_run.parse_gravity(gravity)
     wanted = BranchOptions(hand or "", disturbance.value, open_loop, down)
-    found = branch_run.run_branch(recording, at, change or [], branch_run.BranchOutputs(record, rrd), wanted)
+    with options.interruptible(record, rrd, image, otherwise="nothing is compared"):
+        found = branch_run.run_branch(recording, at, change or [], branch_run.BranchOutputs(record, rrd), wanted)
     for line in branch_run.warnings(recording, wanted):
         console.warn(line)
     if image is not None:

@@ -16,6 +16,7 @@ from allegro_twin.errors import ConfigError, HandError
 if TYPE_CHECKING:
     from allegro_twin.app.config import RunConfig
     from allegro_twin.app.rig import Rig
+    from allegro_twin.recording.reader import Recording
     from allegro_twin.spec import HandSpec
     from allegro_twin.twin.mirror.contact_detection import Contact
     from allegro_twin.twin.mirror.mirror import Mirror
@@ -49,6 +50,21 @@ class MirroredRun(NamedTuple):
     """None where it ended before the mirror estimated anything."""
     error: HandError | KeyboardInterrupt | None = None
     """What ended it before its time: a fault, a silent bus, Ctrl-C."""
+
+
+def mirror_file(
+    recording: Recording, hand: str, free: Path | None, gravity: Vector | None, into: Path | None
+) -> MirroredRun:
+    """Run a recording past its mirror, to its end or to Ctrl-C. Arguments as those of `mirror_recording`. Raises
+    HandError."""
+    from allegro_twin.twin.mirror.on_recording import log_for_recording, run_recording
+
+    log, own = log_for_recording(recording, hand, free, gravity)
+    try:
+        run_recording(recording, log, into)
+    except KeyboardInterrupt as stopped:
+        return MirroredRun(log.result(own) if log.rows else None, stopped)
+    return MirroredRun(log.result(own))
 
 
 def run_with_mirror(
