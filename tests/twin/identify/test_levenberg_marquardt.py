@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from allegro_twin.twin.identify.fitting.fit import UNSEEN_BUMPS, _vagueness
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import LONGEST, DescentResult, _step, descend
 from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
@@ -177,3 +178,25 @@ def test_what_is_held_does_not_move_and_a_finger_goes_a_unit_at_most() -> None:
     assert np.abs(free[:2]).min() > LONGEST
     np.testing.assert_allclose(far[:2], np.sign(free[:2]) * LONGEST)
     assert far[2] == pytest.approx(free[2]), "the delay is all fingers'"
+
+
+AWAY = np.array([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]) * 1e-3
+VALLEY = (AWAY / 1e-3) ** 2
+
+
+def test_a_delay_is_vague_only_where_the_cost_beside_it_falls_again() -> None:
+    assert _vagueness(AWAY, VALLEY) == 0.0
+    assert _vagueness(AWAY, np.sqrt(VALLEY)) == 0.0, "however it rises"
+    bumpy = VALLEY + np.array([0.0, 0.0, 1.25, 0.0, 0.0, 0.0])  # 1.5 at -0.5 ms, and 1 at -1 ms.
+    assert _vagueness(AWAY, bumpy) == pytest.approx(1e-3 * np.sqrt(UNSEEN_BUMPS * 0.5))
+    lower = VALLEY - np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])  # A descent from there came back.
+    assert _vagueness(AWAY, lower) == pytest.approx(1e-3 * np.sqrt(UNSEEN_BUMPS * 0.25))
+    flat = np.zeros(6)
+    assert _vagueness(AWAY, flat) == 0.0
+    assert _vagueness(AWAY, np.array([0.0, 0.9, 0.5, 0.5, 0.9, 0.0])) == 2e-3, "no more than was tried"
+
+
+def test_a_delay_at_the_end_of_its_range_is_judged_by_the_other_side() -> None:
+    away = np.array([0.0, 0.0, 0.0, 0.5, 1.0, 2.0]) * 1e-3
+    rises = np.array([0.0, 0.0, 0.0, 1.5, 1.0, 4.0])
+    assert _vagueness(away, rises) == pytest.approx(1e-3 * np.sqrt(UNSEEN_BUMPS * 0.5))

@@ -17,7 +17,7 @@ from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
 from allegro_twin.twin.identify.fitting.regress import regress_presliding
 from allegro_twin.twin.identify.fitting.shooting import LONG, MEAN, SHORT
-from allegro_twin.twin.identify.fitting.spread import Spread, mass_variance, spread
+from allegro_twin.twin.identify.fitting.spread import NORMAL, Spread, mass_variance, spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
@@ -90,8 +90,6 @@ OTHER_DELAYS = (-0.002, -0.001, -0.0005, 0.0005, 0.001, 0.002)
 """s, beside the one that was found."""
 UNSEEN_BUMPS = 2.0
 """Times the roughness that shows at so few delays. Ours."""
-TWO_SIDED = 1.96
-"""Standard deviations of half a 95 % interval."""
 PLAYS = (0.001, 0.004)
 """rad, tried in all joints at once: half of the first is the least that is visible."""
 BENT = 0.05
@@ -270,12 +268,21 @@ def _from_other_delays(problem: Problem, last: DescentResult, stage: FitStage) -
         if cost >= least:
             break
         last, least = found, cost
-    rises = np.array(costs) - least
-    sides = rises[: len(rises) // 2][::-1], rises[len(rises) // 2 :]
-    rough = max(float((np.maximum.accumulate(side) - side).max()) for side in sides)
-    steep = max(float(rises[[0, -1]].mean()), 1e-12) / OTHER_DELAYS[-1] ** 2
-    vague = min(float(np.sqrt(UNSEEN_BUMPS * rough / steep)), OTHER_DELAYS[-1])
-    return _RoughFit(last.drive, COULOMB, last.left, vague)
+    away = np.array([drive.delay[0] for drive in tried]) - last.drive.delay[0]
+    return _RoughFit(last.drive, COULOMB, last.left, _vagueness(away, np.array(costs) - least))
+
+
+def _vagueness(away: Vector, rises: Vector) -> float:
+    """Half of an interval of a delay, s, from the rises of a cost so far away from it, in order, s: where a parabola
+    through the furthest ones rises by UNSEEN_BUMPS times as much as the cost falls on the way there. 0 where it only
+    rises."""
+    rough = 0.0
+    for side in (rises[away < 0.0][::-1], rises[away > 0.0]):
+        path = np.concatenate([[0.0], side])
+        rough = max(rough, float((np.maximum.accumulate(path) - path).max()))
+    ends = [end for end in (0, -1) if away[end] != 0.0]
+    steep = max(float(np.mean([rises[end] / away[end] ** 2 for end in ends])), 1e-12)
+    return min(float(np.sqrt(UNSEEN_BUMPS * rough / steep)), OTHER_DELAYS[-1])
 
 
 def _at_other_delays(problem: Problem, drive: DriveParameters) -> list[DriveParameters]:
@@ -294,7 +301,7 @@ def _widen_by_delay(covariance: Array, drive: DriveParameters, vague: float) -> 
     along = np.zeros(len(covariance))
     along[index("delay", n)] = 1.0
     along[index("armature", n)] = -drive.damping
-    return np.asarray(covariance + (vague / TWO_SIDED) ** 2 * np.outer(along, along))
+    return np.asarray(covariance + (vague / NORMAL) ** 2 * np.outer(along, along))
 
 
 def _find_backlash(problem: Problems, best: _Candidate) -> float:

@@ -12,6 +12,8 @@ from allegro_twin.twin.identify.fitting.parameterisation import index, scaling_j
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance
 from allegro_twin.types import Array, Vector
 
+NORMAL = 1.96  # Standard deviations on either side of 95 %.
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:

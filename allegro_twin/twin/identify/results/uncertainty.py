@@ -16,7 +16,7 @@ from allegro_twin.twin.identify.fitting.extra_terms import EXTRA
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, PULLED, SHAPE, TEETH
 from allegro_twin.twin.identify.fitting.regress import smooth_motion
-from allegro_twin.twin.identify.fitting.spread import Spread
+from allegro_twin.twin.identify.fitting.spread import NORMAL, Spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
@@ -26,7 +26,6 @@ except ImportError as error:
     raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'") from error
 
 BELIEVED = 1.1  # Times the noise that long pieces may leave. A converged fit leaves 0.9 to 1.1 (ours).
-NORMAL = 1.96  # Standard deviations on either side of 95 %.
 SHORTEST = 10.0  # s of trusted motion, over all recordings.
 MOVED = 0.1  # rad
 SLOW, FAST = 0.05, 0.5  # rad/s. Friction shows below the one, damping above the other.
