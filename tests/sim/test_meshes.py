@@ -149,6 +149,43 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
         np.testing.assert_array_equal(again.vertices, piece.vertices)
 
 
+def prism(corners: Array, middle: int) -> Mesh:
+    """A prism over a polygon (k, 2), m, all of which one corner sees, and as high as 2 HALF."""
+    k = len(corners)
+    vertices = np.concatenate([np.hstack([corners, np.full((k, 1), z)]) for z in (-HALF, HALF)])
+    faces: list[tuple[int, int, int]] = []
+    for i in range(k):
+        j = (i + 1) % k
+        faces += [(i, j, k + j), (i, k + j, k + i)]
+        if middle not in (i, j):
+            faces += [(middle, j, i), (k + middle, k + i, k + j)]
+    return Mesh(vertices, np.array(faces))
+
+
+GROOVED = 0.001 * np.array([(-20, -20), (20, -20), (20, -2), (-5, 0), (20, 2), (20, 20), (-20, 20)])
+
+
+@pytest.mark.parametrize("solid", [True, False])
+def test_pieces_that_make_up_a_solid_with_a_narrow_groove_do_not_stand_out_of_it(
+    *, solid: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tip, k = 3, len(GROOVED)
+    turns = [(tip, i, (i + 1) % k) for i in range(k) if tip not in (i, (i + 1) % k)]
+    pieces = [prism(GROOVED[list(turn)], 0) for turn in turns]
+    whole = prism(GROOVED, tip)
+    assert sum(piece.volume for piece in pieces) == pytest.approx(whole.volume)
+    if not solid:
+        monkeypatch.setattr("allegro_twin.sim.objects.mesh_repair.manifold_of", lambda soup: None)
+    assert surface_excess(pieces, whole) < (1e-9 if solid else 4e-4)
+
+
+def test_how_far_a_piece_stands_out_is_measured_to_a_micrometre() -> None:
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    more = prism(0.02 * square + [0.003, 0.0], 0)
+    assert surface_excess([more], prism(0.02 * square, 0)) == pytest.approx(0.003, abs=1e-6)
+    assert surface_excess([prism(0.01 * square, 0)], prism(0.02 * square, 0)) == 0.0
+
+
 @pytest.mark.slow
 def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each draw of a size would cost half a minute otherwise."""

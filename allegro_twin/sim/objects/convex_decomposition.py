@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,10 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.sim.objects import mesh_repair as fix
 from allegro_twin.sim.objects.meshes import Mesh, convex_hull
-from allegro_twin.types import Array
+from allegro_twin.sim.objects.remesh import Surface, sample
+
+if TYPE_CHECKING:
+    import manifold3d
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -36,7 +39,8 @@ most."""
 CUT = 2_000
 """Triangles that are cut: what more a scan has is mostly noise, and its cuts take minutes. What the pieces are off is
 measured on all of them."""
-_SAMPLES = 60_000
+_SAMPLES, _FINEST = 30_000, 4e-4
+"""Points at which a surface is measured, about, and m between them at least."""
 _SEED = 0
 
 
@@ -109,35 +113,37 @@ def _interruptible(call: Callable[[], T]) -> T:
     return done[0]
 
 
-def surface_excess(pieces: tuple[Mesh, ...], mesh: Mesh) -> float:
-    """How far the pieces stand out of the solid, m, from samples of both surfaces."""
-    from scipy.spatial import cKDTree  # type: ignore[import-untyped]  # Its types are a package of their own.
+def surface_excess(pieces: Sequence[Mesh], mesh: Mesh) -> float:
+    """How far the pieces stand out of the solid, m: the largest distance from its surface of what each has beyond it.
 
-    points, normals = _sampled(mesh, _SAMPLES)
-    tree = cKDTree(points)
-    worst = 0.0
-    for piece in pieces:
-        there, _ = _sampled(piece, _SAMPLES // len(pieces) + 200)
-        distance, nearest = tree.query(there)
-        outside = np.einsum("ij,ij->i", there - points[nearest], normals[nearest]) > 0.3 * distance
-        worst = max(worst, float(distance[outside].max(initial=0.0)))
-    return worst
+    What that is, boolean operations tell; of a surface that Manifold takes for no solid, a grid: then what is within
+    its step of the surface, a millimetre or so, counts as outside."""
+    soup = fix.Soup(mesh.vertices, mesh.faces)
+    solid = fix.manifold_of(soup)
+    parts = [_beyond(fix.Soup(piece.vertices, piece.faces), solid) for piece in pieces]
+    begin = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + first for part, first in zip(parts, begin[:-1], strict=True)]
+    beyond = fix.Soup(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+    if not len(beyond.faces):
+        return 0.0
+    there = np.concatenate([beyond.vertices, sample(beyond, _spacing(beyond))[1]])
+    if solid is None:
+        there = there[~fix.Filled(soup).holds(there)]
+    return float(Surface(soup, _spacing(soup)).distance(there)[0].max(initial=0.0))
 
 
-def _sampled(mesh: Mesh, count: int) -> tuple[Array, Array]:
-    """Points on a surface and its normals there, evenly by area."""
-    rng = np.random.default_rng(_SEED)
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1)
-    rows = rng.choice(len(area), size=count, p=area / area.sum())
-    weights = rng.dirichlet((1.0, 1.0, 1.0), size=count)
-    points = np.einsum("ki,kij->kj", weights, np.stack([a, b, c], axis=1)[rows])
-    return points, normal[rows] / area[rows, None]
+def _beyond(piece: fix.Soup, solid: manifold3d.Manifold | None) -> fix.Soup:
+    """What a convex piece has beyond a solid; all of it where that is not known."""
+    convex = fix.manifold_of(piece)
+    return piece if solid is None or convex is None else fix.soup_of(convex - solid)
+
+
+def _spacing(soup: fix.Soup) -> float:
+    return max(_FINEST, float(np.sqrt(fix.areas(soup).sum() / _SAMPLES)))
 
 
 def _key(mesh: Mesh) -> str:
-    settings = (CONVEX, THRESHOLDS, MOST, TOLERANCE, CUT, _SAMPLES, _SEED, version("coacd"))
+    settings = (CONVEX, THRESHOLDS, MOST, TOLERANCE, CUT, _SAMPLES, _FINEST, _SEED, version("coacd"))
     return fingerprint(mesh.vertices, mesh.faces, settings, Path(__file__))
 
 

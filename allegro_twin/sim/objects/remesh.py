@@ -69,8 +69,9 @@ class Surface:
 
     def distance(self, points: Numbers, within: float = np.inf) -> tuple[Numbers, Numbers]:
         """To the nearest triangle, m, (k,), inf beyond `within`; and which triangle that is, −1 for none."""
-        far, found = self._tree.query(points, k=min(_NEAREST, len(self.points)), distance_upper_bound=within)
-        far, found = far.reshape(len(points), -1), found.reshape(len(points), -1)
+        count = min(_NEAREST, len(self.points))
+        far, found = self._tree.query(points, k=count, distance_upper_bound=within)
+        far, found = far.reshape(len(points), count), found.reshape(len(points), count)
         best, which = np.full(len(points), np.inf), np.full(len(points), -1)
         for k in range(far.shape[1]):
             rows = np.flatnonzero(np.isfinite(far[:, k]))
