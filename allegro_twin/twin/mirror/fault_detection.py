@@ -26,6 +26,7 @@ from allegro_twin.twin.mirror.faults import (
     JUMP,
     MOVING,
     ROW,
+    STILL,
     Fault,
     FaultName,
     MirrorWindow,
@@ -372,10 +373,24 @@ class FaultDetector:
                 self.faults.resize(old, found.amount, self._t)
                 self._forget(found.joint)
             else:
-                self._name(found, self._t, self._t)
+                self._name(found, self._begin_of(found), self._t)
             if found.name == "encoder_step":  # Each jump counts once.
                 self._rows[MirrorWindow._fields.index("jump")][:, found.joint] = 0.0
         return wait
+
+    def _begin_of(self, found: Fault) -> float:
+        """When what is visible without shapes began, s: the first row of a jump, or of a rest; now for what is hot."""
+        window = self._last(min(self._count, LONGEST))
+        if found.name == "encoder_step":
+            changed = np.abs(window.jump[:, found.joint]) > JUMP
+            first = int(changed.argmax())
+        elif found.name == "stuck":
+            position = window.position[:, found.joint]
+            changed = np.abs(position - position[-1]) > STILL
+            first = len(changed) - int(changed[::-1].argmax()) if changed.any() else 0
+        else:
+            return self._t
+        return self._t - (len(changed) - first) * ROW * self._period
 
     def _check_named(self, window: MirrorWindow) -> None:
         """Correct the sizes of named faults by what remains, and withdraw those of which nothing is left."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.sim.observer.observer import ModelChange
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.mirror.fault_signatures import overcomes
 from allegro_twin.twin.mirror.faults import JUMP, Fault, FaultName, FaultReport
 from allegro_twin.types import Array, Vector
 
@@ -68,10 +69,11 @@ class FaultList:
         return old.name in HIDES and same_joint and new.name in FOLLOWS
 
     def resize(self, old: Fault, more: float, t: float) -> None:
-        """Add to the size of a fault. What fades is withdrawn: its evidence was something else's."""
+        """Add to the size of a fault. What fades is withdrawn, and friction that no motor overcomes: its evidence was
+        something else's."""
         size = 1.0 - (1.0 - old.amount) * (1.0 - more) if old.name == "weak" else old.amount + more
         faded = abs(size) < JUMP if old.name == "encoder_step" else size < FADED * old.amount
-        if faded:
+        if faded or (old.name == "friction" and not overcomes(old.joint, size, self._spec)):
             self.end(old.name, old.joint, t)
         else:
             most = 1.0 if old.name == "weak" else np.inf

@@ -98,6 +98,8 @@ def signature_fault(window: MirrorWindow, quiet: Vector, spec: HandSpec) -> Faul
     most = max(sure, key=lambda each: each.gain)
     if most.name == "payload" and not carries(window, most.joint, most.amount, spec):
         return None
+    if most.name == "friction" and not overcomes(most.joint, most.amount, spec):
+        return None
     finger = next(f.name for f in spec.fingers if most.joint in f.joints)
     others = max((each.gain for each in found[finger] if each is not most), default=0.0)
     return Fault(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
@@ -108,6 +110,12 @@ def carries(window: MirrorWindow, joint: int, mass: float, spec: HandSpec) -> bo
     own = list(spec.fingers[spec.finger_of(joint)].joints)
     heaviest = mass * np.abs(window.pull[:, joint, own]).max(axis=0)
     return bool((heaviest < spec.actuation.torque_limit[own]).all())
+
+
+def overcomes(joint: int, friction: float, spec: HandSpec) -> bool:
+    """Whether a joint's motor overcomes a friction, N·m. What moves in spite of more is pushed, or misread: an encoder
+    that counts the wrong way shows friction of any size."""
+    return friction < float(spec.actuation.torque_limit[joint])
 
 
 def still_shows(window: MirrorWindow, name: FaultName, joint: int, amount: float, spec: HandSpec) -> bool:

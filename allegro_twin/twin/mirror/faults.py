@@ -81,7 +81,8 @@ class FaultReport(NamedTuple):
 
     fault: Fault
     begin: float
-    """When it first showed, s: a fault of a joint that does not move shows later than it comes."""
+    """When it first showed, s: a fault of a joint that does not move shows later than it comes. A joint that is stuck:
+    since when it has not moved; a jump: when it came."""
     named: float
     """s"""
     ended: float = np.inf
@@ -104,7 +105,7 @@ def fault_text(found: Fault, spec: HandSpec) -> str:
         case "weak":
             return f"the motor of {joint} gives {100 * (1 - found.amount):.0f} % of its torque"
         case "stuck":
-            return f"{joint} is stuck"
+            return f"{joint} is stuck, or its encoder repeats its last value"
         case "encoder_step":
             return f"the encoder of {joint} jumped by {1000 * found.amount:+.0f} mrad"
         case "payload":

@@ -22,6 +22,7 @@ from allegro_twin.twin.identify.results.findings import LEFT
 from allegro_twin.twin.mirror.contact_detection import SETTLED, Contact, find_contacts
 from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.fault_detection import Thresholds
+from allegro_twin.twin.mirror.fault_list import HIDES
 from allegro_twin.twin.mirror.faults import FaultReport
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
@@ -121,10 +122,12 @@ class MirrorLog:
 
 
 def possible_cause(contact: Contact, faults: Sequence[FaultReport], spec: HandSpec) -> FaultReport | None:
-    """The fault that may have caused what looked like a contact: it was named soon after, on the same finger."""
+    """The fault that may have caused what looked like a contact on the same finger: one that was named soon after, or
+    that hides where one of the finger's links is."""
     own = spec.finger(contact.finger).joints
     for each in faults:
-        if each.fault.joint in own and each.ended == np.inf and each.begin - SOON < contact.begin < each.named:
+        until = each.ended if each.fault.name in HIDES else each.named if each.ended == np.inf else -np.inf
+        if each.fault.joint in own and each.begin - SOON < contact.begin < until:
             return each
     return None
 

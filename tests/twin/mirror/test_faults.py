@@ -118,6 +118,26 @@ def test_each_fault_is_called_by_its_name_with_its_joint_and_its_size(spec: Hand
         assert found.lead > CLEAR
 
 
+@pytest.mark.parametrize("joint", [1, 6, 15])
+def test_friction_that_no_motor_overcomes_has_no_name(spec: HandSpec, joint: int) -> None:
+    """An encoder that counts the wrong way looks like that."""
+    free, limit, only = window(), spec.actuation.torque_limit[joint], np.eye(N)[joint]
+    for times, name in ((0.9, "friction"), (1.1, None), (300.0, None)):
+        push = -times * limit * only * late(free.side)
+        found = signature_fault(free._replace(disturbance=free.disturbance + push), QUIET, spec)
+        assert (None if found is None else found.name) == name
+
+
+def test_named_friction_that_grows_beyond_its_motor_is_withdrawn(spec: HandSpec) -> None:
+    each, limit = FaultList(spec, compensates=True), spec.actuation.torque_limit[6]
+    each.add(Fault("friction", 6, 0.6 * limit), 1.0, 2.0)
+    each.resize(each.active[0], 0.3 * limit, 3.0)
+    assert [one.name for one in each.active] == ["friction"]
+    each.resize(each.active[0], 0.3 * limit, 4.0)
+    assert not each.active
+    assert each.reports[0].ended == 4.0
+
+
 def test_a_jump_a_joint_that_stays_and_a_hot_motor_are_seen_directly(spec: HandSpec) -> None:
     free = window()
     jump, position, warm, push = free.jump.copy(), free.position.copy(), np.full((K, N), 40.0), free.disturbance.copy()
@@ -353,6 +373,7 @@ def test_the_name_waits_until_all_that_it_rests_on_is_of_the_fault(spec: HandSpe
     assert [(one.name, one.joint) for one in each.faults.active] == [(name, 7)]
     assert named_at is not None
     assert WAIT <= named_at <= (ROWS if stays else WAIT) + 3 * EVERY
+    assert not stays or each.faults.reports[0].begin == pytest.approx(0.003 * sign, abs=1.5 * 0.003 * ROW)
 
 
 @pytest.mark.parametrize(
@@ -374,6 +395,8 @@ def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_th
         estimate = Estimate(state.position, state.position, rest, rest, rest)
         each.add(state, estimate, rest, 0.02 * only * (after == 1), weights if each.row_due else None)
     assert [one.name for one in each.faults.active] == ([] if name is None else [name])
+    for report in each.faults.reports:
+        assert report.begin == pytest.approx(0.3, abs=0.03)
 
 
 def test_thresholds_need_enough_looks(spec: HandSpec) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,9 +14,9 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.twin.mirror_run import lines, misfit, other_name, sensitivity
 from allegro_twin.twin.mirror.contact_detection import Contact
 from allegro_twin.twin.mirror.fault_detection import Thresholds
-from allegro_twin.twin.mirror.faults import Fault, FaultReport
+from allegro_twin.twin.mirror.faults import Fault, FaultName, FaultReport
 from allegro_twin.twin.mirror.mirror import Mirror
-from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult
+from allegro_twin.twin.mirror.on_recording import FreeMotion, MirrorResult, possible_cause
 from allegro_twin.types import Sample, Vector
 from tests.surfaces.cli.conftest import Run
 from tests.surfaces.cli.conftest import command as command
@@ -134,15 +135,26 @@ def test_joints_that_feel_late_and_joints_that_are_blind_are_named(spec: HandSpe
 
 
 def test_a_torque_that_no_motor_gives_is_said_to_be_one(spec: HandSpec) -> None:
-    for torque, said in ((0.3, False), (4.48, True)):
-        found = replace(result(spec, np.full(N, 0.010)), contacts=(Contact("index", 1.0, 1.5, torque, 2),))
+    impact, wrong = "more than its motors give: an impact, or a stop", "an encoder or motor of the wrong sign"
+    for torque, end, said in ((0.3, 1.5, ""), (4.48, 1.5, impact), (4.48, 9.0, wrong), (0.3, 9.0, "")):
+        found = replace(result(spec, np.full(N, 0.010)), contacts=(Contact("index", 1.0, end, torque, 2),))
         line, *_ = lines(found, spec)
-        assert ("more than its motors give: an impact, or a stop" in line) is said
+        assert [each for each in (impact, wrong) if each in line] == ([said] if said else [])
+
+
+def test_what_looks_like_a_touch_of_a_finger_with_a_joint_whose_place_is_unknown_may_be_because_of_that(
+    spec: HandSpec,
+) -> None:
+    before, after = (Contact("index", begin, begin + 0.5, 0.1, 2) for begin in (0.5, 7.0))
+    for name, ended, causes in (("stuck", np.inf, 2), ("stuck", 5.0, 1), ("weak", np.inf, 1), ("weak", 5.0, 0)):
+        report = FaultReport(Fault(cast("FaultName", name), 3, 0.1), 0.9, 1.234, ended)
+        assert sum(possible_cause(each, [report], spec) is report for each in (before, after)) == causes
 
 
 def test_what_is_wrong_is_said_with_the_time_at_which_it_got_its_name(spec: HandSpec) -> None:
     _, line = lines(result(spec, np.full(N, 0.010), FaultReport(Fault("stuck", 3, 0.1), 0.9, 1.234)), spec)
-    assert line == "Something is wrong: index_3 is stuck (since 0.90 s, named at 1.23 s)."
+    said = "index_3 is stuck, or its encoder repeats its last value"
+    assert line == f"Something is wrong: {said} (since 0.90 s, named at 1.23 s)."
 
 
 def stopped_after(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 LATE, BLIND = 2.0, 0.5
 """Times the usual threshold, and share of a motor's torque, above which a joint feels late or is blind. Files that fit
 have thresholds of 8 to 13 mN·m, with hard friction up to 45 at rest, and a mirror without a free motion 20."""
+LASTS = 1.0
+"""s. An impact with more than the motors give is over by then. Ours."""
 SHOWN = 4
 """Joints that a sentence names."""
 
@@ -265,9 +267,15 @@ def _levers(spec: HandSpec) -> Vector:
     return np.asarray(np.maximum(np.linalg.norm(jacobians, axis=1).max(axis=0), 1e-3))
 
 
-def _beyond_motors(contact: Contact, spec: HandSpec) -> bool:
-    """Whether a contact pushed a joint by more than any motor of its finger gives."""
-    return bool(contact.torque > spec.actuation.torque_limit[list(spec.finger(contact.finger).joints)].max())
+def _beyond_motors(contact: Contact, spec: HandSpec) -> str:
+    """What a contact may be that pushed a joint by more than any motor of its finger gives; empty for others."""
+    if contact.torque <= spec.actuation.torque_limit[list(spec.finger(contact.finger).joints)].max():
+        return ""
+    if contact.end - contact.begin > LASTS:
+        return (
+            " (more than its motors give, for longer than an impact: a stop, or an encoder or motor of the wrong sign)"
+        )
+    return " (more than its motors give: an impact, or a stop)"
 
 
 def missing_checks(found: MirrorResult, free: Path | None) -> str:
@@ -292,7 +300,7 @@ def lines(found: MirrorResult, spec: HandSpec) -> list[str]:
     causes = [possible_cause(each, found.faults, spec) for each in found.contacts]
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
-        + (" (more than its motors give: an impact, or a stop)" if _beyond_motors(each, spec) else "")
+        + _beyond_motors(each, spec)
         + (f", on the link of {spec.joint_labels[each.joint]} or further out" if each.joint >= 0 else "")
         + ("" if cause is None else f"; this may be because {fault_text(cause.fault, spec)}")
         for each, cause in zip(found.contacts, causes, strict=True)
