@@ -15,8 +15,10 @@ from allegro_twin.twin.mirror.encoder_drift import DriftDetector
 from allegro_twin.twin.mirror.fault_list import CHANGES, HIDES, FaultList
 from allegro_twin.twin.mirror.fault_signatures import (
     FINGERS,
+    LEAST,
     NOISE,
     fit_signature,
+    fit_supply,
     free_noise,
     largest_gains,
     signature_fault,
@@ -31,6 +33,7 @@ from allegro_twin.twin.mirror.faults import (
     FaultName,
     MirrorWindow,
     direct_faults,
+    holds_object,
     still_joints,
 )
 from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
@@ -67,7 +70,13 @@ SIGMAS = 6.0
 REACH = 3
 """Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
-SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
+SHAPED: tuple[FaultName, ...] = (
+    "weak",
+    "friction",
+    "payload",
+    "wrong_file",
+    "supply",
+)  # Found by thresholds from a free motion.
 ARISES, LASTS = 0.1, 0.4
 """s after a name within which a touch that it makes begins, and s for which that lasts. Ours: a model takes a name at
 once, and a touch that merely comes then is withdrawn from the same name only if it comes within a tenth of a second."""
@@ -278,7 +287,7 @@ class FaultDetector:
     def _name(self, found: Fault, begin: float, t: float) -> None:
         """Name a fault, unless it was named or follows from one that was."""
         if self.faults.add(found, begin, t) and found.name in (*CHANGES, *HIDES):
-            self._forget(found.joint)
+            self._forget_all() if found.name == "supply" else self._forget(found.joint)
             if found.name in ("weak", "friction", "payload"):
                 self._doubted[self._spec.finger_of(found.joint)] = found, t
 
@@ -300,6 +309,10 @@ class FaultDetector:
         finger = self._spec.finger_of(joint)
         self._since[finger], self._sign[finger] = self._count, -1
         self._drift.forget(self._spec.fingers[finger].joints)
+
+    def _forget_all(self) -> None:
+        for finger in self._spec.fingers:
+            self._forget(finger.joints[0])
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
         """Whether no other finger was in contact or held something in the last ROWS."""
@@ -354,7 +367,7 @@ class FaultDetector:
         self._sign = np.where(over, np.where(self._sign < 0, self._count, self._sign), -1)
         wait = self._name_direct(window)
         self._check_named(window)
-        if self._wrong_file():
+        if self._supply() or self._wrong_file():
             return
         for finger in np.flatnonzero(self._sign >= 0):
             if finger not in wait:
@@ -399,6 +412,7 @@ class FaultDetector:
             if each.name == "stuck" and travel[each.joint] > FREES and self._rows_since(each.joint) > ROWS:
                 self.faults.end("stuck", each.joint, self._t)
                 self._forget(each.joint)
+        self._check_supply()
         for each in self.faults.shaped:
             rows = min(self._rows_since(each.joint), LONGEST)
             if rows < WAIT:
@@ -413,6 +427,32 @@ class FaultDetector:
         """Rows since the model of a joint's finger changed."""
         finger = self._spec.finger_of(joint)
         return int(self._count - self._since[finger])
+
+    def _supply(self) -> bool:
+        """Whether the motors of so many fingers seem to lack the same share that the supply may be low; it is named
+        once that is certain."""
+        odd = self._sign >= 0
+        if np.count_nonzero(odd) < FINGERS:
+            return False
+        waited = int(self._count - self._sign[odd].min())
+        window = self._last(min(max(SOONEST, waited), LONGEST))
+        fit = fit_supply(window)
+        if holds_object(window) or fit.amount < LEAST["weak"] or not fit.convinces(float(self._quiet.sum())):
+            return False
+        if waited >= WAIT:
+            found = Fault("supply", int(self._spec.fingers[int(odd.argmax())].joints[0]), min(fit.amount, 1.0))
+            self._name(found, float(self._begin[odd].min()), self._t)
+        return True
+
+    def _check_supply(self) -> None:
+        """Correct the share that all motors lack, or withdraw it once they have it again."""
+        found, rows = self.faults.supply, int(self._count - self._since.max())
+        if found is None or rows < WAIT:
+            return
+        rest = fit_supply(self._last(min(rows, LONGEST)))
+        if rest.convinces(float(self._quiet.sum())):
+            self.faults.resize(found, rest.amount, self._t)
+            self._forget_all()
 
     def _wrong_file(self) -> bool:
         """Whether so many fingers are odd that the file may be of another hand; it is named once that is certain."""

@@ -20,7 +20,9 @@ from allegro_twin.types import Array, Vector
 
 SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload")
 """Faults with a shape and a size."""
-CHANGES: tuple[FaultName, ...] = (*SHAPED, "encoder_step")
+WHOLE: tuple[FaultName, ...] = ("wrong_file", "slip", "supply")
+"""Faults that are the hand's and no joint's: each is there once."""
+CHANGES: tuple[FaultName, ...] = (*SHAPED, "encoder_step", "supply")
 """Faults whose size changes the model."""
 HIDES: tuple[FaultName, ...] = ("stuck", "loose", "silent")
 """Faults of a joint of which nothing else can be known: what it shows is no touch."""
@@ -60,23 +62,26 @@ class FaultList:
 
     def _covers(self, old: Fault, new: Fault) -> bool:
         same_joint, same_finger = old.joint == new.joint, new.joint in self.fingers(old.joint)
-        if old.name == new.name and (same_joint or old.name in ("wrong_file", "slip")):
+        if old.name == new.name and (same_joint or old.name in WHOLE):
             return True
         if old.name == "wrong_file" or (old.name == new.name == "encoder_drift" and same_finger):
             return new.name in FOLLOWS
         if old.name in SHAPED and new.name in SHAPED and same_finger and not self._compensates:
+            return True
+        if old.name == "supply" and new.name in FOLLOWS and not self._compensates:
             return True
         return old.name in HIDES and same_joint and new.name in FOLLOWS
 
     def resize(self, old: Fault, more: float, t: float) -> None:
         """Add to the size of a fault. What fades is withdrawn, and friction that no motor overcomes: its evidence was
         something else's."""
-        size = 1.0 - (1.0 - old.amount) * (1.0 - more) if old.name == "weak" else old.amount + more
+        share = old.name in ("weak", "supply")
+        size = 1.0 - (1.0 - old.amount) * (1.0 - more) if share else old.amount + more
         faded = abs(size) < JUMP if old.name == "encoder_step" else size < FADED * old.amount
         if faded or (old.name == "friction" and not overcomes(old.joint, size, self._spec)):
             self.end(old.name, old.joint, t)
         else:
-            most = 1.0 if old.name == "weak" else np.inf
+            most = 1.0 if share else np.inf
             self._replace(old, old._replace(amount=float(min(size, most))), np.inf)
 
     def end(self, name: FaultName, joint: int, t: float) -> None:
@@ -106,6 +111,11 @@ class FaultList:
         """Faults with a shape, which the model has; none where it takes none."""
         return tuple(each for each in self.active if each.name in SHAPED) if self._compensates else ()
 
+    @property
+    def supply(self) -> Fault | None:
+        """What all motors lack and the model has; None where it takes nothing."""
+        return next((each for each in self.active if each.name == "supply" and self._compensates), None)
+
     def model_change(self) -> ModelChange:
         """What the faults that hold change of the mirror's model."""
         n = self._spec.n_joints
@@ -113,7 +123,9 @@ class FaultList:
         for name, joint, amount, *_ in self.active:
             match name:
                 case "weak":
-                    strength[joint] = max(1.0 - amount, WEAKEST)
+                    strength[joint] *= max(1.0 - amount, WEAKEST)
+                case "supply":
+                    strength *= max(1.0 - amount, WEAKEST)
                 case "friction":
                     friction[joint] = amount
                 case "payload":
@@ -138,6 +150,9 @@ class FaultList:
             if name == "weak":
                 left = max(1.0 - amount, WEAKEST) if self._compensates else 1.0
                 yield [joint], -amount * torque[joint] / left
+            elif name == "supply":
+                left = max(1.0 - amount, WEAKEST) if self._compensates else 1.0
+                yield list(range(self._spec.n_joints)), -amount * torque / left
             elif name == "friction":
                 yield [joint], -amount * side[joint]
             elif name == "payload":

@@ -155,6 +155,19 @@ def fit_signature(window: MirrorWindow, name: FaultName, joint: int, spec: HandS
     side, torque = (np.where(moving, _delay(each)[:, own], 0.0) for each in (window.side, window.torque))
     d, only = np.where(moving, window.disturbance[:, own], 0.0), np.array(own) == joint
     shape = {"weak": -torque * only, "friction": -side * only, "payload": window.pull[:, joint, own] * moving}[name]
+    return _fit(shape, d, side, int(moving.sum()))
+
+
+def fit_supply(window: MirrorWindow) -> SignatureFit:
+    """Fit one missing share of their torque to the motors of all joints that move."""
+    moving, window = _moving(window), _weighted(window)
+    side, torque, d = (np.where(moving, each, 0.0) for each in (_delay(window.side), _delay(window.torque), window[0]))
+    return _fit(-torque, d, side, int(moving.sum()))
+
+
+def _fit(shape: Array, d: Array, side: Array, count: int) -> SignatureFit:
+    """Fit a shape to disturbances beside friction of unknown size, all weighted, (k, joints); `count`: how many of them
+    are of joints that move."""
     grows = np.cumsum(np.square(shape).sum(axis=1))
     cuts = np.searchsorted(grows, grows[-1] * np.arange(1, PARTS) / PARTS) + 1
 
@@ -165,7 +178,7 @@ def fit_signature(window: MirrorWindow, name: FaultName, joint: int, spec: HandS
     size, along = products(shape, shape, whole), products(shape, d, whole)
     amount = along / size if size > _TINY else 0.0
     gain = amount * along
-    left = max(products(d, d, whole) - gain - int(moving.sum()) * NOISE**2, 0.0)
+    left = max(products(d, d, whole) - gain - count * NOISE**2, 0.0)
     ends = [slice(*each) for each in pairwise((0, *cuts.tolist(), len(d)))]
     parts = [products(shape, d, rows) / max(products(shape, shape, rows), _TINY) for rows in ends]
     return SignatureFit(amount, gain, left, np.array(parts))

@@ -12,11 +12,11 @@ from allegro_twin.types import Array, Vector, frozen
 
 FaultName: TypeAlias = Literal[
     "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip",
-    "silent",
+    "silent", "supply",
 ]  # fmt: skip
 NAMES: tuple[FaultName, ...] = (
     "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip",
-    "silent",
+    "silent", "supply",
 )  # fmt: skip
 KNOWN = 0.2
 """Share by which the size of a named fault may be wrong. Ours: sizes of 24 faults were right to 0.11."""
@@ -68,8 +68,9 @@ class Fault(NamedTuple):
     joint: int
     """The joint; the first that was found for a fault of the whole hand."""
     amount: float
-    """Missing share of a motor's torque; friction, N·m; payload, kg; encoder step, rad; temperature, °C; drift, rad/s;
-    a slip's lost share of the push; a wrong file's number of fingers; a silent joint's time without a report, s."""
+    """Missing share of a motor's torque, or of all motors'; friction, N·m; payload, kg; encoder step, rad; temperature,
+    °C; drift, rad/s; a slip's lost share of the push; a wrong file's number of fingers; a silent joint's time without a
+    report, s."""
     lead: float = np.inf
     """Squares, in those that remain per row, by which the next likely fault or joint falls short."""
     gain: float = np.inf
@@ -94,7 +95,10 @@ def report_text(report: FaultReport, spec: HandSpec) -> str:
     text = f"{fault_text(report.fault, spec)} (since {report.begin:.2f} s, named at {report.named:.2f} s)"
     if report.ended == np.inf:
         return text
-    over = {"silent": "reports again", "stuck": "moves again", "encoder_step": "jumped back", "slip": "over"}
+    over = {
+        "silent": "reports again", "stuck": "moves again", "encoder_step": "jumped back", "slip": "over",
+        "supply": "whole again",
+    }  # fmt: skip
     return f"{text}; {over.get(report.fault.name, 'withdrawn')} at {report.ended:.2f} s"
 
 
@@ -120,6 +124,8 @@ def fault_text(found: Fault, spec: HandSpec) -> str:
             return f"the link of {joint} is loose: it fell, {1000 * found.amount:.0f} mrad off what was expected"
         case "slip":
             return f"what the hand holds slips: {joint} lost {100 * found.amount:.0f} % of what pressed on it"
+        case "supply":
+            return f"all motors give {100 * (1 - found.amount):.0f} % of their torque: is the supply low?"
         case "silent":
             return f"{joint} reports nothing"
         case "wrong_file":

@@ -127,7 +127,7 @@ def possible_cause(contact: Contact, faults: Sequence[FaultReport], spec: HandSp
     own = spec.finger(contact.finger).joints
     for each in faults:
         until = each.ended if each.fault.name in HIDES else each.named if each.ended == np.inf else -np.inf
-        if each.fault.joint in own and each.begin - SOON < contact.begin < until:
+        if (each.fault.joint in own or each.fault.name == "supply") and each.begin - SOON < contact.begin < until:
             return each
     return None
 

@@ -459,13 +459,16 @@ def detected(spec: HandSpec, seconds: float, *courses: Course) -> list[FaultRepo
     for tick in range(round(seconds / 0.003)):
         t = 0.003 * tick
         torque, speed = 0.1 * np.sin(2.3 * pace * t + np.arange(N)), 0.9 * np.cos(pace * t + np.arange(N))
-        push, change = 0.0005 * rng.standard_normal(N), each.faults.model_change()
+        push, change, strength = 0.0005 * rng.standard_normal(N), each.faults.model_change(), np.ones(N)
         for name, joint, amount, begin, end in courses:
             size = amount * (begin <= t < end)
             if name == "weak":
-                push[joint] -= (size - 1.0 + change.strength[joint]) * torque[joint]
+                strength[joint] *= 1.0 - size
+            elif name == "supply":
+                strength *= 1.0 - size
             else:
                 push[joint] -= (size - change.friction[joint]) * np.tanh(speed[joint] / CREEP)
+        push += (strength - change.strength) * torque
         position = 0.9 / pace * np.sin(pace * t + np.arange(N))
         state = HandState(t, tick, position, speed, torque, np.full(N, np.nan), np.zeros(3))
         each.add(
@@ -493,6 +496,32 @@ def test_two_faults_are_both_named_once_whether_at_once_or_one_after_the_other(s
 def test_a_second_fault_of_a_finger_is_named_beside_its_first(spec: HandSpec) -> None:
     found = detected(spec, 9.0, Course("weak", 5, 0.4, 2.0), Course("friction", 6, 0.03, 5.0))
     assert [(one.fault.name, one.fault.joint) for one in found] == [("weak", 5), ("friction", 6)]
+
+
+@pytest.mark.parametrize("amount", [0.15, 0.4])
+def test_a_share_that_all_motors_lack_is_the_supply_and_hides_no_fault_of_a_joint(
+    spec: HandSpec, amount: float
+) -> None:
+    found = detected(spec, 9.0, Course("supply", 0, amount, 2.0), Course("weak", 5, 0.4, 5.0))
+    assert [one.fault.name for one in found] == ["supply", "weak"]
+    assert found[0].fault.amount == pytest.approx(amount, rel=0.05)
+    assert (found[1].fault.joint, found[1].fault.amount) == (5, pytest.approx(0.4, rel=0.1))
+    assert 2.0 < found[0].begin <= found[0].named < 4.5
+    assert all(one.ended == np.inf for one in found)
+
+
+def test_a_supply_that_is_whole_again_is_said_to_be(spec: HandSpec) -> None:
+    (found,) = detected(spec, 9.0, Course("supply", 0, 0.3, 2.0, 5.0))
+    assert (found.fault.name, found.named < 4.5 < found.ended < 8.0) == ("supply", True)
+    assert report_text(found, spec).startswith("all motors give 70 % of their torque: is the supply low?")
+    assert "; whole again at " in report_text(found, spec)
+
+
+def test_motors_that_lack_different_shares_are_no_low_supply(spec: HandSpec) -> None:
+    courses = [Course("weak", joint, 0.1 + 0.05 * (joint % 8), 2.0) for joint in range(N)]
+    assert "supply" not in {one.fault.name for one in detected(spec, 6.0, *courses)}
+    few = [Course("weak", joint, 0.3, 2.0) for joint in range(8)]
+    assert "supply" not in {one.fault.name for one in detected(spec, 6.0, *few)}
 
 
 def test_what_ends_before_it_has_a_name_has_none(spec: HandSpec) -> None:

@@ -321,7 +321,7 @@ def test_a_late_state_that_ticks_count_as_lost_periods_is_known_by_how_far_the_j
 
 
 def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec) -> None:
-    shapes = ("weak", "friction", "payload", "wrong_file")
+    shapes = ("weak", "friction", "payload", "wrong_file", "supply")
     assert mirror(spec).unchecked_faults == shapes
     free, none = 0.002 * np.random.default_rng(0).standard_normal((8000, N)), np.zeros((8000, N), dtype=bool)
     rng = np.random.default_rng(1)
@@ -331,7 +331,8 @@ def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec)
         )
         assert calm.unchecked_faults == off
     found = MirrorResult(np.zeros(2), none, none, none, (), (), shapes)
-    assert "weak, friction, payload and wrong_file are not looked for, because there is no --free" in missing_checks(
-        found, None
+    assert (
+        "weak, friction, payload, wrong_file and supply are not looked for, because there is no --free"
+        in missing_checks(found, None)
     )
     assert "f.arrow is too short: record 22 s" in missing_checks(found, Path("f.arrow"))

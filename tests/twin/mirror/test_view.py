@@ -43,7 +43,7 @@ def test_the_view_has_both_hands_what_pushes_and_what_happens(spec: HandSpec, ha
     assert abs(pushed[1.5]) < 0.005
     assert pushed[3.0] == pytest.approx(0.06, rel=0.2)
     events = [(t, row["state"]) for t, row in found["mirror/event"]]
-    assert events[0][1] == ["not looked for: weak, friction, payload, wrong_file"]
+    assert events[0][1] == ["not looked for: weak, friction, payload, wrong_file, supply"]
     assert events[1][1] == ["ring is touched"]
     assert events[1][0] == pytest.approx(2.01, abs=0.03)
     assert [row["names"] for t, row in found["mirror/link"] if t is None] == [list(COUNTS)]
