@@ -348,8 +348,9 @@ MOST, HOPELESS = 200, 4
 """Batches, after which a search that finds too little ends, and one that has found nothing."""
 OPPOSED_MOST = 16
 """The same as the first for a hand of which little is known: some minutes."""
-TOLD = 8
-"""Batches from one line on a search's progress to the next: half a minute of two cores, or less."""
+TOLD, FIRST_TOLD = 8, (2, 4)
+"""Batches from one line on a search's progress to the next, some 16 s of two cores; and after which there are such
+lines in the beginning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -469,7 +470,7 @@ def search_start_states(
     try:
         while len(held) < count and held.batches < (most if len(held) else HOPELESS):
             held.add(try_candidates(spec, thing, search, wanted, held.rng))
-            if held.batches % TOLD == 0 and len(held) < count:
+            if (held.batches in FIRST_TOLD or held.batches % TOLD == 0) and len(held) < count:
                 log.warning("%s: %s are found", thing.name, held.line(count))
     except KeyboardInterrupt:
         kept = unfinished is not None and held.batches > 0

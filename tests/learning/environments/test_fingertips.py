@@ -273,6 +273,8 @@ def test_the_search_for_start_states_says_for_what_it_searches_how_far_it_is_and
     assert caplog.messages == [
         "mine: searching for 60 start states, in which the fingers of allegro hold it; that takes some minutes, "
         f"happens once, and is kept in {tmp_path}",
+        "mine: 6 of 60 start states, after 1,024 tries, are found",
+        "mine: 12 of 60 start states, after 2,048 tries, are found",
         "mine: 24 of 60 start states, after 4,096 tries, are found",
         "mine: 48 of 60 start states, after 8,192 tries, are found",
     ]
