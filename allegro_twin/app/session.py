@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from allegro_twin.learning.environments.episode import EpisodeBackend
     from allegro_twin.learning.mpc.controller import MpcController
     from allegro_twin.spec.thermal import ThermalData
+    from allegro_twin.viewing.camera import Scene
+    from allegro_twin.viewing.overlays import Mark
 
 
 REACHED = 0.03
@@ -339,7 +341,7 @@ def _photographed(
     if outputs.image is None and outputs.video is None:
         return samples
     try:
-        if rig.sim is None:
+        if rig.sim is None and rig.episode is None:
             raise ConfigError("only a simulation can be rendered; look at a recording with `allegro-twin view`")
         for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
             if wanted is not None:
@@ -347,8 +349,9 @@ def _photographed(
         from allegro_twin.viewing.stills import photographed
 
         objects = [] if rig.trial is None else [rig.trial.things[0].thing.name]
-        return photographed(samples, rig.sim, outputs.video, outputs.image, _moments(rig), outputs.size,
-                            outputs.camera, stack, objects)  # fmt: skip
+        scene, marks = _scene_of(rig)
+        return photographed(samples, scene, outputs.video, outputs.image, _moments(rig), outputs.size,
+                            outputs.camera, stack, objects, marks)  # fmt: skip
     except (ImportError, ConfigError) as error:
         why = str(error) if isinstance(error, ConfigError) else f"{error}; pip install 'allegro-twin[view]'"
         if not outputs.optional:
@@ -356,6 +359,17 @@ def _photographed(
             raise ConfigError(f"no picture {files}: {why}") from error
         notes.append(f"no pictures: {why}")
         return samples
+
+
+def _scene_of(rig: Rig) -> tuple[Scene, Callable[[], Sequence[Mark]]]:
+    """What is seen of a rig in this program, and what is marked there: the goal of an episode."""
+    if rig.episode is None:
+        assert rig.sim is not None
+        return rig.sim, tuple
+    from allegro_twin.viewing.batch import BatchScene
+
+    engine = rig.episode.engine
+    return BatchScene(engine.worlds, 0), lambda: engine.task.marks(0)
 
 
 def _moments(rig: Rig) -> list[float]:

@@ -8,11 +8,13 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.sim.batch.cpu import SimBatch, Snapshot
+from allegro_twin.spec import HandSpec
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.overlays import Mark, add
 
@@ -20,6 +22,25 @@ from allegro_twin.viewing.overlays import Mark, add
 def has_screen() -> bool:
     """Whether a window could be opened at all."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+class BatchScene:
+    """One simulation of a batch as a scene, as it is whenever it is looked at."""
+
+    def __init__(self, worlds: SimBatch, row: int) -> None:
+        self._worlds, self._row, self._seen = worlds, row, worlds.snapshot(row)
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._seen.spec
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        return self._seen.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        return self._worlds.snapshot(self._row, self._seen).data
 
 
 class BatchCamera:

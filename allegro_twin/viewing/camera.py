@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -47,8 +47,8 @@ class Camera:
     """Takes pictures of a scene, looking at the middle of the grasp and following the palm.
 
     `view` is a View or the name of one (`viewing.views`), and `aside` turns it about the
-    vertical, degrees. `turn` leaves that azimuth. Without `shadows` a picture takes a quarter of the time. Raises
-    ConfigError where nothing can be rendered.
+    vertical, degrees. `turn` leaves that azimuth. Without `shadows` a picture takes a quarter of the time. `marks` says
+    what is marked in each picture. Raises ConfigError where nothing can be rendered.
     """
 
     def __init__(
@@ -60,8 +60,9 @@ class Camera:
         view: str | View = DEFAULT,
         aside: float = 0.0,
         shadows: bool = True,
+        marks: Callable[[], Sequence[Mark]] = tuple,
     ) -> None:
-        self._scene, self._eye = scene, mujoco.MjvCamera()
+        self._scene, self._eye, self._marks = scene, mujoco.MjvCamera(), marks
         self._root = scene.model.body(scene.spec.root).id
         self._aim, place = _looking(scene, view)
         place = replace(place, azimuth=place.azimuth + aside)
@@ -80,8 +81,8 @@ class Camera:
             self._screen.omit_shadows()
 
     def take(self, marks: Sequence[Mark] = ()) -> Picture:
-        """The scene as it is now, and what is marked in it."""
-        return self._screen.draw(self._scene.data, self._aimed(), marks)
+        """The scene as it is now, and what is marked in it; further `marks` in this picture alone."""
+        return self._screen.draw(self._scene.data, self._aimed(), (*self._marks(), *marks))
 
     def take_still(self, objects: Sequence[str]) -> Picture:
         """The grip on objects, from where most of it is seen. While nothing moves by a pixel it is the same array."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from allegro_twin.types import Sample
 from allegro_twin.viewing import camera as cameras
 from allegro_twin.viewing.camera import Camera, Picture, Scene
 from allegro_twin.viewing.films import film_samples, open_film
+from allegro_twin.viewing.overlays import Mark
 from allegro_twin.viewing.views import AUTO
 
 _PANES = "panes"
@@ -89,12 +90,13 @@ def photographed(
     view: str,
     stack: ExitStack,
     objects: Sequence[str] = (),
+    marks: Callable[[], Sequence[Mark]] = tuple,
 ) -> Iterator[Sample]:
     """The stages that make a film and a strip; the stack closes the cameras and the film. In the view `auto` the
-    strip's camera turns to the grip on the objects. Raises as a camera does."""
+    strip's camera turns to the grip on the objects. `marks`: as of a camera. Raises as a camera does."""
 
     def eye() -> Camera:
-        found = cameras.Camera(scene, width=size[0], height=size[1], view=view)
+        found = cameras.Camera(scene, width=size[0], height=size[1], view=view, marks=marks)
         stack.callback(found.close)
         return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
+from allegro_twin.learning.tasks.scenes import THING
 from allegro_twin.sim.settings import SimSettings
+from allegro_twin.viewing import camera
 
 TINY = {"method": "predictive", "samples": 4, "iterations": 1, "horizon": 0.12, "hold": 0.0, "knots": 2, "stride": 2}
 SIM: dict[str, Any] = {"kind": "sim"}
@@ -186,3 +189,36 @@ def test_an_episode_may_have_any_other_controller() -> None:
     outcome = perform(assemble(chosen), chosen, Outputs())
     assert "lost at" in outcome.notes[-1]
     assert outcome.last.t < 2.0
+
+
+@pytest.mark.parametrize("backend", [SIM, BUS], ids=["sim", "v4"])
+def test_pictures_of_a_run_in_an_episode_show_its_object_as_it_is_then_and_its_goal(
+    backend: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[Any, Any]] = []
+
+    class Eye:
+        def __init__(self, scene: Any, *, marks: Any, **about: object) -> None:
+            self.scene, self.marks = scene, marks
+
+        def take(self) -> camera.Picture:
+            (goal,) = self.marks()
+            seen.append((self.scene.data.body(THING).xpos.copy(), goal.pose.copy()))
+            return np.zeros((8, 8, 3), dtype=np.uint8)
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(camera, "Camera", Eye)
+    episode = {"task": "Reorient", "environment": {"objects": ["cube"], "decimation": 20, "timestep": 0.003}}
+    content = {"backend": backend, "task": {"episode": episode}, "controller": {"kind": "limp"}, "seconds": 0.09}
+    chosen = parse_settings(RunConfig, content, "config")
+    made = assemble(chosen)
+    assert made.episode is not None
+    outcome = perform(made, chosen, Outputs(video=tmp_path / "a.mp4", image=tmp_path / "a.png", optional=True))
+    assert not any("no pictures" in note for note in outcome.notes)
+    assert {path.name for path in tmp_path.iterdir()} == {"a.mp4", "a.png"}
+    task: Any = made.episode.engine.task
+    places = np.array([place for place, _ in seen])
+    np.testing.assert_allclose(places[-1], task.thing.pose[0, :3], atol=1e-9)
+    assert np.linalg.norm(places[-1] - places[0]) > 1e-3
+    np.testing.assert_array_equal(seen[-1][1], task.marks(0)[0].pose)

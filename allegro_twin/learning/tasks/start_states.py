@@ -9,6 +9,8 @@ those in which fingertips oppose each other across a ball.
 
 from __future__ import annotations
 
+import json
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -42,6 +44,8 @@ from allegro_twin.sim.model.physics import Physics as ScenePhysics
 from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
+
+log = logging.getLogger(__name__)
 
 FRICTION = 0.5
 """Sliding friction at which the object must be held."""
@@ -344,6 +348,9 @@ MOST, HOPELESS = 200, 4
 """Batches, after which a search that finds too little ends, and one that has found nothing."""
 OPPOSED_MOST = 16
 """The same as the first for a hand of which little is known: some minutes."""
+TOLD, FIRST_TOLD = 8, (2, 4)
+"""Batches from one line on a search's progress to the next, some 16 s of two cores; and after which there are such
+lines in the beginning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -364,12 +371,45 @@ class StartStates:
         return StartStates(self.position[rows], self.target[rows], self.pose[rows], self.size[rows])
 
 
+class _Found:
+    """What a search has found until now, in the order in which it was found. With a `file` it is there after every
+    batch, and who searches again for the same goes on from it, to the same states."""
+
+    def __init__(self, seed: int, file: Path | None) -> None:
+        self.rng, self.file, self.batches = np.random.default_rng(seed), file, 0
+        self.columns: tuple[Array, ...] = ()
+        """Joint positions, targets, poses and sizes, as in `StartStates`."""
+        if file is not None and file.is_file():
+            with np.load(file) as kept:
+                self.columns, self.batches = tuple(kept[f"column_{k}"] for k in range(4)), int(kept["batches"])
+                self.rng.bit_generator.state = json.loads(str(kept["random"]))
+
+    def __len__(self) -> int:
+        return len(self.columns[0]) if self.columns else 0
+
+    def add(self, part: tuple[Array, ...]) -> None:
+        """Add a batch. Raises RecordingError where the file cannot be written."""
+        old = self.columns or tuple(column[:0] for column in part)
+        self.columns = tuple(np.concatenate(pair) for pair in zip(old, part, strict=True))
+        self.batches += 1
+        if self.file is None:
+            return
+        arrays: dict[str, Any] = {f"column_{k}": column for k, column in enumerate(self.columns)}
+        random = json.dumps(self.rng.bit_generator.state)
+        with atomic_file(self.file) as temporary, temporary.open("wb") as file:
+            np.savez(file, batches=self.batches, random=random, **arrays)
+
+    def line(self, count: int) -> str:
+        """How far the search is that wants so many."""
+        return f"{min(len(self), count)} of {count} start states, after {self.batches * AT_ONCE:,} tries,"
+
+
 def load_start_states(
     thing: GraspObject, side: str, search: Search = ANYHOW, wanted: StartSet = ALL, model: str = HAND
 ) -> StartStates:
-    """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
-    `model`: of hand, by name or card. Raises ConfigError
-    without a cache, and for a hand whose fingertips hold nothing."""
+    """Load start states from the package, or from the cache of this machine; the first use searches for some minutes,
+    says so, and goes on where it was interrupted. `model`: of hand, by name or card. Raises ConfigError without a
+    cache, and for a hand whose fingertips hold nothing."""
     spec = load_spec(model)
     kind = search.of(spec)
     name = file_name(thing, kind, wanted, spec)
@@ -377,40 +417,73 @@ def load_start_states(
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
         if not path.is_file():
-            write_start_states(thing, path, kind, wanted, spec)
+            log.warning(
+                "%s: searching for %d start states, in which the fingers of %s hold it; that takes some minutes, "
+                "happens once, and is kept in %s", thing.name, wanted.most, spec.model, path.parent
+            )  # fmt: skip
+            write_start_states(thing, path, kind, wanted, spec, path.with_name(f"{path.stem}.unfinished.npz"))
     found = _read(path)
     return found if side == spec.side else _mirror(found, spec)
 
 
 def write_start_states(
-    thing: GraspObject, path: Path, search: Search = ANYHOW, wanted: StartSet = ALL, spec: HandSpec | None = None
+    thing: GraspObject,
+    path: Path,
+    search: Search = ANYHOW,
+    wanted: StartSet = ALL,
+    spec: HandSpec | None = None,
+    unfinished: Path | None = None,
 ) -> None:
-    """Search for the start states of a right hand, ours where none is given, and write them. Raises RecordingError."""
-    found = search_start_states(thing, search, wanted, spec)
+    """Search for the start states of a right hand, ours where none is given, and write them. `unfinished`: as in
+    `search_start_states`. Raises RecordingError."""
+    try:
+        found = search_start_states(thing, search, wanted, spec, unfinished)
+    except ConfigError:  # It has ended, with nothing.
+        _remove(unfinished)
+        raise
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
     with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
+    _remove(unfinished)
+
+
+def _remove(file: Path | None) -> None:
+    if file is not None:
+        file.unlink(missing_ok=True)
 
 
 def search_start_states(
-    thing: GraspObject, search: Search, wanted: StartSet = ALL, spec: HandSpec | None = None
+    thing: GraspObject,
+    search: Search,
+    wanted: StartSet = ALL,
+    spec: HandSpec | None = None,
+    unfinished: Path | None = None,
 ) -> StartStates:
     """Search for as many states as are wanted, or as a long search finds; those in the fingertips that noise shakes
-    loose are left out. Raises ConfigError where it finds none."""
-    rng, count, spec = np.random.default_rng(wanted.seed), wanted.most, spec or load_spec(side="right")
-    parts: list[tuple[Array, ...]] = []
-    most, held = MOST if spec.model == HAND else OPPOSED_MOST, 0
-    while held < count and len(parts) < (most if held else HOPELESS):
-        parts.append(try_candidates(spec, thing, search, wanted, rng))
-        held = sum(len(part[0]) for part in parts)
+    loose are left out. `unfinished`: a file that has what was found before an interruption, and from which the search
+    goes on; whoever has stored the result removes it. Raises ConfigError where it finds none."""
+    count, spec = wanted.most, spec or load_spec(side="right")
+    most, held = MOST if spec.model == HAND else OPPOSED_MOST, _Found(wanted.seed, unfinished)
+    if held.batches:
+        log.warning("%s: %s are there from an interrupted search, which goes on", thing.name, held.line(count))
+    try:
+        while len(held) < count and held.batches < (most if len(held) else HOPELESS):
+            held.add(try_candidates(spec, thing, search, wanted, held.rng))
+            if (held.batches in FIRST_TOLD or held.batches % TOLD == 0) and len(held) < count:
+                log.warning("%s: %s are found", thing.name, held.line(count))
+    except KeyboardInterrupt:
+        kept = unfinished is not None and held.batches > 0
+        then = "they are kept, and the next search goes on from them" if kept else "nothing is kept"
+        log.warning("%s: interrupted: %s are found; %s", thing.name, held.line(count), then)
+        raise
     none = ConfigError(
         f"no grasp of the fingertips of {spec.model} was found that holds {thing.name} above the palm: it may be too "
         "large, too small or too heavy"
     )
-    if not held:
+    if not len(held):
         raise none
-    columns = [np.concatenate(column)[:count] for column in zip(*parts, strict=True)]
+    columns = [column[:count] for column in held.columns]
     order = np.argsort(columns[3], kind="stable")
     found = StartStates(*(column[order] for column in columns))
     if not search.tips:

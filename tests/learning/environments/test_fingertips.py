@@ -6,6 +6,8 @@ import itertools
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -235,6 +237,86 @@ def test_where_nothing_survives_the_noise_of_a_start_the_hand_and_the_object_are
         start_states.search_start_states(
             in_hand_object("ball"), OpposedSearch(tips=3), TRAIN._replace(most=1), load_spec("leap")
         )
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[int | None], None]:
+    """Every batch of a search holds three states, of random numbers; the one of that number is interrupted."""
+    cube = in_hand_object("cube")
+    shipped = load_start_states(cube, "right", start_states.FINGERTIPS, TRAIN)
+    monkeypatch.setattr(start_states, "cache_folder", lambda *_: tmp_path)
+    monkeypatch.setattr(
+        start_states, "survives_noise", lambda spec, thing, states, rng: np.ones(len(states.size), bool)
+    )
+
+    def until(batch: int | None) -> None:
+        tried = iter(range(1000))
+
+        def held(spec: Any, thing: Any, search: Any, wanted: Any, rng: np.random.Generator) -> tuple[Array, ...]:
+            if next(tried) == batch:
+                raise KeyboardInterrupt
+            rows = rng.integers(len(shipped.size), size=3)
+            some = shipped.of(rows)
+            return some.position, some.target, some.pose, rng.uniform(0.9, 1.1, 3)
+
+        monkeypatch.setattr(start_states, "try_candidates", held)
+
+    return until
+
+
+def test_the_search_for_start_states_says_for_what_it_searches_how_far_it_is_and_that_it_happens_once(
+    drawn: Callable[[int | None], None], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    mine, wanted = replace(in_hand_object("cube"), name="mine", mass=0.2), TRAIN._replace(most=60)
+    drawn(None)
+    load_start_states(mine, "right", start_states.FINGERTIPS, wanted)
+    assert caplog.messages == [
+        "mine: searching for 60 start states, in which the fingers of allegro hold it; that takes some minutes, "
+        f"happens once, and is kept in {tmp_path}",
+        "mine: 6 of 60 start states, after 1,024 tries, are found",
+        "mine: 12 of 60 start states, after 2,048 tries, are found",
+        "mine: 24 of 60 start states, after 4,096 tries, are found",
+        "mine: 48 of 60 start states, after 8,192 tries, are found",
+    ]
+    caplog.clear()
+    load_start_states(mine, "right", start_states.FINGERTIPS, wanted)
+    assert not caplog.messages
+
+
+def test_an_interrupted_search_for_start_states_goes_on_and_finds_what_one_without_a_break_finds(
+    drawn: Callable[[int | None], None], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    mine, wanted = replace(in_hand_object("cube"), name="mine", mass=0.2), TRAIN._replace(most=60)
+    drawn(None)
+    whole = start_states.search_start_states(mine, start_states.FINGERTIPS, wanted)
+    caplog.clear()
+    for batch in (0, 7):
+        drawn(batch)
+        with pytest.raises(KeyboardInterrupt):
+            load_start_states(mine, "right", start_states.FINGERTIPS, wanted)
+    drawn(None)
+    found = load_start_states(mine, "right", start_states.FINGERTIPS, wanted)
+    for name in ("position", "target", "pose", "size"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name).astype(np.float32))
+    told = [line for line in caplog.messages if "searching" not in line and "interrupt" in line]
+    assert told == [
+        "mine: interrupted: 0 of 60 start states, after 0 tries, are found; nothing is kept",
+        "mine: interrupted: 21 of 60 start states, after 3,584 tries, are found; they are kept, and the next search "
+        "goes on from them",
+        "mine: 21 of 60 start states, after 3,584 tries, are there from an interrupted search, which goes on",
+    ]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_search_that_finds_nothing_leaves_nothing(
+    drawn: Callable[[int | None], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn(None)
+    monkeypatch.setattr(start_states, "survives_noise", lambda *_: np.zeros(60, bool))
+    mine = replace(in_hand_object("cube"), name="mine", mass=0.2)
+    with pytest.raises(ConfigError, match="was found that holds mine above the palm"):
+        load_start_states(mine, "right", start_states.FINGERTIPS, TRAIN._replace(most=60))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("task", ["Rotate", "Reorient"])
