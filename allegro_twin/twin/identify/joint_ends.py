@@ -7,6 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import Physics, Rig, assemble
 from allegro_twin.control.controllers import PD, GravityCompensation, GravityFeedforward
@@ -101,7 +103,8 @@ def find_joint_ends(
                 advance(sample.state.t, seconds)
                 yield sample
 
-        found = limits_in_samples(observed_samples())
+        most = np.minimum(TORQUE, rig.spec.actuation.torque_limit)
+        found = limits_in_samples(observed_samples(), most if by_hand is None else None)
     codec = rig.driver.codec if isinstance(rig.driver, CanBackend) else None
     return JointEnds(load_spec(config.hand.model, config.hand.side), found, seconds, codec)
 

@@ -170,15 +170,73 @@ def test_a_stuck_joint_is_refused_by_name_and_nothing_is_written(
     assert not target.exists()
 
 
+STOOD = np.ones((2, 16), dtype=bool)
+
+
 def test_limits_may_differ_from_the_models_as_those_of_published_hands_do(spec: HandSpec) -> None:
     spare = np.minimum(BEYOND, 0.25 * (spec.upper - spec.lower)) - 1e-9
-    check_both_ends(FoundLimits(frozen(spec.lower + spare), spec.upper), spec)
-    check_both_ends(FoundLimits(spec.lower, frozen(spec.upper - spare)), spec)
-    check_both_ends(FoundLimits(frozen(spec.lower + 0.3), frozen(spec.upper + 0.3)), spec)  # Encoders that are off.
+    check_both_ends(FoundLimits(frozen(spec.lower + spare), spec.upper, STOOD), spec)
+    check_both_ends(FoundLimits(spec.lower, frozen(spec.upper - spare), STOOD), spec)
+    shifted = FoundLimits(frozen(spec.lower + 0.3), frozen(spec.upper + 0.3), ~STOOD)  # Encoders that are off.
+    check_both_ends(shifted, spec)
     with pytest.raises(ConfigError, match="index_2 was seen .*; nor were index_3, middle_0, .*thumb_3. Free it"):
         check_both_ends(FoundLimits(spec.rest, spec.rest), spec)
     with pytest.raises(ConfigError, match="thumb_3 was seen"):
         check_both_ends(FoundLimits(spec.lower, frozen([*spec.upper[:-1], np.nan])), spec)
+
+
+def test_a_range_that_is_not_the_models_is_taken_only_where_the_torque_tells_of_stops(spec: HandSpec) -> None:
+    lower, stood = spec.lower.copy(), STOOD.copy()
+    lower[5] += 0.008
+    check_both_ends(FoundLimits(frozen(lower), spec.upper, stood), spec)
+    stood[0, 5] = False
+    with pytest.raises(ConfigError, match=r"middle_1 was seen .*, with no sign of a stop at the lower end"):
+        check_both_ends(FoundLimits(frozen(lower), spec.upper, stood), spec)
+
+
+def test_a_joint_that_a_person_left_short_of_a_stop_is_refused_with_the_way_out(spec: HandSpec) -> None:
+    lower = spec.lower.copy()
+    lower[5] += 0.2
+    with pytest.raises(ConfigError, match=r"middle_1 was seen from \+0\.004 .* press it against both its stops"):
+        check_both_ends(FoundLimits(frozen(lower), spec.upper), spec)
+
+
+def test_ends_that_are_shifted_by_different_amounts_tell_no_encoder_offset(spec: HandSpec) -> None:
+    found = FoundLimits(frozen(spec.lower + 0.1), frozen(spec.upper + 0.06), STOOD)
+    check_both_ends(found, spec)
+    with pytest.raises(ConfigError, match="no encoder offset can be told: index_0 was seen .* shifts both ends alike"):
+        encoder_offsets(found, spec, make_codec("v4"))
+
+
+def stiff(joint: int, friction: float) -> dict[str, object]:
+    return {"actuation": {"frictionloss": [friction if k == joint else 0.02 for k in range(16)]}}
+
+
+def weak(joint: int, strength: float) -> dict[str, object]:
+    return {"drive": {"strength": [strength if k == joint else 1.0 for k in range(16)]}}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("truth", "end"),
+    [
+        (stiff(9, 0.24), "ring_1 was seen from +0.000"),  # It stays where it began.
+        (weak(9, 0.15), "ring_1 was seen from +0.000"),
+        (stiff(5, 0.22), "middle_1 was seen from -0.18"),  # It creeps, and has not arrived when it is called back.
+    ],
+)
+def test_a_joint_that_friction_or_a_weak_motor_held_short_of_its_stop_gets_no_offset(
+    truth: dict[str, object], end: str, command: Run, tmp_path: Path
+) -> None:
+    config, target = tmp_path / "c.yaml", tmp_path / "mine.yaml"
+    backend = {"kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.1}
+    backend["scene"] = {"kind": "sim", "truth": truth}
+    config.write_text(yaml.safe_dump({"backend": backend, "task": {"posture": "home"}, "controller": {"kind": "pid"}}))
+    code, _, errors = command("calibrate", "limits", "-c", config, "--into", target, "--offsets")
+    assert (code, errors.count("\n")) == (2, 1)
+    assert end in errors
+    assert "with no sign of a stop at the lower" in errors
+    assert not target.exists()
 
 
 @pytest.mark.parametrize("arguments", [["--offsets"], ["--offsets", "--into", "mine.yaml"]])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.drivers.can.codec.codec import Codec
@@ -14,8 +15,15 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Sample, Vector, frozen
+from allegro_twin.types import Sample, TorqueCommand, Vector, frozen
 
+_EXACT = 0.006  # rad. A range so near the model's is that between both stops, give of the stops and coarse encoders
+# included: what holds a joint up elsewhere has no reason to do it at just this place.
+_ALIKE = 0.03  # rad. By so much the shifts of both ends may differ: an offset is wrong by half of it at most.
+_NEAR = 0.01  # rad. So near its furthest a joint stands there.
+_APPROACH = 0.05  # rad before that, over which the torque that moves a joint is looked at.
+_STOOD = 0.05  # s.
+_SPARE = 0.8  # Of the torque against which a joint stood; it must have come there with less.
 _MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
 _SHORT = 0.25  # Of the model's range. The shortest, 0.94 rad, may not lose 0.35 rad.
 _TOLD = 3  # Joints with their ranges in a message; the others by name.
@@ -35,6 +43,9 @@ class FoundLimits:
 
     lower: Vector
     upper: Vector
+    at_stop: NDArray[np.bool_] | None = None
+    """Whether the joint's torque tells that it stood against a stop, at the lowest and at the highest, (2, n), true or
+    false; None where nothing pressed the joints but a person."""
 
 
 def limit_sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
@@ -51,16 +62,49 @@ def limit_sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
     return Moves(waypoints)
 
 
-def limits_in_samples(samples: Iterable[Sample]) -> FoundLimits:
-    """The ends that a sweep, or a person, has brought the joints to. Raises ConfigError without samples."""
-    lower, upper = None, None
+def limits_in_samples(samples: Iterable[Sample], most: Vector | None = None) -> FoundLimits:
+    """The ends that a sweep, or a person, has brought the joints to. Raises ConfigError without samples.
+
+    `most`: the torque to which commands are held during a sweep, (n,), N·m; None: a person moves the joints.
+    """
+    times, positions, torques = [], [], []
     for sample in samples:
-        position = sample.state.position
-        lower = position if lower is None else np.minimum(lower, position)
-        upper = position if upper is None else np.maximum(upper, position)
-    if lower is None or upper is None:
+        times.append(sample.state.t)
+        positions.append(sample.state.position)
+        if most is not None and isinstance(sample.command, TorqueCommand):
+            torques.append(np.clip(sample.command.torque, -most, most))
+    if not positions:
         raise ConfigError("no limits were found: there was no state to look at")
-    return FoundLimits(frozen(lower), frozen(upper))
+    seen = np.array(positions)
+    stops = None
+    if len(torques) == len(positions):
+        pressed, t = np.array(torques), np.array(times)
+        joints = range(seen.shape[1])
+        stops = np.array(
+            [[_stood_at_stop(t, way * seen[:, k], way * pressed[:, k]) for k in joints] for way in (-1, 1)]
+        )
+    return FoundLimits(frozen(seen.min(axis=0)), frozen(seen.max(axis=0)), stops)
+
+
+def _stood_at_stop(t: Vector, position: Vector, torque: Vector) -> bool:
+    """Whether a joint once came to its highest position, and stood there against clearly more torque than had moved it.
+
+    All (k,): s, rad, N·m. Friction, or a motor that is weak, gives way to any more torque than it needs; a stop does
+    not. A joint that never moved did not come; one that took all the torque on its way may stand anywhere.
+    """
+    furthest = position.max()
+    near = position >= furthest - _NEAR
+    for first in np.flatnonzero(np.diff(near.astype(int)) == 1) + 1:
+        away = np.flatnonzero(~near[first:])
+        end = first + (away[0] if len(away) else len(t) - first)
+        far = np.flatnonzero(position[:first] < furthest - _NEAR - _APPROACH)
+        before = torque[far[-1] + 1 : first] if len(far) else torque[:0]
+        if t[end - 1] - t[first] < _STOOD or not len(before):
+            continue
+        against = torque[first:end].max()
+        if against > 0.0 and np.median(before) <= _SPARE * against:
+            return True
+    return False
 
 
 def centring_offsets(found: FoundLimits, spec: HandSpec) -> Vector:
@@ -94,9 +138,10 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
     from the codec's own.
 
     `model` has the joint limits of the description, not those that were measured. Raises ConfigError for a joint that
-    was not brought to both its ends.
+    was not brought to both its ends, and for one whose ends are shifted by different amounts.
     """
     check_both_ends(found, model)
+    _check_shifted_alike(found, model)
     old = codec.calibration.encoder_offset
     more = replace(codec.calibration, encoder_offset=tuple(count + 1 for count in old))
     # Change of a position by one count of offset, rad; each version has its own.
@@ -110,21 +155,53 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
 def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
     """Raise ConfigError naming every joint that was not brought to both its ends.
 
-    `model` has the joint limits of the description, not those that were measured. A range may be as much smaller than
-    the model's as those of published hands are, `BEYOND`, but not by more than a quarter of it: a joint that is stuck,
-    or stopped by something on its way, is not at its ends. A range that ends where the sweep ends has no stop.
+    `model` has the joint limits of the description, not those that were measured. A range that is the model's is that
+    between the stops. Another one may be as much smaller than the model's as those of published hands are, `BEYOND`,
+    but not by more than a quarter of it, and the torque must tell that the joint stood against a stop at each end.
+    Where a person moved the joints nothing tells, and the range must be the model's but for `_ALIKE`. A range that ends
+    where the sweep ends has no stop.
     """
     low, high, wanted = found.lower, found.upper, model.upper - model.lower
-    whole = wanted - (high - low) <= np.minimum(BEYOND, _SHORT * wanted)
+    short = wanted - (high - low)
+    exact = np.abs(short) <= _EXACT
+    stood = np.asarray(np.abs(short) <= _ALIKE if found.at_stop is None else found.at_stop.all(axis=0))
+    whole = exact | stood & (short <= np.minimum(BEYOND, _SHORT * wanted))
     stopped = np.minimum(low - model.lower, model.upper - high) >= _MET - BEYOND
     missed = np.flatnonzero(~(whole & stopped))  # NaN is neither.
     if not len(missed):
         return
-    seen = [
-        f"{model.joint_labels[k]} was seen from {low[k]:+.3f} to {high[k]:+.3f} rad, the model's ends are "
-        f"{model.lower[k]:+.3f} and {model.upper[k]:+.3f}"
-        for k in missed[:_TOLD]
-    ]
+    seen = [_seen(found, model, k) + _held(found, exact, k) for k in missed[:_TOLD]]
     if len(missed) > _TOLD:
         seen.append(f"nor were {', '.join(model.joint_labels[k] for k in missed[_TOLD:])}")
-    raise ConfigError(f"not at both ends: {'; '.join(seen)}. Free it, or bring it there yourself: --by-hand SECONDS")
+    way_out = "bring it there yourself: --by-hand SECONDS"
+    if found.at_stop is None:
+        way_out = "press it against both its stops; without --by-hand the motors tell a stop that is not the model's"
+    raise ConfigError(f"not at both ends: {'; '.join(seen)}. Free it, or {way_out}")
+
+
+def _check_shifted_alike(found: FoundLimits, model: HandSpec) -> None:
+    """Raise ConfigError naming joints whose ends are not the model's, shifted: which shift is the encoder's, nothing
+    tells then."""
+    unlike = np.abs(found.lower - model.lower - (found.upper - model.upper)) > _ALIKE
+    names = [_seen(found, model, k) for k in np.flatnonzero(unlike)[:_TOLD]]
+    if names:
+        raise ConfigError(
+            f"no encoder offset can be told: {'; '.join(names)}; an encoder shifts both ends alike, within {_ALIKE:g} "
+            "rad. Clear its way and repeat, or write its limits alone, without --offsets"
+        )
+
+
+def _seen(found: FoundLimits, model: HandSpec, k: int) -> str:
+    low, high = found.lower[k], found.upper[k]
+    return (
+        f"{model.joint_labels[k]} was seen from {low:+.3f} to {high:+.3f} rad, the model's ends are "
+        f"{model.lower[k]:+.3f} and {model.upper[k]:+.3f}"
+    )
+
+
+def _held(found: FoundLimits, exact: NDArray[np.bool_], k: int) -> str:
+    """What was wrong at the ends of a joint, as far as its torque tells."""
+    if found.at_stop is None or exact[k] or found.at_stop[:, k].all():
+        return ""
+    ends = " and ".join(each for each, stop in zip(("lower", "upper"), found.at_stop[:, k], strict=True) if not stop)
+    return f", with no sign of a stop at the {ends} end: friction held it, its motor is weak, or it never moved there"
