@@ -1,12 +1,13 @@
-"""Ten things of a household that no grasp was made for, as closed meshes: made by code, of shapes that a lab has.
+"""Things of a household that no grasp was made for, as closed meshes: made by code, of shapes that a lab has.
 
 `write_things(folder)` writes an STL a thing, in m, as it lies or stands on a table. Sizes are of what we have at home,
-masses those that such things weigh; they are no catalogue's.
+masses those that such things weigh; they are no catalogue's. `THINGS` are the first ten, `MORE` twelve that were made
+later, when planning was as it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -27,11 +28,11 @@ class Thing(NamedTuple):
     make: Callable[[], Mesh]
 
 
-def write_things(folder: Path) -> dict[str, tuple[Path, float]]:
+def write_things(folder: Path, things: Mapping[str, Thing]) -> dict[str, tuple[Path, float]]:
     """Path and mass, kg, of each by name; its lowest point at 0, its middle over 0."""
     folder.mkdir(parents=True, exist_ok=True)
     found = {}
-    for name, thing in THINGS.items():
+    for name, thing in things.items():
         mesh = thing.make()
         low, high = mesh.bounds
         mesh.apply_translation([-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]])
@@ -131,4 +132,96 @@ THINGS = {
     "spray_bottle": Thing(0.45, _spray_bottle), "stapler": Thing(0.25, _stapler), "dumbbell": Thing(0.8, _dumbbell),
     "hammer": Thing(0.4, _hammer), "banana": Thing(0.15, _banana), "wine_glass": Thing(0.15, _wine_glass),
     "padlock": Thing(0.25, _padlock),
+}  # fmt: skip
+
+
+def _above_table(mesh: Mesh) -> Mesh:
+    return trimesh.boolean.intersection([mesh, _box((1.0, 1.0, 0.5), (0.0, 0.0, 0.25))], engine="manifold")
+
+
+def _ellipsoid(radii: tuple[float, float, float], at: tuple[float, float, float]) -> Mesh:
+    mesh = trimesh.creation.icosphere(4, 1.0)
+    mesh.apply_scale(radii)
+    mesh.apply_translation(at)
+    return mesh
+
+
+def _ring(radius: float, thick: float, at: tuple[float, float, float]) -> Mesh:
+    """Upright, its axis along y."""
+    turned = translation_matrix(at) @ rotation_matrix(np.pi / 2, [1, 0, 0])
+    return trimesh.creation.torus(radius, thick, transform=turned)
+
+
+def _turned(profile: Sequence[tuple[float, float]]) -> Mesh:
+    return trimesh.creation.revolve(np.array(profile), sections=48)
+
+
+def _teapot() -> Mesh:
+    spout = translation_matrix((0.075, 0.0, 0.075)) @ rotation_matrix(0.7, [0, 1, 0])
+    return _joined(
+        _ellipsoid((0.065, 0.065, 0.055), (0.0, 0.0, 0.055)), _rod(0.04, 0.01, (0.0, 0.0, 0.005)),
+        trimesh.creation.cylinder(0.011, 0.07, sections=32, transform=spout),
+        _ring(0.03, 0.006, (-0.075, 0.0, 0.06)), _rod(0.012, 0.02, (0.0, 0.0, 0.117)),
+    )  # fmt: skip
+
+
+def _shoe() -> Mesh:
+    upper = _above_table(_ellipsoid((0.13, 0.045, 0.04), (0.0, 0.0, 0.03)))
+    return _joined(upper, _rod(0.036, 0.06, (-0.075, 0.0, 0.06)), _box((0.25, 0.085, 0.012), (0.0, 0.0, 0.006)))
+
+
+def _remote() -> Mesh:
+    return _box((0.17, 0.045, 0.02), (0.0, 0.0, 0.01))
+
+
+def _torch() -> Mesh:
+    """Lies on its side."""
+    return _joined(_rod(0.016, 0.12, (0.0, 0.0, 0.025), "x"), _rod(0.025, 0.045, (0.075, 0.0, 0.025), "x"))
+
+
+def _shampoo() -> Mesh:
+    body = trimesh.creation.cylinder(1.0, 0.16, sections=64)
+    body.apply_scale((0.04, 0.024, 1.0))
+    body.apply_translation((0.0, 0.0, 0.08))
+    return _joined(body, _rod(0.014, 0.03, (0.0, 0.0, 0.172)))
+
+
+def _bulb() -> Mesh:
+    profile = [(0.0, 0.0), (0.012, 0.0), (0.0135, 0.005), (0.0135, 0.03), (0.02, 0.045), (0.03, 0.07), (0.03, 0.085)]
+    return _turned([*profile, (0.022, 0.104), (0.008, 0.112), (0.0, 0.113)])
+
+
+def _mouse() -> Mesh:
+    return _above_table(_ellipsoid((0.06, 0.032, 0.036), (0.0, 0.0, 0.0)))
+
+
+def _jar() -> Mesh:
+    return _joined(_rod(0.042, 0.12, (0.0, 0.0, 0.06)), _rod(0.036, 0.03, (0.0, 0.0, 0.13)))
+
+
+def _toy_car() -> Mesh:
+    axles = [_rod(0.018, 0.07, (x, 0.0, 0.018), "y") for x in (-0.045, 0.045)]
+    return _joined(_box((0.14, 0.06, 0.03), (0.0, 0.0, 0.03)), _box((0.07, 0.055, 0.03), (-0.01, 0.0, 0.058)), *axles)
+
+
+def _book() -> Mesh:
+    """Stands."""
+    return _box((0.05, 0.13, 0.19), (0.0, 0.0, 0.095))
+
+
+def _kettlebell() -> Mesh:
+    ball = _ellipsoid((0.042, 0.042, 0.042), (0.0, 0.0, 0.04))
+    return _joined(ball, _rod(0.025, 0.01, (0.0, 0.0, 0.005)), _ring(0.032, 0.010, (0.0, 0.0, 0.1)))
+
+
+def _saucepan() -> Mesh:
+    pot = _turned([(0.0, 0.0), (0.06, 0.0), (0.06, 0.07), (0.056, 0.07), (0.056, 0.004), (0.0, 0.004)])
+    return _joined(pot, _box((0.14, 0.022, 0.014), (0.125, 0.0, 0.055)))
+
+
+MORE = {
+    "teapot": Thing(0.35, _teapot), "shoe": Thing(0.3, _shoe), "remote": Thing(0.12, _remote),
+    "torch": Thing(0.2, _torch), "shampoo": Thing(0.35, _shampoo), "bulb": Thing(0.06, _bulb),
+    "mouse": Thing(0.1, _mouse), "jar": Thing(0.6, _jar), "toy_car": Thing(0.2, _toy_car),
+    "book": Thing(0.5, _book), "kettlebell": Thing(0.6, _kettlebell), "saucepan": Thing(0.5, _saucepan),
 }  # fmt: skip

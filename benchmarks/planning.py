@@ -1,7 +1,7 @@
 """What `plan` finds for all 22 objects: `python -m benchmarks.planning [OBJECT …] [--seconds 60] [--seed 31]`.
 
-Each object lies on the table at its catalogue mass, friction 0.8; with `--household` those of benchmarks/household.py,
-meshes that nothing was tuned for. Five grasps are asked for. A line of JSON an object
+Each object lies on the table at its catalogue mass, friction 0.8; with `--household`, or `--more`, those of
+benchmarks/household.py, meshes that nothing was tuned for. Five grasps are asked for. A line of JSON an object
 is appended to out/planning_<seed>_<seconds>.jsonl: what is there is not tried again, so the command goes on after an
 interruption. Held are the trials of draws that no search has seen: position ±5 mm, yaw ±10°, size ±5 %, mass ±20 %,
 friction 0.5–1.0, together. `--air`: how many that differ by 2 cm or 20° are found in the air, under `fc` (100 g, six
@@ -30,7 +30,7 @@ from allegro_twin.grasping.uncertainty import sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.taxonomy import ClaimedType
 from allegro_twin.surfaces.cli.grasps.plan import scenario_of
-from benchmarks.household import write_things
+from benchmarks.household import MORE, THINGS, write_things
 
 WANTED, MANY = 5, 1000
 YCB = "conf/objects/ycb.yaml"
@@ -119,16 +119,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("objects", nargs="*")
     parser.add_argument("--household", action="store_true")
+    parser.add_argument("--more", action="store_true", help="twelve others of a household")
     parser.add_argument("--air", action="store_true")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=31)
     parser.add_argument("--unseen", type=int, default=20)
     asked = parser.parse_args()
-    kind = ("household" if asked.household else "planning") + ("_air" if asked.air else "")
+    kind = ("household" if asked.household else "more" if asked.more else "planning") + ("_air" if asked.air else "")
     path = Path(f"out/{kind}_{asked.seed}_{asked.seconds:g}.jsonl")
     path.parent.mkdir(exist_ok=True)
-    if asked.household:
-        made = write_things(Path("out/household"))
+    if asked.household or asked.more:
+        made = write_things(
+            Path(f"out/{'household' if asked.household else 'more'}"), THINGS if asked.household else MORE
+        )
         things = {name: scenario_of(str(file), "z", 1.0, mass, 0.8) for name, (file, mass) in made.items()}
     else:
         things = known_things()
