@@ -27,7 +27,7 @@ EXIT_CODES = """| exit code | |
 | 3 | the link to a hand failed |
 | 4 | a fault, or a blocked motion |
 | 5 | a grasp that does not hold, a posture that is not reached, an object that is missed |
-| 130 | interrupted |
+| 130 | interrupted; by another signal than that of Ctrl-C, 128 and its number: 143 by SIGTERM |
 """
 
 

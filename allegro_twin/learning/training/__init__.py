@@ -26,17 +26,21 @@ __all__ = ["Recipe", "load_recipe", "train"]
 
 
 def train(
-    recipe: Recipe, folder: Path, advance: Callable[[int, float, float], None] = lambda steps, mean, rate: None
+    recipe: Recipe,
+    folder: Path,
+    advance: Callable[[int, float, float], None] = lambda steps, mean, rate: None,
+    kept: Callable[[int], None] = lambda steps: None,
 ) -> TrainingResult:
     """Train in `folder`, or continue what is there. `advance` is called after every update with the actions taken,
-    and the mean return and success rate since. Raises ConfigError without the extra, or for a folder of another
+    and the mean return and success rate since; `kept` with the actions of the newest checkpoint, at the beginning (0:
+    there is none) and whenever one was written. Raises ConfigError without the extra, or for a folder of another
     training, and RecordingError where the disk is full."""
     check_packages(recipe)
     module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     learn = import_module(f"allegro_twin.learning.training.{module}").learn
     try:
         with _errors_of_threads():
-            trained: TrainingResult = learn(recipe, folder, advance)
+            trained: TrainingResult = learn(recipe, folder, advance, kept)
     except OSError as error:
         if not _is_full(error):
             raise

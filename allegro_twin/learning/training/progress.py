@@ -25,6 +25,9 @@ STATE = "state"
 Advance = Callable[[int, float, float], None]
 """Called after every update: the actions taken in all, and the mean return and success rate of the episodes that ended
 since, NaN where none did."""
+Kept = Callable[[int], None]
+"""Told the actions of the newest checkpoint: when a training begins or goes on (0: there is none), and whenever one was
+written."""
 FINAL_RATE = 0.1  # Share of the learning rate at the end.
 EVALUATION = 1_000_000_000  # First seed of the evaluations: never one of training.
 ROUND_SEEDS = 100_003  # Distance of seeds: more than there are simulations, so that no two rounds share a seed.

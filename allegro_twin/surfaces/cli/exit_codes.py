@@ -24,9 +24,15 @@ USAGE: type[Exception] = typer.BadParameter.__mro__[1]
 """The parser's usage error. Not every version of typer has a public name for it."""
 HELP_WIDTH = 80
 """Columns that the help has at least."""
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C ends: 128 and the number of the signal, as a shell counts it."""
 _ENDS = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
 ]  # Windows has the first.
+
+
+_ended_by: list[int] = []
+"""The other signal that has ended this command."""
 
 
 def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
@@ -47,6 +53,8 @@ def run(app: typer.Typer, arguments: Sequence[str], program: str) -> NoReturn:
         code = 0
     except standard_streams.OutputLost:
         code = 2
+    if code == INTERRUPTED and _ended_by:
+        code = 128 + _ended_by[0]
     if standard_streams.failed:
         complain(f"{program}: {standard_streams.failed[0]}")
     sys.exit(code or 2 if standard_streams.failed else code)
@@ -71,12 +79,12 @@ def _answer(app: typer.Typer, arguments: Sequence[str], program: str) -> int:
         complain(usage_error(error))
         return 2
     except (KeyboardInterrupt, typer.Abort):
-        return 130
+        return INTERRUPTED
     except (BrokenPipeError, standard_streams.OutputLost):
         raise
     except Exception as error:
         if "KeyboardInterrupt" in str(error):  # It came while a library was loaded, in a callback from C.
-            return 130
+            return INTERRUPTED
         doctor = "doctor" in arguments[:1]  # Which cannot say more of what it needs itself.
         if not (said := computer_error(error, REINSTALL) if doctor else computer_error(error)):
             raise
@@ -112,7 +120,8 @@ def usage_error(error: Any) -> str:
 
 
 def stop_on_signals() -> None:
-    """Handle SIGTERM, SIGHUP and SIGQUIT as Ctrl-C."""
+    """Handle SIGTERM, SIGHUP and SIGQUIT as Ctrl-C, but for the exit code."""
+    _ended_by.clear()
     for number in _ENDS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
             signal.signal(number, _stop)
@@ -122,4 +131,5 @@ def _stop(number: int, frame: FrameType | None) -> None:
     """End as Ctrl-C does, so that the hand is left limp. Further signals are ignored."""
     for each in (*_ENDS, signal.SIGINT):
         signal.signal(each, signal.SIG_IGN)
+    _ended_by.append(number)
     raise KeyboardInterrupt

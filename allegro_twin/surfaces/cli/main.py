@@ -1,7 +1,8 @@
 """The command line: every command, in the panel in which `allegro-twin --help` shows it.
 
 Exit codes: 0 done; 2 config, file or usage; 3 link; 4 fault, or a motion that was blocked; 5 the task failed (a grasp
-that does not hold, a posture that is not reached); 130 interrupted.
+that does not hold, a posture that is not reached); 130 interrupted (by another signal than that of
+Ctrl-C: 128 and its number).
 """
 
 from __future__ import annotations

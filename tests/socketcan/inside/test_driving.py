@@ -147,7 +147,7 @@ def test_sniff_and_check_work_beside_and_after_a_driver(tmp_path: Path, capfd: p
                 assert exit_code(sniff) == 0
             assert hand.pushes
             os.kill(run, signal.SIGHUP)
-            assert exit_code(run) == 130
+            assert exit_code(run) == 128 + signal.SIGHUP
         assert "torque index" in capfd.readouterr().out
         with forked(command("check", path)) as check:
             assert exit_code(check, 60.0) == 0

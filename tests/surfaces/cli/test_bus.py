@@ -337,7 +337,7 @@ def test_a_program_that_is_interrupted_leaves_the_hand_limp(
             time.sleep(0.5)
         finally:
             hand.send_signal(signal.SIGTERM)
-    assert code == 130
+    assert code == 128 + signalled
     heard = [Frame(one.arbitration_id, bytes(one.data)) for one in can.LogReader(log) if one.is_rx]
     assert any(frame.id == 0x180 and any(frame.data) for frame in heard)  # It had pushed before.
     limp = [V4.encode(m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0))) for finger in range(4)]

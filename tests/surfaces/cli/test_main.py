@@ -10,6 +10,7 @@ import errno
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -127,6 +128,22 @@ def test_an_interrupt_in_a_callback_of_a_library_is_one(monkeypatch: pytest.Monk
     with pytest.raises(SystemExit) as ended:
         exit_codes.run(app, [], "allegro-twin")  # type: ignore[arg-type]  # As typer's are called.
     assert ended.value.code == 130
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_a_signal_ends_has_128_and_its_number_as_exit_code(number: signal.Signals) -> None:
+    program = (
+        "import os, signal, time\n"
+        "from allegro_twin.surfaces.cli import exit_codes\n"
+        "def app(*_, **__):\n"
+        f"    os.kill(os.getpid(), {int(number)})\n"
+        "    time.sleep(60)\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
+        "exit_codes.run(app, [], 'allegro-twin')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (128 + number, "")
 
 
 def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path, command: Run) -> None:

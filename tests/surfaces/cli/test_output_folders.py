@@ -115,7 +115,7 @@ def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     before = content(out)
     assert json.loads(before["report.json"])["trials"]["lemon_right"]["held"]
     code, said = interrupted(["run", "lemon", "--out", str(out)], out, how)
-    assert code == (-signal.SIGKILL if how is signal.SIGKILL else 130)
+    assert code == (-signal.SIGKILL if how is signal.SIGKILL else 128 + how)
     after = content(out)
     left = {name: after.pop(name) for name in list(after) if name.startswith(f"{UNFINISHED}/")}
     assert after == before

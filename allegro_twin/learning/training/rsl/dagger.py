@@ -20,7 +20,7 @@ from allegro_twin.learning.environments.tensors import TensorVectorEnv
 from allegro_twin.learning.policy.card import PolicyCard, check_card, read_card
 from allegro_twin.learning.tasks import make_task
 from allegro_twin.learning.training.onnx_policy import NetworkActor, PolicyNetwork, read_onnx_network
-from allegro_twin.learning.training.progress import Advance, TrainingProgress, TrainingResult, learning_rate
+from allegro_twin.learning.training.progress import Advance, Kept, TrainingProgress, TrainingResult, learning_rate
 from allegro_twin.learning.training.rsl.rounds import EpisodeStatistics, train_in_rounds
 from allegro_twin.learning.training.settings import Recipe
 
@@ -130,7 +130,12 @@ class DaggerLearner:
         return (seen - self._mean) * self._scale()
 
 
-def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
+def learn(
+    recipe: Recipe,
+    folder: Path,
+    advance: Advance = lambda steps, mean, rate: None,
+    kept: Kept = lambda steps: None,
+) -> TrainingResult:
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another training,
     and for a teacher that sees no more than the learner."""
     assert recipe.teacher is not None
@@ -143,7 +148,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     if card.privileged:
         raise ConfigError("learner dagger is for policies that see what a hand reports: environment.observation: hand")
     env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **env_keywords(full))
-    return train_in_rounds(DaggerLearner(recipe, env, card, teacher), recipe, folder, advance)
+    return train_in_rounds(DaggerLearner(recipe, env, card, teacher), recipe, folder, advance, kept)
 
 
 def _network(recipe: Recipe, card: PolicyCard) -> Any:

@@ -34,6 +34,7 @@ from allegro_twin.learning.training.progress import (
     GOAL,
     STATE,
     Advance,
+    Kept,
     TrainingProgress,
     TrainingResult,
     goal_distance,
@@ -192,11 +193,16 @@ class PpoLearner:
         return TensorDict(groups, batch_size=[self.env.num_envs])
 
 
-def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
+def learn(
+    recipe: Recipe,
+    folder: Path,
+    advance: Advance = lambda steps, mean, rate: None,
+    kept: Kept = lambda steps: None,
+) -> TrainingResult:
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
     env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **env_keywords(recipe.environment))
-    return train_in_rounds(PpoLearner(recipe, env), recipe, folder, advance)
+    return train_in_rounds(PpoLearner(recipe, env), recipe, folder, advance, kept)
 
 
 def _widths(space: spaces.Space[Any]) -> dict[str, int]:

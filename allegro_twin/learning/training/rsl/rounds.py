@@ -27,6 +27,7 @@ from allegro_twin.learning.training.onnx_policy import PolicyNetwork, to_onnx
 from allegro_twin.learning.training.progress import (
     EVALUATION,
     Advance,
+    Kept,
     TrainingProgress,
     TrainingResult,
     checked_progress,
@@ -75,19 +76,23 @@ class Learner(Protocol):
     def load(self, content: Any) -> None: ...
 
 
-def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Advance) -> TrainingResult:
+def train_in_rounds(
+    learner: Learner, recipe: Recipe, folder: Path, advance: Advance, kept: Kept = lambda steps: None
+) -> TrainingResult:
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
     # No number may depend on the number of threads.
     if torch.device(learner.device).type == "cpu":
         torch.set_num_threads(1)
     progress = _read(learner, folder, recipe)
+    kept(progress.steps)
     policy = folder / "policy.onnx"
     with TrainingLog(recipe, folder, progress.steps) as log:
         while progress.steps < recipe.total:
             learner.begin(progress)
             progress = _round(learner, recipe, progress, log, advance)
             _write(learner, folder, recipe, progress)
+            kept(progress.steps)
             to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": training_note(recipe, progress)}))
             write_recipe(folder, recipe)
         settings = recipe.environment.model_copy(update={"device": "cpu"})

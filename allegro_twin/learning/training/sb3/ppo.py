@@ -29,6 +29,7 @@ from allegro_twin.learning.training.progress import (
     EVALUATION,
     STATE,
     Advance,
+    Kept,
     TrainingProgress,
     TrainingResult,
     checked_progress,
@@ -45,10 +46,16 @@ from allegro_twin.learning.training.sb3.network import AsymmetricPolicy, Normali
 from allegro_twin.learning.training.settings import Recipe
 
 
-def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
+def learn(
+    recipe: Recipe,
+    folder: Path,
+    advance: Advance = lambda steps, mean, rate: None,
+    kept: Kept = lambda steps: None,
+) -> TrainingResult:
     """Train in `folder`, or continue what is there. Raises ConfigError for a folder of another training."""
     path = max(folder.glob("checkpoints/*.zip"), default=None)
     progress = TrainingProgress() if path is None else _read(path, recipe)
+    kept(progress.steps)
     env = HandVectorEnv(recipe.task, recipe.envs, autoreset_mode="disabled", **env_keywords(recipe.environment))
     card = env.engine.task.card().model_copy(update={"note": f"{recipe.task}: seed {recipe.seed}"})
     stable = Sb3VecEnv(env, scale=recipe.reward_scale)
@@ -68,6 +75,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
             log.add_evaluation(progress.steps, progress.seconds, rate)
             model.logger.dump(progress.steps)  # The next round begins without values of this one.
             _save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
+            kept(progress.steps)
     if rate != rate:  # Nothing was left to do.
         rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
     to_onnx(

@@ -64,7 +64,9 @@ def train(
     if jobs > 1:
         raise ConfigError(f"--jobs {jobs} is for the trainings of a sweep: say --sweep FILE, too, or leave it out")
     folder = out or Path("runs") / Path(task).stem.lower()
+    kept = _Kept(folder, recipe)
     with ExitStack() as stack:
+        stack.enter_context(options.interruptible(progress=kept.line))
         if out is None:
             stack.enter_context(lock_folder(folder))
         bar = stack.enter_context(console.progress())
@@ -75,13 +77,39 @@ def train(
                 (folder / stale).unlink(missing_ok=True)  # Of an earlier policy.
             bar.update(job, completed=done, description=f"{recipe.task}: return {mean:.2f}, success {rate:.0%}")
 
-        trained = learn(recipe, folder, advance)
+        trained = learn(recipe, folder, advance, kept)
+        kept.trained = True
         bar.remove_task(job)
         done = trained.progress
         console.console.print(
             f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True, markup=False
         )
         _evaluate_and_film(trained.policy, recipe, folder, episodes, video)
+
+
+class _Kept:
+    """What is kept of a training that somebody interrupts."""
+
+    def __init__(self, folder: Path, recipe: Recipe) -> None:
+        self._folder, self._recipe = folder, recipe
+        self._steps: int | None = None
+        self.trained = False
+        """Whether the training has ended, and only its evaluation is missing."""
+
+    def __call__(self, steps: int) -> None:
+        """Of the newest checkpoint."""
+        self._steps = steps
+
+    def line(self) -> str:
+        if self.trained:
+            return f"the policy in {self._folder} is complete, its evaluation is not: the same command makes that"
+        if self._steps is None and any(self._folder.glob("checkpoints/[0-9]*.*")):
+            return f"the checkpoints in {self._folder} are as they were, and the same command continues"
+        if not self._steps:
+            first = min(self._recipe.round_steps, self._recipe.total)
+            return f"nothing is kept before the first checkpoint, at {first:,} actions: the same command begins anew"
+        of = f"{self._steps:,} of {self._recipe.total:,} actions"
+        return f"the checkpoint at {of} is kept in {self._folder}, and the same command continues from it"
 
 
 def _sweep(path: Path, recipe: Recipe, folder: Path, episodes: int, jobs: int) -> None:
@@ -92,12 +120,21 @@ def _sweep(path: Path, recipe: Recipe, folder: Path, episodes: int, jobs: int) -
     from allegro_twin.learning.training.sweeping import TABLE, read_variants, train_variants
     from allegro_twin.surfaces.cli import console
 
-    variants = read_variants(path, recipe)
-    with console.progress() as bar:
+    variants, ended = read_variants(path, recipe), 0
+
+    def kept() -> str:
+        return (f"{ended} of {len(variants)} trainings had ended; the others keep their last checkpoints in {folder}, "
+                "and the same command continues")  # fmt: skip
+
+    with options.interruptible(progress=kept), console.progress() as bar:
         job = bar.add_task(f"{recipe.task}: trainings", total=len(variants))
-        rows = train_variants(
-            variants, folder, episodes, jobs, lambda done, of: bar.update(job, completed=done, total=of)
-        )
+
+        def advance(done: int, of: int) -> None:
+            nonlocal ended
+            ended = done
+            bar.update(job, completed=done, total=of)
+
+        rows = train_variants(variants, folder, episodes, jobs, advance)
     table = Table(title=escape(str(folder / TABLE)), title_justify="left", title_style="bold")
     columns = list(dict.fromkeys(name for row in rows for name in row))
     for column in columns:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -137,7 +138,7 @@ def test_a_serial_port_has_one_driver_and_who_has_it_is_said(tmp_path: Path) -> 
             assert hand.pushes  # The first one noticed nothing.
             assert first.poll() is None
             first.terminate()
-            assert first.wait() == 130
+            assert first.wait() == 128 + signal.SIGTERM
 
 
 @pytest.mark.realtime
@@ -154,7 +155,7 @@ def test_a_tap_hears_the_hand_and_its_driver_and_disturbs_nobody(tmp_path: Path)
             assert "position thumb" in heard.stdout
             assert hand.pushes
             driver.terminate()
-            assert driver.wait() == 130
+            assert driver.wait() == 128 + signal.SIGTERM
 
 
 def test_a_real_adapter_has_no_tap_so_listening_beside_its_driver_is_refused(
