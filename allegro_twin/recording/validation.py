@@ -68,10 +68,10 @@ def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Ar
     for each, most in (("velocity", np.inf), ("torque", np.inf), ("gravity", STRONGEST)):
         beyond = np.abs(columns[each]) >= most
         if beyond.any():
-            row, place = (int(k) for k in np.argwhere(beyond)[0])
-            value, at = columns[each][row, place], columns["t"][row]
+            first, joint = (int(k) for k in np.argwhere(beyond)[0])
+            value, at = columns[each][first, joint], columns["t"][first]
             raise RecordingError(
-                f"{name}: row {row}: {each}[{place}] is {value:g} at {at:.3f} s, which no hand can report: the file is "
+                f"{name}: row {first}: {each}[{joint}] is {value:g} at {at:.3f} s, which no hand reports: the file is "
                 "damaged; cut the row out, or record again"
             )
     for each in ("tick", "t"):

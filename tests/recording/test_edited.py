@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -182,3 +184,13 @@ def test_a_column_that_a_hand_does_not_report_and_torques_before_the_first_stay_
     found = hold_missed(load(write(tmp_path / "r.arrow", table, stream.meta)), "gravity", "torque").columns
     assert np.isnan(found["gravity"]).all()
     assert np.isnan(found["torque"]).all(axis=1).sum() == 100
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_file_name_that_is_no_utf8_is_read(written: Path, tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/lauf\xfc.arrow"))
+    path.write_bytes(written.read_bytes())
+    assert len(load(path)) == ROWS
+    path.write_bytes(b"")
+    with pytest.raises(RecordingError, match="found an empty file"):
+        load(path)

@@ -346,8 +346,8 @@ def test_a_sample_that_an_imu_or_a_torque_missed_is_no_touch_and_no_fault(
 
     def without(samples: Iterator[Sample], column: str) -> Iterator[Sample]:
         for state, command in samples:
-            missing = {column: unknown[:3] if column == "gravity" else unknown} if state.tick == 500 else {}
-            yield Sample(replace(state, **missing), command)
+            lacks = replace(state, gravity=unknown[:3]) if column == "gravity" else replace(state, torque=unknown)
+            yield Sample(lacks if state.tick == 500 else state, command)
 
     for column in ("gravity", "torque"):
         path, meta = tmp_path / f"{column}.arrow", {"calibration": {"version": "v4", "torque_constant": [1.0] * N}}
