@@ -314,3 +314,15 @@ def test_no_command_writes_over_a_file_that_ships(command: Run, arguments: list[
     assert code == 2
     assert "what ships with the package is not changed" in " ".join(err.split())
     assert {path: path.read_bytes() for path in (root / "conf").rglob("*.*")} == before
+
+
+def test_gravity_of_a_hand_that_reports_none_is_taken_from_the_controller(tmp_path: Path) -> None:
+    config = tmp_path / "c.yaml"
+    backend = {"kind": "can", "version": "v3", "interface": "allegro-virtual"}
+    for controller, refused in (({"kind": "pid"}, True), ({"kind": "pid", "gravity": [0, 0, -9.81]}, False)):
+        config.write_text(yaml.safe_dump({"backend": backend, "task": {"posture": "home"}, "controller": controller}))
+        if refused:
+            with pytest.raises(ConfigError, match="give the controller a `gravity` vector"):
+                joint_ends.find_limits(load_config(str(config)), 0.05, lambda t, total: None)
+        else:
+            joint_ends.find_limits(load_config(str(config)), 0.05, lambda t, total: None)
