@@ -19,6 +19,8 @@ from allegro_twin.types import Array
 _ROWS = ("position", "velocity", "torque", "temperature")
 STRONGEST = 500.0
 """m/s², gravity: some 50 g, more than the IMU of any hand measures."""
+NOT_RADIANS = 10.0
+"""Times a joint's furthest end, in most joints, from which on positions are not in rad; degrees are 57 times them."""
 FEW = 10
 """Rows of which nothing is said about their clock."""
 OFF = 2.0 / 3.0
@@ -83,6 +85,20 @@ def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Ar
                 f"{name}: row {row}: {each} is {now:g} after {before:g}; it must increase: rows were repeated or moved"
             )
     _check_clock(name, float(meta["period"]), columns["t"], columns["tick"])
+
+
+def check_radians(name: str, position: Array, spec: HandSpec) -> None:
+    """Raise RecordingError where positions, (k, n), are beyond the joints' ranges by a factor of tens in most joints:
+    they are not in rad."""
+    ends = np.maximum(np.abs(spec.lower), np.abs(spec.upper))
+    furthest = np.nan_to_num(np.fmax.reduce(np.abs(position), axis=0))
+    beyond = float(np.median(furthest / np.maximum(ends, 1e-3)))
+    if not beyond > NOT_RADIANS:
+        return
+    unit = "they are in degrees: divide them by 57.2958" if beyond < 180.0 / np.pi * 1.1 else "convert them to rad"
+    raise RecordingError(
+        f"{name}: positions go to {furthest.max():.4g}, and no joint ends beyond {ends.max():.3g} rad; {unit}"
+    )
 
 
 def _check_clock(name: str, period: float, t: Array, tick: Array) -> None:
