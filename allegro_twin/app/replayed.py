@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 def open_recording(settings: ReplaySettings, context: BackendContext) -> ReplayBackend:
     """The hand that was recorded. Raises ConfigError for another hand or period than the config's, RecordingError."""
+    from allegro_twin.recording.missed import hold_missed
     from allegro_twin.recording.replay import ReplayBackend
 
-    recording, hand = _recording(settings, context), context.hand
+    recording, hand = hold_missed(_recording(settings, context), "gravity"), context.hand
     path, backend = recording.path, ReplayBackend(recording)
     model = Path(hand.model).stem if Path(hand.model).suffix == ".yaml" else hand.model
     if backend.spec.side != hand.side or backend.spec.model != model:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,7 +41,7 @@ def read_stream(path: Path) -> ArrowStream:
     if path.is_dir():
         raise RecordingError(f"cannot read {path}: it is a folder; a recording is a .arrow file")
     try:
-        with pa.memory_map(str(path)) as source:
+        with pa.BufferReader(_mapped(path)) as source:
             try:
                 reader = pa.ipc.open_stream(source)
             except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
@@ -56,6 +58,14 @@ def read_stream(path: Path) -> ArrowStream:
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     return ArrowStream(table, stream_metadata(str(path), table.schema), cut, rest, not cut and _ended(path))
+
+
+def _mapped(path: Path) -> pa.Buffer:
+    """The file in memory, read as it is used. Arrow opens only names that are UTF-8; Python opens every one."""
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size == 0:
+            return pa.py_buffer(b"")
+        return pa.py_buffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
 
 
 def parse_stream(content: bytes, name: str) -> ArrowStream:

@@ -17,6 +17,14 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
 _ROWS = ("position", "velocity", "torque", "temperature")
+STRONGEST = 500.0
+"""m/s², gravity: some 50 g, more than the IMU of any hand measures."""
+NOT_RADIANS = 10.0
+"""Times a joint's furthest end, in most joints, from which on positions are not in rad; degrees are 57 times them."""
+FEW = 10
+"""Rows of which nothing is said about their clock."""
+OFF = 2.0 / 3.0
+"""Share of the period, and its inverse, from which on times contradict it."""
 _COMMANDS = (("command_torque",), ("command_position", "command_effort", "command_duration"))
 
 
@@ -43,7 +51,8 @@ def stream_metadata(name: str, schema: pa.Schema) -> dict[str, Any]:
 def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> None:
     """Raise RecordingError, which names the metadata, or the column and the row, unless a recording of a device can be
     replayed: all columns of a state and of a command, as wide as its hand, numbers; positions are finite; `t` and
-    `tick` increase. Rows count from 0. Other columns may have NaN, and ticks may jump."""
+    `tick` increase, and together as the period says; no value is infinite, and gravity is what an IMU can measure.
+    Rows count from 0. Other columns may have NaN (`missed.hold_missed`), and ticks may jump."""
     spec = _check_metadata(name, meta)
     n = spec.n_joints
     widths: dict[str, int | None] = {"t": None, "tick": None, **dict.fromkeys(_ROWS, n), "gravity": 3}
@@ -58,6 +67,15 @@ def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Ar
             row, *place = (int(k) for k in np.argwhere(bad)[0])
             what = f"{each}[{place[0]}]" if place else each
             raise RecordingError(f"{name}: row {row}: {what} is {columns[each][row, *place]}, not a finite number")
+    for each, most in (("velocity", np.inf), ("torque", np.inf), ("gravity", STRONGEST)):
+        beyond = np.abs(columns[each]) >= most
+        if beyond.any():
+            first, joint = (int(k) for k in np.argwhere(beyond)[0])
+            value, at = columns[each][first, joint], columns["t"][first]
+            raise RecordingError(
+                f"{name}: row {first}: {each}[{joint}] is {value:g} at {at:.3f} s, which no hand reports: the file is "
+                "damaged; cut the row out, or record again"
+            )
     for each in ("tick", "t"):
         bad = np.diff(columns[each]) <= 0
         if bad.any():
@@ -66,6 +84,36 @@ def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Ar
             raise RecordingError(
                 f"{name}: row {row}: {each} is {now:g} after {before:g}; it must increase: rows were repeated or moved"
             )
+    _check_clock(name, float(meta["period"]), columns["t"], columns["tick"])
+
+
+def check_radians(name: str, position: Array, spec: HandSpec) -> None:
+    """Raise RecordingError where positions, (k, n), are beyond the joints' ranges by a factor of tens in most joints:
+    they are not in rad."""
+    ends = np.maximum(np.abs(spec.lower), np.abs(spec.upper))
+    furthest = np.nan_to_num(np.fmax.reduce(np.abs(position), axis=0))
+    beyond = float(np.median(furthest / np.maximum(ends, 1e-3)))
+    if not beyond > NOT_RADIANS:
+        return
+    unit = "they are in degrees: divide them by 57.2958" if beyond < 180.0 / np.pi * 1.1 else "convert them to rad"
+    raise RecordingError(
+        f"{name}: positions go to {furthest.max():.4g}, and no joint ends beyond {ends.max():.3g} rad; {unit}"
+    )
+
+
+def _check_clock(name: str, period: float, t: Array, tick: Array) -> None:
+    """Raise RecordingError where the times contradict the periods: throughout and in most rows, so that no busy host
+    that counts some periods late does it."""
+    if len(t) <= FEW:
+        return
+    most, throughout = np.median(np.diff(t) / np.diff(tick)), (t[-1] - t[0]) / (tick[-1] - tick[0])
+    if not any(np.max(pair) < OFF or np.min(pair) > 1.0 / OFF for pair in [np.array([most, throughout]) / period]):
+        return
+    unit = " (t is in milliseconds: divide it by 1000)" if np.isclose(throughout, 1000.0 * period, rtol=0.1) else ""
+    raise RecordingError(
+        f"{name}: t goes {throughout:.4g} s on in each tick, and the metadata say a period of {period:g} s{unit}: "
+        "correct t, tick or the metadata's period"
+    )
 
 
 def _check_metadata(name: str, meta: Mapping[str, Any]) -> HandSpec:

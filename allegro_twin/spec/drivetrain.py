@@ -87,6 +87,11 @@ class Drive:
         single = {name: _number(name, given.get(name, 0)) for name in _SINGLE}
         if single["seed"] < 0 or single["seed"] % 1:
             raise ConfigError(f".seed is {single['seed']:g}; a seed is a whole number from 0 on")
+        if single["delay"] > LONGEST_DELAY:
+            raise ConfigError(
+                f".delay is {single['delay']:g} s, longer than any hand's ({LONGEST_DELAY:g} s): "
+                "it is in s, 3 ms are 0.003"
+            )
         return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
 
     @property
@@ -118,6 +123,8 @@ AILMENTS: dict[Ailment, tuple[float, float]] = {
 """How much, when it is drawn by chance: the share that a motor gives; N·m that hold a joint; rad; rad/s; kg at the link
 that the joint moves; N·m; the share that is left of the friction of every contact, whatever the joint;
 rad of backlash, of a fingertip."""
+LONGEST_DELAY = 0.5
+"""s from a command to its torque: a hundred times that of the hands we know, so that a longer one is another unit."""
 _SINGLE = ("delay", "seed")
 _NOMINAL = dict.fromkeys((field.name for field in fields(Drive)), 0.0) | {
     "strength": 1.0, "stiction": 1.0, "mass_scale": 1.0, "stribeck_speed": 0.1,

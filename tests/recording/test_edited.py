@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import pytest
 from allegro_twin.errors import RecordingError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.arrow_writer import arrow_column
+from allegro_twin.recording.missed import hold_missed
 from allegro_twin.recording.reader import load, load_cell, read_stream
 from allegro_twin.recording.recorder import Recorder
 from allegro_twin.spec import HandSpec
@@ -39,7 +42,7 @@ def write(path: Path, table: pa.Table, meta: Any = None) -> Path:
     return path
 
 
-def changed(table: pa.Table, column: str, place: Any, value: float) -> pa.Table:
+def changed(table: pa.Table, column: str, place: Any, value: Any) -> pa.Table:
     """The table with other values at a place of a column."""
     chunk = table.column(column).combine_chunks()
     flat = chunk.flatten() if pa.types.is_fixed_size_list(chunk.type) else chunk
@@ -62,6 +65,10 @@ Edit = Callable[[pa.Table], pa.Table]
         (lambda table: changed(table, "t", 50, 0.0), r"row 50: t is 0 after 0\.147"),
         (lambda table: changed(table, "position", (50, 3), np.nan), r"row 50: position\[3\] is nan"),
         (lambda table: changed(table, "command_torque", (7, 15), np.inf), r"row 7: command_torque\[15\] is inf"),
+        (lambda table: changed(table, "gravity", (50, 1), 1e5), r"row 50: gravity\[1\] is 100000 at 0\.150 s"),
+        (lambda table: changed(table, "torque", (50, 1), -np.inf), r"row 50: torque\[1\] is -inf at 0\.150 s"),
+        (lambda table: changed(table, "t", slice(None), 3.0 * np.arange(ROWS)[:, None]), r"3 s on .* milliseconds"),
+        (lambda table: changed(table, "t", slice(None), 0.006 * np.arange(ROWS)[:, None]), r"0\.006 s on in each tick"),
         (lambda table: table.drop_columns(["torque"]), "has no column torque"),
         (lambda table: table.drop_columns(["command_torque"]), "has no column command_torque"),
         (lambda table: table.drop_columns(["t"]), "has no column t"),
@@ -141,3 +148,49 @@ def test_ticks_may_jump_and_what_a_hand_does_not_report_may_be_unknown(tmp_path:
                                                             nothing, nothing[:3])))  # fmt: skip
     recorder.close()
     assert load(tmp_path / "r.arrow").columns["tick"].tolist() == [0, 1, 5, 9]
+
+
+def test_a_busy_host_may_count_lost_periods_late_and_leave_rows_out(written: Path, tmp_path: Path) -> None:
+    stream, rng = read_stream(written), np.random.default_rng(0)
+    late = 0.003 * (np.arange(ROWS) + np.where(rng.random(ROWS) < 0.2, 0.9, 0.0))[:, None]
+    table = changed(stream.table, "t", slice(None), late)
+    load(write(tmp_path / "late.arrow", table, stream.meta))
+    load(write(tmp_path / "gone.arrow", table.take(np.flatnonzero(rng.random(ROWS) < 0.5)), stream.meta))
+    lost = 0.003 * (np.arange(ROWS) + 150 * (np.arange(ROWS) > 100))[:, None]  # Nobody counted the long pause.
+    load(write(tmp_path / "pause.arrow", changed(stream.table, "t", slice(None), lost), stream.meta))
+
+
+@pytest.mark.parametrize("column", ["gravity", "torque"])
+def test_what_a_hand_missed_to_report_is_held_for_a_tenth_of_a_second_and_then_refused(
+    column: str, written: Path, tmp_path: Path
+) -> None:
+    stream = read_stream(written)
+    table = changed(stream.table, column, slice(None), np.arange(ROWS)[:, None])
+    short = load(write(tmp_path / "short.arrow", changed(table, column, (slice(50, 80), 1), np.nan), stream.meta))
+    held = hold_missed(short, column).columns[column]
+    assert held[49:82, 1].tolist() == [49.0] * 31 + [80.0, 81.0]
+    assert held[:, 0].tolist() == list(range(ROWS))
+    assert np.isnan(short.columns[column][50, 1])
+    long = load(write(tmp_path / "long.arrow", changed(table, column, slice(50, None), np.nan), stream.meta))
+    with pytest.raises(RecordingError, match=rf"row 50: {column}\[0\] is nan from 0\.150 s on, for 0\.54 s"):
+        hold_missed(long, column)
+
+
+def test_a_column_that_a_hand_does_not_report_and_torques_before_the_first_stay_unknown(
+    written: Path, tmp_path: Path
+) -> None:
+    stream = read_stream(written)
+    table = changed(changed(stream.table, "gravity", slice(None), np.nan), "torque", slice(100), np.nan)
+    found = hold_missed(load(write(tmp_path / "r.arrow", table, stream.meta)), "gravity", "torque").columns
+    assert np.isnan(found["gravity"]).all()
+    assert np.isnan(found["torque"]).all(axis=1).sum() == 100
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_file_name_that_is_no_utf8_is_read(written: Path, tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/lauf\xfc.arrow"))
+    path.write_bytes(written.read_bytes())
+    assert len(load(path)) == ROWS
+    path.write_bytes(b"")
+    with pytest.raises(RecordingError, match="found an empty file"):
+        load(path)

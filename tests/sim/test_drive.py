@@ -168,6 +168,7 @@ def test_a_hand_file_holds_a_drive_and_a_recording_keeps_it(tmp_path: Path) -> N
     ("line", "said"),
     [
         ("{dely: 0.003}", "drive: no key named 'dely'; did you mean 'delay'"),
+        ("{delay: 3}", "drive.delay is 3 s, longer than any hand's (0.5 s): it is in s, 3 ms are 0.003"),
         ("{delay: [0.1, 0.2]}", "drive.delay needs numbers, not [0.1, 0.2]"),
         ("{strength: [1, 1]}", "drive.strength needs one number or 16, not 2"),
         ("{strength: 0}", "drive.strength must be above 0, not 0"),

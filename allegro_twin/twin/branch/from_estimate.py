@@ -14,6 +14,7 @@ import numpy as np
 from allegro_twin.app.rig import guarded
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.recording.missed import hold_missed, read_by_twin
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.twin.branch.assumptions import list_assumptions, list_collisions
@@ -31,6 +32,7 @@ def branch_from_estimate(
     recording: Recording, at: float, changes: Changes, stages: SampleStages, options: BranchOptions
 ) -> BranchResult:
     """Continue a hand's recording with its model. Raises ConfigError for a recording that says too little."""
+    recording = hold_missed(recording, *read_by_twin(recording.spec, options.gravity))
     _check(recording, at, changes)
     spec, columns = recorded_spec(recording, options.hand), recording.columns
     row = int(np.searchsorted(columns["t"], at - 1e-9))

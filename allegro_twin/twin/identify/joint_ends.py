@@ -34,7 +34,7 @@ from allegro_twin.twin.identify.motions.limits import (
     limit_sweep,
     limits_in_samples,
 )
-from allegro_twin.types import Sample
+from allegro_twin.types import Sample, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.drivers.can.codec.codec import Codec
@@ -85,7 +85,10 @@ def find_joint_ends(
         raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
     rig = assemble(_searching(config), physics)
     with closing(rig.backend) as backend:
-        gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
+        vector = getattr(config.controller, "gravity", None)  # Of a hand that does not report it.
+        gravity = GravityFeedforward(
+            hand_kinematics(rig.spec).gravity_torque, None if vector is None else frozen(vector)
+        )
         rest = load_posture("calibrate", rig.spec)
         moves = limit_sweep(rig.spec, rest)
         controller: Controller[object]

@@ -77,8 +77,9 @@ def identify_hand(
     motions = _motions(paths, weights)
     check_trusted(motions)
     spec = motions[0].spec
-    # A file that does not exist yet says nothing of masses.
-    file = load_spec(spec.model, spec.side, hand) if hand and Path(hand).is_file() else None
+    # A file that does not exist yet, or has nothing in it, says nothing of masses.
+    filled = bool(hand) and has_content(read_text(Path(hand)))
+    file = load_spec(spec.model, spec.side, hand) if filled else None
     own = file.drive.mass_scale if file is not None and file.drive is not None else np.ones(spec.n_joints)
     masses: Masses = "weighed" if weights else "known" if masses_known else "assumed"
     player = OpenLoopPlayer(spec, motions[0].period)
@@ -93,7 +94,7 @@ def identify_hand(
     values = identified_values(fitted, coverage)
     progress("what the fit has not seen")
     path = Path(hand)
-    content = parse_yaml(read_text(path), hand) if file is not None and has_content(read_text(path)) else {}
+    content = parse_yaml(read_text(path), hand) if filled else {}
     written = drive_to_write(path, content, fitted, values, motions)
     return Identification(tuple(motions), coverage, fitted, values, written, stops)
 

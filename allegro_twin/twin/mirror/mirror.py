@@ -65,6 +65,7 @@ class Mirror:
         frame, (3,), m/s², where the hand does not report it."""
         self._spec, self._observer, self._constant, self._stop = spec, observer, torque_constant, stop
         self._gravity, self._told = gravity, limp_of(spec)
+        self._heard_down = (-np.inf, np.full(3, np.nan))  # s: when the hand last said where down is, and where.
         self._thresholds = thresholds or Thresholds.default(spec)
         self._estimate: Estimate | None = None
         self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new contact is reported.
@@ -85,6 +86,11 @@ class Mirror:
     def observer(self) -> StateObserver | LoopObserver:
         """The simulation beside the hand."""
         return self._observer
+
+    @property
+    def gravity(self) -> Vector | None:
+        """Gravity in the palm frame, (3,), m/s², where it was given; otherwise the hand reports it."""
+        return self._gravity
 
     @property
     def external_torque(self) -> Vector:
@@ -141,12 +147,13 @@ class Mirror:
 
     def observe(self, sample: Sample) -> None:
         """Observe the next sample. Periods that its tick says are missing pass without a report. Raises as `watch`."""
-        state = sample.state
+        state = self._held_down(sample.state)
         heard = np.isfinite(state.position)
         self._last = np.where(heard, state.position, self._last)
         self._diagnosis.hear(state.t, heard)
         gone = self._lost.count(state, max(state.tick - self._tick, 1), self._estimate)
-        if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
+        unknown = self._compensates and not np.isfinite(state.torque).all()
+        if not self._begun >= 0.0 or unknown or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
             blind = gone * self._observer.period
@@ -163,6 +170,19 @@ class Mirror:
             self._since[heard] = 0
             self._measure_noise(state, gone)
         self._told, self._tick = sample.command, state.tick
+
+    def _held_down(self, state: HandState) -> HandState:
+        """The state with the last known gravity for BLIND, where an IMU missed a sample. Raises ConfigError after."""
+        if np.isfinite(self.gravity_in_palm(state)).all():
+            self._heard_down = state.t, state.gravity
+        elif state.t - self._heard_down[0] <= BLIND:
+            return replace(state, gravity=self._heard_down[1])
+        elif np.isfinite(self._heard_down[0]):
+            raise ConfigError(
+                f"the hand has not said where down is since {self._heard_down[0]:.3f} s, and a mirror must know: "
+                "--gravity, `backend.gravity`, or mend its IMU"
+            )
+        return state
 
     def _estimates(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
         """The periods up to a state, and the model's motor torques in each, (n,), N·m. A host that waits for a report

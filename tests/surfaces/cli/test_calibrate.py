@@ -17,7 +17,7 @@ from allegro_twin.drivers.can import opening
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.calibration import Version, load_wiring
 from allegro_twin.hands.description.specs import load_spec
@@ -314,3 +314,28 @@ def test_no_command_writes_over_a_file_that_ships(command: Run, arguments: list[
     assert code == 2
     assert "what ships with the package is not changed" in " ".join(err.split())
     assert {path: path.read_bytes() for path in (root / "conf").rglob("*.*")} == before
+
+
+def test_gravity_of_a_hand_that_reports_none_is_taken_from_the_controller(tmp_path: Path) -> None:
+    config = tmp_path / "c.yaml"
+    backend = {"kind": "can", "version": "v3", "interface": "allegro-virtual"}
+    for controller, refused in (({"kind": "pid"}, True), ({"kind": "pid", "gravity": [0, 0, -9.81]}, False)):
+        config.write_text(yaml.safe_dump({"backend": backend, "task": {"posture": "home"}, "controller": controller}))
+        if refused:
+            with pytest.raises(ConfigError, match="give the controller a `gravity` vector"):
+                joint_ends.find_limits(load_config(str(config)), 0.05, lambda t, total: None)
+        else:
+            joint_ends.find_limits(load_config(str(config)), 0.05, lambda t, total: None)
+
+
+def test_degrees_a_reversed_sign_and_swapped_joints_are_named_where_the_ends_show_them(spec: HandSpec) -> None:
+    with pytest.raises(RecordingError, match=r"go to 98\.\d+, .* in degrees: divide them by 57\.2958"):
+        check_both_ends(FoundLimits(np.degrees(spec.lower), np.degrees(spec.upper)), spec)
+    lower, upper = spec.lower.copy(), spec.upper.copy()
+    lower[1], upper[1] = -spec.upper[1], -spec.lower[1]
+    with pytest.raises(ConfigError, match="index_1 was seen .*: the sign of its encoder is reversed"):
+        check_both_ends(FoundLimits(lower, upper), spec)
+    lower, upper = spec.lower.copy(), spec.upper.copy()
+    lower[[0, 1]], upper[[0, 1]] = spec.lower[[1, 0]], spec.upper[[1, 0]]
+    with pytest.raises(ConfigError, match="index_0 .*: it and index_1 are swapped; index_1 .* it and index_0 are"):
+        check_both_ends(FoundLimits(lower, upper), spec)

@@ -571,3 +571,14 @@ def test_a_short_gap_is_bridged_and_a_long_one_leaves_out_what_its_commands_move
     np.testing.assert_allclose(line[known], 3.0 * np.arange(100, 140)[known])
     assert line[20:23].tolist() == [3.0 * 119] * 3, "the row before"
     assert np.flatnonzero(missing).tolist() == [5, 6, *range(20, 23 + BEFORE)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("text", ["", "# Mine.\n"])
+def test_a_hands_file_without_any_key_is_filled(text: str, tmp_path: Path) -> None:
+    file, result = tmp_path / "mine.yaml", hidden.found()
+    file.write_text(text)
+    hand_file.check_hand_file(file, {}, result.motions)
+    hand_file.write_hand_file(file, result.fit, result.values, result.motions, "2026-01-02")
+    assert file.read_text().startswith(text)
+    assert "torque_constant" in yaml.safe_load(file.read_text())["wire"]

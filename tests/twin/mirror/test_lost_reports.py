@@ -336,3 +336,38 @@ def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec)
         in missing_checks(found, None)
     )
     assert "f.arrow is too short: record 22 s" in missing_checks(found, Path("f.arrow"))
+
+
+@pytest.mark.slow
+def test_a_sample_that_an_imu_or_a_torque_missed_is_no_touch_and_no_fault(
+    spec: HandSpec, make_sim: MakeSim, tmp_path: Path
+) -> None:
+    """A recording goes on with what came last, and a hand that runs with the last gravity."""
+    unknown = frozen(np.full(N, np.nan))
+
+    def without(samples: Iterator[Sample], column: str) -> Iterator[Sample]:
+        for state, command in samples:
+            lacks = replace(state, gravity=unknown[:3]) if column == "gravity" else replace(state, torque=unknown)
+            yield Sample(lacks if state.tick == 500 else state, command)
+
+    for column in ("gravity", "torque"):
+        path, meta = tmp_path / f"{column}.arrow", {"calibration": {"version": "v4", "torque_constant": [1.0] * N}}
+        seen = list(without(until(2.5, motion(spec, make_sim, {})), column))
+        for _ in record(iter(seen), path, spec, 0.003, meta=meta):
+            pass
+        found = mirror_recording(path, "", None)
+        assert not found.contacts
+        assert not found.faults
+        assert np.isfinite(found.disturbance).all()
+        each, touches = watch(spec, iter(seen))
+        assert not touches
+        assert not each.faults
+
+
+def test_a_mirror_that_no_longer_hears_where_down_is_says_so(spec: HandSpec, make_sim: MakeSim) -> None:
+    def without(samples: Iterator[Sample]) -> Iterator[Sample]:
+        for state, command in samples:
+            yield Sample(replace(state, gravity=frozen(np.full(3, np.nan))) if state.tick > 100 else state, command)
+
+    with pytest.raises(ConfigError, match=r"has not said where down is since 0\.300 s"):
+        watch(spec, without(motion(spec, make_sim, {})))

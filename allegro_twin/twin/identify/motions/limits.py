@@ -14,6 +14,7 @@ from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.validation import check_radians
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, TorqueCommand, Vector, frozen
 
@@ -153,7 +154,8 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
 
 
 def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
-    """Raise ConfigError naming every joint that was not brought to both its ends.
+    """Raise ConfigError naming every joint that was not brought to both its ends. Raises RecordingError for positions
+    that are not in rad.
 
     `model` has the joint limits of the description, not those that were measured. A range that is the model's is that
     between the stops. Another one may be as much smaller than the model's as those of published hands are, `BEYOND`,
@@ -161,6 +163,7 @@ def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
     Where a person moved the joints nothing tells, and the range must be the model's but for `_ALIKE`. A range that ends
     where the sweep ends has no stop.
     """
+    check_radians("the hand", np.array([found.lower, found.upper]), model)
     low, high, wanted = found.lower, found.upper, model.upper - model.lower
     short = wanted - (high - low)
     exact = np.abs(short) <= _EXACT
@@ -170,7 +173,7 @@ def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
     missed = np.flatnonzero(~(whole & stopped))  # NaN is neither.
     if not len(missed):
         return
-    seen = [_seen(found, model, k) + _held(found, exact, k) for k in missed[:_TOLD]]
+    seen = [_seen(found, model, k) + (_likely(found, model, k) or _held(found, exact, k)) for k in missed[:_TOLD]]
     if len(missed) > _TOLD:
         seen.append(f"nor were {', '.join(model.joint_labels[k] for k in missed[_TOLD:])}")
     way_out = "bring it there yourself: --by-hand SECONDS"
@@ -197,6 +200,23 @@ def _seen(found: FoundLimits, model: HandSpec, k: int) -> str:
         f"{model.joint_labels[k]} was seen from {low:+.3f} to {high:+.3f} rad, the model's ends are "
         f"{model.lower[k]:+.3f} and {model.upper[k]:+.3f}"
     )
+
+
+def _likely(found: FoundLimits, model: HandSpec, k: int) -> str:
+    """The cause where the ends are those of the joint turned round, or of another joint that has this one's."""
+    seen, ends = np.array([found.lower, found.upper]), np.array([model.lower, model.upper])
+
+    def fits(joint: int, others: NDArray[np.float64]) -> bool:
+        return bool((np.abs(seen[:, joint] - others) <= _ALIKE).all())
+
+    if fits(k, ends[:, k]):
+        return ""
+    if fits(k, -ends[::-1, k]):
+        return ": the sign of its encoder is reversed"
+    for other in range(seen.shape[1]):
+        if fits(k, ends[:, other]) and fits(other, ends[:, k]):
+            return f": it and {model.joint_labels[other]} are swapped"
+    return ""
 
 
 def _held(found: FoundLimits, exact: NDArray[np.bool_], k: int) -> str:

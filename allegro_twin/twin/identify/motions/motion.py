@@ -13,7 +13,9 @@ import numpy as np
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
+from allegro_twin.recording.missed import hold_missed
 from allegro_twin.recording.reader import load
+from allegro_twin.recording.validation import check_radians
 from allegro_twin.sim.open_loop import BEFORE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -71,8 +73,9 @@ class RecordedMotion:
 def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
     """Read a recording. Raises ConfigError or RecordingError, with the remedy, for one that says nothing about a
     drive."""
-    recording = load(path)
+    recording = hold_missed(load(path), "gravity")
     spec, columns = recording.spec, recording.columns
+    check_radians(str(path), columns["position"], spec)
     table = recording.meta.get("calibration")
     if table is None:
         raise ConfigError(

@@ -104,8 +104,8 @@ def check_hand_file(path: Path, content: Mapping[str, Any], motions: Sequence[Re
     for key, value in (("version", first.version), ("side", first.spec.side)):
         if wire.get(key, value) != value:
             raise ConfigError(f"{path} is of a {wire[key]} hand, {first.name} of a {value} one: choose another file")
-    if not path.exists():
-        return
+    if not content:
+        return  # It is to be made, or filled.
     written = load_wiring(serial=str(path)).calibration.encoder_offset
     used = first.calibration.encoder_offset
     if written != used and "identified" in content:
