@@ -6,6 +6,7 @@ import pickle
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 import allegro_twin.gym
 from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.cell.pick.scripted_policy import ScriptedPick
+from allegro_twin.cell.pick.settings import OBJECTS
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.learning.tasks import task_type
@@ -180,6 +182,50 @@ def test_a_camera_that_is_late_shows_where_the_thing_was() -> None:
         moved.append(float(np.linalg.norm(env.episodes.track.pose.position - seen)))
     assert moved[1] == pytest.approx(0.0, abs=1e-9)
     assert moved[2] > 0.01
+
+
+def inside(env: ArmPick) -> float:
+    """How deep hand or arm is in the table, in the object, or in the other, m, by a simulation of its own."""
+    world = env.episodes.scene.robot.world
+    data = mujoco.MjData(world.model)
+    data.qpos[:] = world.data.qpos
+    mujoco.mj_forward(world.model, data)
+    standing = {"world", env.episodes.scene.name}
+    bodies = [{world.model.body(world.model.geom_bodyid[geom]).name for geom in each.geom} for each in data.contact]
+    return max((-float(each.dist) for each, pair in zip(data.contact, bodies, strict=True) if pair != standing),
+               default=0.0)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("off", [0.03, 0.05])
+def test_no_episode_begins_with_hand_or_arm_in_the_table_or_the_object(side: str, off: float) -> None:
+    env = ArmPick(side=side, off=off)
+    for seed in range(20):
+        env.reset(seed=seed)
+        assert inside(env) == 0.0, seed
+
+
+@pytest.mark.slow
+def test_of_the_usual_objects_a_hand_has_those_that_it_takes() -> None:
+    kwargs: dict[str, Any]
+    for kwargs, missing in (
+        ({"side": "left"}, {"mug", "tomato_soup_can", "sugar_box"}),
+        ({"hand": "leap"}, {"sugar_box"}),
+    ):
+        env = ArmPick(**kwargs)
+        seen = {env.reset(seed=seed)[1]["object"] for seed in range(40)}
+        assert seen == set(OBJECTS) - missing
+
+
+@pytest.mark.slow
+def test_an_object_that_the_hand_does_not_take_is_refused_where_it_is_named() -> None:
+    message = "ArmPick has no mug for allegro_.*left.*: at its mug grasp fer_link7 would be 22.0 mm inside the table"
+    with pytest.raises(ConfigError, match=message):
+        ArmPick(side="left", objects=("apple", "mug"))
+    env = ArmPick(side="left")
+    with pytest.raises(ConfigError, match=message):
+        env.reset(seed=0, options={"object": "mug"})
 
 
 def test_an_episode_takes_what_it_is_told() -> None:

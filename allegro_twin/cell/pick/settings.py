@@ -26,7 +26,8 @@ class PickSettings(Settings):
     """The thing is where one picture of the camera at the episode's beginning says, and stays there in observations;
     else it is known at every decision, as exactly and as late as the three `camera_…` say."""
     objects: Annotated[tuple[str, ...], Field(min_length=1)] = OBJECTS
-    """Of the catalogue; each episode draws one."""
+    """Of the catalogue; each episode draws one. What the hand cannot take is refused where it is named, and left out of
+    these where nothing is."""
     place: Annotated[float, Field(ge=0, le=0.12)] = 0.08
     """A thing stands within so much of the table's middle along x and y, m, turned by any angle."""
     off: Annotated[float, Field(ge=0, le=0.05)] = 0.03
