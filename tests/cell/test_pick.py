@@ -156,7 +156,7 @@ def test_a_thing_that_falls_off_the_table_ends_the_episode() -> None:
     *_, lost, _, info = env.step(np.zeros(22, np.float32))
     assert lost
     assert not info["is_success"]
-    with pytest.raises(CommandError, match="this episode is over: reset before the next step"):
+    with pytest.raises(CommandError, match="no episode is going on.*reset before the next step"):
         env.step(np.zeros(22, np.float32))
 
 
@@ -243,6 +243,29 @@ def test_an_episode_takes_what_it_is_told() -> None:
 def test_what_cannot_be_is_refused_in_one_line(kwargs: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         ArmPick(**kwargs)
+
+
+@pytest.mark.slow
+def test_after_a_reset_that_found_no_beginning_a_step_wants_another_reset() -> None:
+    env = apple()
+    for name in ("apple", "lemon"):  # In the scene of the episode before, and in one of its own.
+        env.reset(seed=0)
+        with pytest.raises(ConfigError, match=f"no placement of {name} that the arm reaches"):
+            env.reset(options={"object": name, "at": (1.0, 1.0)})
+        with pytest.raises(CommandError, match="no episode is going on.*reset before the next step"):
+            env.step(np.zeros(22, np.float32))
+
+
+@pytest.mark.parametrize("options", [{"object": "aple"}, {"objekt": "apple"}, {"object": "mug"}, {"yaw": "left"}])
+def test_an_episode_goes_on_after_a_reset_whose_options_were_refused(options: dict[str, Any]) -> None:
+    env, other = apple(side="left"), apple(side="left")
+    for each in (env, other):
+        each.reset(seed=0)
+    with pytest.raises(ConfigError):
+        env.reset(seed=1, options=options)
+    action = np.full(22, 0.1, np.float32)
+    assert data_equivalence(env.step(action), other.step(action), exact=True)
+    assert data_equivalence(env.reset(), other.reset(), exact=True)
 
 
 def test_an_action_that_is_none_is_refused() -> None:

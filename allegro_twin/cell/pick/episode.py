@@ -114,10 +114,15 @@ class Episodes:
             for name in settings.objects:
                 self._check(name)
 
+    def check(self, asked: PickOptions) -> None:
+        """Raises ConfigError for an object that the hand does not take. The episode that is going on stays."""
+        if asked.object is not None:
+            self._check(asked.object)
+
     def begin(self, draws: np.random.Generator, asked: PickOptions) -> None:
-        """The next episode. Raises ConfigError where the arm reaches no grasp of what is asked for."""
+        """The next episode, of what `check` lets pass. Raises ConfigError where the arm reaches no grasp of what is
+        asked for, and then there is no episode."""
         name = self._draw(draws) if asked.object is None else asked.object
-        self._check(name)
         self.scene, self._draws = self._of(name), draws
         why = ""
         for _ in range(_TRIES):
