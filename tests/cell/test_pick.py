@@ -268,6 +268,12 @@ def test_an_episode_goes_on_after_a_reset_whose_options_were_refused(options: di
     assert data_equivalence(env.reset(), other.reset(), exact=True)
 
 
+@pytest.mark.parametrize("name", ["camera_shift", "camera_turn", "camera_delay"])
+def test_what_blurs_a_camera_that_looks_at_every_decision_is_refused_beside_perception(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"perception=True looks once, so {name} does nothing"):
+        ArmPick(perception=True, **{name: 1})
+
+
 def test_an_action_that_is_none_is_refused() -> None:
     env = apple()
     env.reset(seed=0)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from allegro_twin.files.schema import Positive, Settings
 from allegro_twin.spec import Side
@@ -56,6 +56,13 @@ class PickSettings(Settings):
     """Control periods between two actions."""
     seconds: Positive = 7.0
     """Of an episode."""
+
+    @model_validator(mode="after")
+    def _camera_used(self) -> Self:
+        for name in ("camera_shift", "camera_turn", "camera_delay"):
+            if self.perception and getattr(self, name):
+                raise ValueError(f"perception=True looks once, so {name} does nothing: leave one of them out")
+        return self
 
 
 class PickOptions(Settings):
