@@ -84,6 +84,8 @@ def test_its_specification_says_how_long_an_episode_is_and_it_has_no_state_to_sa
     assert env.spec.max_episode_steps == env.unwrapped.episodes.limit  # type: ignore[attr-defined]
     with pytest.raises(ConfigError, match="ArmPick has no state to save"):
         env.unwrapped.save_state()  # type: ignore[attr-defined]
+    with pytest.raises(ConfigError, match="ArmPick has no state to save"):
+        env.unwrapped.restore_state({})  # type: ignore[attr-defined]
 
 
 def test_nothing_earns_little_and_picks_nothing() -> None:
@@ -208,11 +210,9 @@ def test_no_episode_begins_with_hand_or_arm_in_the_table_or_the_object(side: str
 
 @pytest.mark.slow
 def test_of_the_usual_objects_a_hand_has_those_that_it_takes() -> None:
-    kwargs: dict[str, Any]
-    for kwargs, missing in (
-        ({"side": "left"}, {"mug", "tomato_soup_can", "sugar_box"}),
-        ({"hand": "leap"}, {"sugar_box"}),
-    ):
+    left: dict[str, Any] = {"side": "left"}
+    leap: dict[str, Any] = {"hand": "leap"}
+    for kwargs, missing in ((left, {"mug", "tomato_soup_can", "sugar_box"}), (leap, {"sugar_box"})):
         env = ArmPick(**kwargs)
         seen = {env.reset(seed=seed)[1]["object"] for seed in range(40)}
         assert seen == set(OBJECTS) - missing
@@ -271,7 +271,7 @@ def test_an_episode_goes_on_after_a_reset_whose_options_were_refused(options: di
 @pytest.mark.parametrize("name", ["camera_shift", "camera_turn", "camera_delay"])
 def test_what_blurs_a_camera_that_looks_at_every_decision_is_refused_beside_perception(name: str) -> None:
     with pytest.raises(ConfigError, match=f"perception=True looks once, so {name} does nothing"):
-        ArmPick(perception=True, **{name: 1})
+        apple(perception=True, **{name: 1})
 
 
 def test_an_action_that_is_none_is_refused() -> None:

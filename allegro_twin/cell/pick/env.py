@@ -70,6 +70,10 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         """Raises ConfigError: the hand's own tasks have states to save."""
         raise ConfigError("ArmPick has no state to save: begin its episode again with reset(seed=…)")
 
+    def restore_state(self, state: object) -> NoReturn:
+        """Raises ConfigError, likewise."""
+        self.save_state()
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         asked = parse_settings(PickOptions, options or {}, "options")
         now = self.episodes
