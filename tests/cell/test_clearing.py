@@ -23,7 +23,7 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.perception.touching import make_compound
 from allegro_twin.cell.planning.object_selection import ObjectSelector, SelectedObject, _least_count, shows_at_fingers
-from allegro_twin.cell.planning.reachability import GraspPlan, nearest_grasp, plan_grasp
+from allegro_twin.cell.planning.reachability import GraspPlan, plain_grasps, plan_grasp
 from allegro_twin.cell.planning.release import _PLACES, ReleasePath, _emptiest_first, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import stored_grasps, table_object
 from allegro_twin.cell.run import other_than_cleared, perform
@@ -69,7 +69,7 @@ def test_what_is_too_large_is_left_and_named_and_the_rest_is_put_away() -> None:
 
 def test_the_hand_opens_above_the_tray_with_the_object_in_its_middle() -> None:
     cell = cell_of(tray=TRAY.model_dump())
-    plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)
+    plan = plain_grasps(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)[0]
     way, lifted = plan.way, plan.there[1]
     path = release_path(TRAY, way, way.palm, BALL, (), lifted, cell)
     turn = path.palm.rotation @ way.palm.rotation.T
@@ -120,7 +120,7 @@ def test_what_has_no_way_to_the_tray_is_put_back_where_it_stood_and_the_run_goes
 @pytest.mark.slow
 def test_a_tray_out_of_reach_is_refused_with_its_place() -> None:
     cell = cell_of(tray=TRAY.model_dump())
-    plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)
+    plan = plain_grasps(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)[0]
     far = TRAY.model_copy(update={"at": (1.5, 0.3)})
     with pytest.raises(ConfigError, match=r"does not get to the tray at \(1.5, 0.3\) with the sphere"):
         release_path(far, plan.way, plan.way.palm, BALL, (), plan.there[1], cell)
@@ -189,7 +189,7 @@ def test_what_meets_something_above_the_tray_is_let_go_there_and_counted(monkeyp
 def test_the_way_back_goes_up_across_and_down_unless_the_palm_is_above_already() -> None:
     cell = cell_of(tray=TRAY.model_dump())
     work = CellActions(cell)
-    plan = nearest_grasp(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)
+    plan = plain_grasps(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)[0]
     work._grasped = plan.way.palm
     for posture, ways in ((plan.there[1], 1), (cell.posture, 3)):
         above, left = work._way_back(replace(cell.arm.reset(), position=posture))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import make_cell, with_objects
-from allegro_twin.cell.planning.reachability import nearest_grasp, reachable_grasps
+from allegro_twin.cell.planning.reachability import plain_grasps, reachable_grasps
 from allegro_twin.cell.planning.stored_grasps import stored_grasps
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings, TableObjectSettings
@@ -78,5 +78,5 @@ def test_a_lemon_that_points_at_the_arm_is_taken_a_little_askew() -> None:
     egg = next(card.body for card in stored_grasps("allegro") if card.name == "lemon")
     there = TableObject(egg.kind, egg.extents, np.radians(-95.0), np.array([0.0, 0.0, egg.extents[2] / 2.0]))
     with pytest.raises(ConfigError, match="does not reach the lemon grasp"):
-        nearest_grasp(there, cell.robot, cell.posture, 0.15)
+        plain_grasps(there, cell.robot, cell.posture, 0.15)
     assert reachable_grasps(there, cell.robot, cell.posture, 0.15)

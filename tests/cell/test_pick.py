@@ -6,6 +6,7 @@ import pickle
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 import allegro_twin.gym
 from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.cell.pick.scripted_policy import ScriptedPick
+from allegro_twin.cell.pick.settings import OBJECTS
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.learning.tasks import task_type
@@ -82,6 +84,8 @@ def test_its_specification_says_how_long_an_episode_is_and_it_has_no_state_to_sa
     assert env.spec.max_episode_steps == env.unwrapped.episodes.limit  # type: ignore[attr-defined]
     with pytest.raises(ConfigError, match="ArmPick has no state to save"):
         env.unwrapped.save_state()  # type: ignore[attr-defined]
+    with pytest.raises(ConfigError, match="ArmPick has no state to save"):
+        env.unwrapped.restore_state({})  # type: ignore[attr-defined]
 
 
 def test_nothing_earns_little_and_picks_nothing() -> None:
@@ -154,7 +158,7 @@ def test_a_thing_that_falls_off_the_table_ends_the_episode() -> None:
     *_, lost, _, info = env.step(np.zeros(22, np.float32))
     assert lost
     assert not info["is_success"]
-    with pytest.raises(CommandError, match="this episode is over: reset before the next step"):
+    with pytest.raises(CommandError, match="no episode is going on.*reset before the next step"):
         env.step(np.zeros(22, np.float32))
 
 
@@ -182,6 +186,48 @@ def test_a_camera_that_is_late_shows_where_the_thing_was() -> None:
     assert moved[2] > 0.01
 
 
+def inside(env: ArmPick) -> float:
+    """How deep hand or arm is in the table, in the object, or in the other, m, by a simulation of its own."""
+    world = env.episodes.scene.robot.world
+    data = mujoco.MjData(world.model)
+    data.qpos[:] = world.data.qpos
+    mujoco.mj_forward(world.model, data)
+    standing = {"world", env.episodes.scene.name}
+    bodies = [{world.model.body(world.model.geom_bodyid[geom]).name for geom in each.geom} for each in data.contact]
+    return max((-float(each.dist) for each, pair in zip(data.contact, bodies, strict=True) if pair != standing),
+               default=0.0)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("off", [0.03, 0.05])
+def test_no_episode_begins_with_hand_or_arm_in_the_table_or_the_object(side: str, off: float) -> None:
+    env = ArmPick(side=side, off=off)
+    for seed in range(20):
+        env.reset(seed=seed)
+        assert inside(env) == 0.0, seed
+
+
+@pytest.mark.slow
+def test_of_the_usual_objects_a_hand_has_those_that_it_takes() -> None:
+    left: dict[str, Any] = {"side": "left"}
+    leap: dict[str, Any] = {"hand": "leap"}
+    for kwargs, missing in ((left, {"mug", "tomato_soup_can", "sugar_box"}), (leap, {"sugar_box"})):
+        env = ArmPick(**kwargs)
+        seen = {env.reset(seed=seed)[1]["object"] for seed in range(40)}
+        assert seen == set(OBJECTS) - missing
+
+
+@pytest.mark.slow
+def test_an_object_that_the_hand_does_not_take_is_refused_where_it_is_named() -> None:
+    message = "ArmPick has no mug for allegro_.*left.*: at its mug grasp fer_link7 would be 22.0 mm inside the table"
+    with pytest.raises(ConfigError, match=message):
+        ArmPick(side="left", objects=("apple", "mug"))
+    env = ArmPick(side="left")
+    with pytest.raises(ConfigError, match=message):
+        env.reset(seed=0, options={"object": "mug"})
+
+
 def test_an_episode_takes_what_it_is_told() -> None:
     env = ArmPick(objects=("apple", "mug"))
     for name in ("mug", "apple"):
@@ -197,6 +243,35 @@ def test_an_episode_takes_what_it_is_told() -> None:
 def test_what_cannot_be_is_refused_in_one_line(kwargs: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         ArmPick(**kwargs)
+
+
+@pytest.mark.slow
+def test_after_a_reset_that_found_no_beginning_a_step_wants_another_reset() -> None:
+    env = apple()
+    for name in ("apple", "lemon"):  # In the scene of the episode before, and in one of its own.
+        env.reset(seed=0)
+        with pytest.raises(ConfigError, match=f"no placement of {name} that the arm reaches"):
+            env.reset(options={"object": name, "at": (1.0, 1.0)})
+        with pytest.raises(CommandError, match="no episode is going on.*reset before the next step"):
+            env.step(np.zeros(22, np.float32))
+
+
+@pytest.mark.parametrize("options", [{"object": "aple"}, {"objekt": "apple"}, {"object": "mug"}, {"yaw": "left"}])
+def test_an_episode_goes_on_after_a_reset_whose_options_were_refused(options: dict[str, Any]) -> None:
+    env, other = apple(side="left"), apple(side="left")
+    for each in (env, other):
+        each.reset(seed=0)
+    with pytest.raises(ConfigError):
+        env.reset(seed=1, options=options)
+    action = np.full(22, 0.1, np.float32)
+    assert data_equivalence(env.step(action), other.step(action), exact=True)
+    assert data_equivalence(env.reset(), other.reset(), exact=True)
+
+
+@pytest.mark.parametrize("name", ["camera_shift", "camera_turn", "camera_delay"])
+def test_what_blurs_a_camera_that_looks_at_every_decision_is_refused_beside_perception(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"perception=True looks once, so {name} does nothing"):
+        apple(perception=True, **{name: 1})
 
 
 def test_an_action_that_is_none_is_refused() -> None:

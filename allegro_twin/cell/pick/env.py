@@ -70,21 +70,27 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         """Raises ConfigError: the hand's own tasks have states to save."""
         raise ConfigError("ArmPick has no state to save: begin its episode again with reset(seed=…)")
 
+    def restore_state(self, state: object) -> NoReturn:
+        """Raises ConfigError, likewise."""
+        self.save_state()
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
-        super().reset(seed=seed)
         asked = parse_settings(PickOptions, options or {}, "options")
-        self.episodes.begin(self.np_random, asked)
-        self._over, self._high = False, 0.0
+        now = self.episodes
+        now.check(asked)
+        super().reset(seed=seed)
+        self._over = True  # A search that finds no beginning leaves the scene where it looked last.
         if self._camera is not None:
             self._camera.close()
             self._camera = None
-        now = self.episodes
+        now.begin(self.np_random, asked)
+        self._over, self._high = False, 0.0
         info = {"object": now.scene.name, "at": now.at.tolist(), "yaw": now.yaw, "error": now.error}
         return self._seen(), info
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         if self._over:
-            raise CommandError("this episode is over: reset before the next step")
+            raise CommandError("no episode is going on: it is over, or none has begun; reset before the next step")
         now, taken = self.episodes, _placed(action, self.action_space.shape)
         stopped = ""
         try:

@@ -12,7 +12,7 @@ from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
 from allegro_twin.cell.pick.scene import PickScene
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
-from allegro_twin.cell.planning.reachability import nearest_grasp
+from allegro_twin.cell.planning.reachability import GraspPlan, plain_grasps
 from allegro_twin.cell.planning.stored_grasps import (
     GraspCandidate,
     standing_object,
@@ -28,6 +28,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.sim.contact.contacts import STILL
 from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import object_catalogue
 from allegro_twin.types import Vector
@@ -80,6 +81,8 @@ def _plain(body: TableObject) -> TableObject:
 _TRIES = 40
 """Placements that are drawn until the arm reaches a grasp of one."""
 _LIFT = 0.15  # m.
+_TURNED = np.radians(np.arange(0.0, 360.0, 45.0))
+"""In one of these a thing in the table's middle must be within reach, rad, that the hand takes it at all."""
 _OTHERS = 28  # Numbers of an observation that are no joints': palm, set-point, thing, time.
 _NEAR = 2e-3  # m and rad.
 
@@ -95,6 +98,7 @@ class Episodes:
         self._model = hand_kinematics(self.spec)
         self._lab = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
         self._scenes: dict[str, PickScene] = {}
+        self._refused: dict[str, str] = {}
         self._cameras: dict[str, DepthCamera] = {}
         self._pipeline = PerceptionPipeline(self._lab.perception) if settings.perception else None
         self._wait: Vector | None = None
@@ -106,10 +110,19 @@ class Episodes:
         """Between two decisions."""
         self.limit = max(round(settings.seconds / self.seconds), 1)
         """Decisions an episode."""
+        if "objects" in settings.model_fields_set:
+            for name in settings.objects:
+                self._check(name)
+
+    def check(self, asked: PickOptions) -> None:
+        """Raises ConfigError for an object that the hand does not take. The episode that is going on stays."""
+        if asked.object is not None:
+            self._check(asked.object)
 
     def begin(self, draws: np.random.Generator, asked: PickOptions) -> None:
-        """The next episode. Raises ConfigError where the arm reaches no grasp of what is asked for."""
-        name = asked.object or self.settings.objects[int(draws.integers(len(self.settings.objects)))]
+        """The next episode, of what `check` lets pass. Raises ConfigError where the arm reaches no grasp of what is
+        asked for, and then there is no episode."""
+        name = self._draw(draws) if asked.object is None else asked.object
         self.scene, self._draws = self._of(name), draws
         why = ""
         for _ in range(_TRIES):
@@ -169,17 +182,72 @@ class Episodes:
             body = detected_object(scene, eye, self._pipeline)
         if body is None:
             raise ConfigError("perception refuses the picture")
-        reached = nearest_grasp(body, scene.robot, wait, _LIFT)
-        self.way: GraspCandidate = reached.way
+        why = ""
+        for one in plain_grasps(body, scene.robot, wait, _LIFT):
+            why = self._table_at_grasp(scene, one, at, yaw) or self._rest_at(scene, one, at, yaw, off)
+            if not why:
+                break
+        if why:
+            raise ConfigError(why)
+        self.way: GraspCandidate = one.way
         self.grasp: Grasp = self.way.card.grasp
-        palm = Pose(self.way.before.position + off, self.way.before.rotation)
-        posture = scene.robot.model.reach(scene.robot.flange_for(palm), reached.through[-1], _NEAR)
-        scene.rest(at, yaw, posture, self.grasp.preshape)
         scene.begin()
         self.body, self.at, self.yaw = body, at, yaw
         self.error = float(np.linalg.norm(body.position - scene.there.position))
         self.track, self._first = ObjectTracker(scene, body), scene.there.position
         self.count, self.closed = 0, 0.0
+
+    def _rest_at(self, scene: PickScene, one: GraspPlan, at: Vector, yaw: float, off: Vector) -> str:
+        """Put the hand `off` by so much, (3,), m, where an approach begins. Returns why nothing can begin there; empty
+        where it can."""
+        palm = Pose(one.way.before.position + off, one.way.before.rotation)
+        try:
+            posture = scene.robot.model.reach(scene.robot.flange_for(palm), one.through[-1], _NEAR)
+        except ConfigError as error:
+            return str(error)
+        scene.rest(at, yaw, posture, one.way.card.grasp.preshape)
+        if met := scene.obstructions():
+            return f"at the beginning {met[0]}"
+        return "a joint of the arm would begin at its end" if scene.stuck() else ""
+
+    def _table_at_grasp(self, scene: PickScene, one: GraspPlan, at: Vector, yaw: float) -> str:
+        """Which part of hand or arm would be in the table at the grasp; empty where none is."""
+        scene.rest(at, yaw, one.there[0], one.way.card.grasp.preshape)
+        met = [each for each in scene.obstructions() if each.other == STILL]
+        return f"at its {one.way.card.name} grasp {met[0]}" if met else ""
+
+    def _draw(self, draws: np.random.Generator) -> str:
+        """One of the objects that the hand takes. Raises ConfigError where it takes none."""
+        left = list(self.settings.objects)
+        while left:
+            name = left.pop(int(draws.integers(len(left))))
+            if not self._refusal(name):
+                return name
+        raise ConfigError(f"ArmPick has no object that {self.spec.name} takes: name some in objects")
+
+    def _check(self, name: str) -> None:
+        """Raises ConfigError for an object that the hand does not take."""
+        if why := self._refusal(name):
+            raise ConfigError(f"ArmPick has no {name} for {self.spec.name}: {why}; name another object")
+
+    def _refusal(self, name: str) -> str:
+        """Why the hand takes no such thing in the table's middle, however it is turned; empty where it does. It draws
+        nothing, so it does not matter when it is asked."""
+        if name not in self._refused:
+            scene, at, why = self._of(name), np.zeros(2), ""
+            for yaw in _TURNED:
+                scene.rest(at, yaw, self._waiting(), self.spec.rest)
+                try:
+                    ways = plain_grasps(known_object(scene, yaw), scene.robot, self._waiting(), _LIFT)
+                except ConfigError as error:
+                    why = why or str(error)
+                    continue
+                met = [self._table_at_grasp(scene, one, at, yaw) for one in ways]
+                why = "" if "" in met else met[0]
+                if not why:
+                    break
+            self._refused[name] = why
+        return self._refused[name]
 
     def _waiting(self) -> Vector:
         if self._wait is None:

@@ -15,7 +15,7 @@ from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.contacts import find_contacts
+from allegro_twin.sim.contact.contacts import Obstruction, find_contacts, obstructions
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
@@ -114,6 +114,11 @@ class PickScene:
         thumb = len(self.spec.fingers) - 1
         others = any(part < thumb for part in parts)
         return others or thumb in parts, others and thumb in parts
+
+    def obstructions(self) -> list[Obstruction]:
+        """What hand and arm are in, the deepest first: the table, the thing, and one the other."""
+        world = self.robot.world
+        return obstructions(world.model, world.data, self.spec, self.name)
 
     def stuck(self) -> bool:
         """Whether a joint of the arm is at its end."""

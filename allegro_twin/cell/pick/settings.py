@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from allegro_twin.files.schema import Positive, Settings
 from allegro_twin.spec import Side
@@ -26,7 +26,8 @@ class PickSettings(Settings):
     """The thing is where one picture of the camera at the episode's beginning says, and stays there in observations;
     else it is known at every decision, as exactly and as late as the three `camera_…` say."""
     objects: Annotated[tuple[str, ...], Field(min_length=1)] = OBJECTS
-    """Of the catalogue; each episode draws one."""
+    """Of the catalogue; each episode draws one. What the hand cannot take is refused where it is named, and left out of
+    these where nothing is."""
     place: Annotated[float, Field(ge=0, le=0.12)] = 0.08
     """A thing stands within so much of the table's middle along x and y, m, turned by any angle."""
     off: Annotated[float, Field(ge=0, le=0.05)] = 0.03
@@ -55,6 +56,13 @@ class PickSettings(Settings):
     """Control periods between two actions."""
     seconds: Positive = 7.0
     """Of an episode."""
+
+    @model_validator(mode="after")
+    def _camera_used(self) -> Self:
+        for name in ("camera_shift", "camera_turn", "camera_delay"):
+            if self.perception and getattr(self, name):
+                raise ValueError(f"perception=True looks once, so {name} does nothing: leave one of them out")
+        return self
 
 
 class PickOptions(Settings):

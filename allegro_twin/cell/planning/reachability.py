@@ -190,10 +190,10 @@ def _clear_of_obstacles(one: GraspPlan, cell: Cell) -> GraspPlan | ClearanceViol
     return first
 
 
-def nearest_grasp(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float) -> GraspPlan:
+def plain_grasps(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float) -> list[GraspPlan]:
     """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way, never with the
-    elbow out and never askew."""
-    return reachable_grasps(body, robot, waiting, lift, (_PLAIN,))[0]
+    elbow out and never askew; that with the least turn of a joint first."""
+    return reachable_grasps(body, robot, waiting, lift, (_PLAIN,))
 
 
 def reachable_grasps(

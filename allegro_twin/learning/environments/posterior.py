@@ -14,16 +14,16 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.array_api import array_namespace
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import hand_side, load_spec
@@ -64,6 +64,14 @@ _NOT_SIMULATED = ("stiction", "bristle", "backlash")
 """What takes steps of half a millisecond, which no environment takes. `stribeck_speed` belongs to the first two."""
 _ORDER = (*CORE, "load_friction", *PARASITIC[:4], "warmth", *PARASITIC[4:], *RIPPLE)
 """Values in the order of their random numbers: one more does not change the others'."""
+_KEYS = ("date", "program", "engine", "recordings", "scale", "friction", "backlash", "units", "per_pwm", "value",
+         "interval", "correlation", "not_determined", "residual", "noise", "encoder_offset", "written",
+         "kept_back")  # fmt: skip
+"""Of the block `identified`, in every format that `identify` has written."""
+_NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", *(each.name for each in fields(Drive)))
+_WRITTEN = ("nominal", "determined", "all")
+_BEYOND = 10.0
+"""Times a value and its nominal range together: no interval of a determined value is so wide."""
 _STREAM = 12
 """Stream of the numbers of a reset (random_streams); encoder noise has the next one."""
 
@@ -112,6 +120,7 @@ def load_posterior(twin: str, model: str, side: Side) -> DrivePosterior:
     if not isinstance(basis, Mapping):
         raise ConfigError(f"randomise.twin: {path} has no `identified` block, so no widths to draw from: write it with "
                           f"allegro-twin identify RECORDINGS --hand {path}")  # fmt: skip
+    _check_block(path, basis, spec)
     drive = spec.drive or Drive.from_values({}, spec.n_joints)
     missing = [name for name in _NOT_SIMULATED if (getattr(drive, name) > (name == "stiction")).any()]
     if missing:
@@ -182,10 +191,16 @@ def _spreads(path: Path, basis: Mapping[str, Any], spec: HandSpec, drive: Drive)
             continue
         half = _row(path, f"interval.{key}", intervals[key], len(centre))
         half = half / constant * drive.strength if name == "strength" else half
-        joints = _mapping(path, missing, key)
+        joints = _mapping(path, missing, key, "not_determined.")
         sure = np.array([label not in joints for label in spec.joint_labels[: len(centre)]])
         if name not in _SHARED:
             sure &= ~np.array(nominal)  # Its interval is about the value that was found, and nominal is what it has.
+        if (sure & (half > _BEYOND * (np.abs(centre) + wide))).any():
+            raise ConfigError(
+                f"randomise.twin: {path}: identified.interval.{key} has half-widths of up to "
+                f"{np.max(intervals[key]):g}, more than {_BEYOND:g} times the value and its nominal "
+                "range: correct it, or name it in not_determined"
+            )
         yield name, ValueSpread(centre, np.where(sure, half, wide), sure)
 
 
@@ -206,7 +221,7 @@ def _mixing(
         given, whole = table.get(label), np.zeros((len(told), len(told)))
         below = np.tril_indices(len(told), -1)
         numbers = given if isinstance(given, list) else []
-        if len(numbers) != len(below[0]) or not all(isinstance(v, int | float) and abs(v) <= 1.0 for v in numbers):
+        if len(numbers) != len(below[0]) or not all(_is_number(v) and abs(v) <= 1.0 for v in numbers):
             raise ConfigError(
                 f"randomise.twin: {path}: identified.correlation.{label} needs {len(below[0])} numbers from -1 to 1, "
                 f"what is below the diagonal for {len(told)} values, not {given!r}"
@@ -227,19 +242,46 @@ def _factor(correlation: Array) -> Array:
     return factor
 
 
-def _mapping(path: Path, table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def _check_block(path: Path, basis: Mapping[str, Any], spec: HandSpec) -> None:
+    """Raises ConfigError for keys, values, joints and words in `identified` that mean nothing: what is mistyped would
+    widen or narrow the draws without a word."""
+    missing, labels = _mapping(path, basis, "not_determined"), spec.joint_labels
+    correlation = _mapping(path, basis, "correlation")
+    written = basis.get("written")  # Once a sentence, and one where no part was kept back.
+    by_joint = written if isinstance(written, Mapping) else {}
+    told = correlation.get("of", [])
+    if not isinstance(told, list):
+        raise ConfigError(f"randomise.twin: {path}: identified.correlation.of must be a list of values, not {told!r}")
+    for where, kind, given, known in (
+        ("", "key", basis, _KEYS), (".interval", "value", _mapping(path, basis, "interval"), _NAMES),
+        (".not_determined", "value", missing, _NAMES), (".correlation.of", "value", told, _NAMES),
+        (".correlation", "joint", correlation.keys() - {"of"}, labels), (".written", "joint", by_joint, labels),
+        (".written", "word", by_joint.values(), _WRITTEN),
+        *((f".not_determined.{name}", "joint", _mapping(path, missing, name, "not_determined."), labels)
+          for name in missing),
+    ):  # fmt: skip
+        for each in given:
+            if each not in known:
+                raise ConfigError(f"randomise.twin: {path}: identified{where}: {unknown(kind, str(each), known)}")
+
+
+def _mapping(path: Path, table: Mapping[str, Any], name: str, within: str = "") -> Mapping[str, Any]:
     found = table.get(name) or {}
     if not isinstance(found, Mapping):
-        raise ConfigError(f"randomise.twin: {path}: identified.{name} must hold keys and values")
+        raise ConfigError(f"randomise.twin: {path}: identified.{within}{name} must hold keys and values")
     return found
 
 
 def _row(path: Path, name: str, given: object, n: int) -> Vector:
     row = given if isinstance(given, list) else [given] * n
-    if len(row) != n or not all(isinstance(v, int | float) and math.isfinite(v) and v >= 0.0 for v in row):
+    if len(row) != n or not all(_is_number(v) and v >= 0.0 for v in row):
         raise ConfigError(f"randomise.twin: {path}: identified.{name} needs {n} numbers from 0, one for each that this "
                           f"hand has, not {given!r}")  # fmt: skip
     return np.array(row, np.float64)
+
+
+def _is_number(given: object) -> TypeGuard[float]:
+    return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given)
 
 
 class RandomDrive:

@@ -209,7 +209,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             if isinstance(values, dict):
                 spread |= {name: self._spread(values, rows), f"_{name}": mask.copy()}
                 continue
-            whole = np.zeros((self.num_envs, *values.shape[1:]), values.dtype)
+            none = None if values.dtype == object else 0  # As Gymnasium fills what an environment did not report.
+            whole = np.full((self.num_envs, *values.shape[1:]), none, values.dtype)
             whole[rows] = values
             spread |= {name: whole, f"_{name}": mask.copy()}
         return spread

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -70,6 +71,43 @@ def find_contacts(
         data.subtree_com[body].copy(),
         _radius(model, data, body),
     )
+
+
+STILL = "world"
+"""MuJoCo's name of what does not move."""
+
+
+class Obstruction(NamedTuple):
+    """What a hand, or an arm that carries it, is in."""
+
+    depth: float
+    """m."""
+    body: str
+    """Of hand or arm."""
+    other: str
+    """`STILL`: a table, or what else does not move."""
+
+    def __str__(self) -> str:
+        where = "the table" if self.other == STILL else self.other
+        return f"{self.body} would be {1e3 * self.depth:.1f} mm inside {where}"
+
+
+def obstructions(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> list[Obstruction]:
+    """Everything that hand and arm are in, the deepest first, after `mj_forward` or a step: what stands still, the
+    object, and one the other. The hand's links among themselves are not looked at: those are its posture's."""
+    part, weld = body_parts(model, spec), model.body_weldid
+    moves = (weld != 0) & (weld != model.body(thing).id)
+    found = []
+    for contact in data.contact:
+        # What moves with the arm first.
+        one, other = sorted((int(model.geom_bodyid[geom]) for geom in contact.geom), key=lambda body: not moves[body])
+        if contact.dist < 0.0 and moves[one] and min(part[one], part[other]) < 0:
+            found.append(
+                Obstruction(
+                    -float(contact.dist), model.body(one).name, STILL if weld[other] == 0 else model.body(other).name
+                )
+            )
+    return sorted(found, reverse=True)
 
 
 def contact_jacobians(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, touch: SceneContacts) -> Array:

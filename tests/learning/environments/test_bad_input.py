@@ -324,3 +324,10 @@ def test_more_simulations_than_there_is_memory_for_are_refused_in_one_line(monke
         HandVectorEnv("Reach", 100_000_000)
     with pytest.raises(ValidationError, match="less than or equal to 100000"):
         MpcSettings(samples=100_000_000)
+
+
+def test_simulations_that_a_mask_leaves_alone_report_no_object() -> None:
+    env = HandVectorEnv("Lift", 2, autoreset_mode="disabled", **LEMON)
+    env.reset(seed=0)
+    _, info = env.reset(options={"reset_mask": np.array([True, False])})
+    assert list(info["object"]) == ["lemon", None]

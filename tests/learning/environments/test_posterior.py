@@ -410,6 +410,50 @@ def test_a_file_that_does_not_fit_is_refused_in_one_line(content: dict[str, Any]
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("block", "said"),
+    [
+        ({"intervals": {}}, "identified: no key named 'intervals'; did you mean 'interval'"),
+        (
+            {"interval": {"armture": [1e-4] * 16}},
+            "identified.interval: no value named 'armture'; did you mean 'armature'",
+        ),
+        (
+            {"not_determined": {"armatur": {}}},
+            "identified.not_determined: no value named 'armatur'; did you mean 'armature'",
+        ),
+        (
+            {"not_determined": {"armature": {"index9": "x"}}},
+            "not_determined.armature: no joint named 'index9'; did you mean",
+        ),
+        ({"not_determined": {"armature": ["index_3"]}}, "identified.not_determined.armature must hold keys and values"),
+        ({"written": {"index_7": "nominal"}}, "identified.written: no joint named 'index_7'; did you mean"),
+        ({"written": {"index_1": "nominall"}}, "identified.written: no word named 'nominall'; did you mean 'nominal'"),
+        (
+            {"correlation": {"of": ["dampin"]}},
+            "identified.correlation.of: no value named 'dampin'; did you mean 'damping'",
+        ),
+        ({"interval": {"armature": True}}, "identified.interval.armature needs 16 numbers"),
+        (
+            {"interval": {"armature": 1e9}},
+            "identified.interval.armature has half-widths of up to 1e[+]09, more than 10 times",
+        ),
+    ],
+)
+def test_what_is_mistyped_in_what_was_identified_is_refused_with_the_nearest_name(block: Any, said: str) -> None:
+    content = table()
+    content["identified"] |= block
+    with pytest.raises(ConfigError, match=said) as error:
+        made(content, 1)
+    assert "\n" not in str(error.value)
+
+
+def test_older_files_that_say_in_a_sentence_what_was_written_load() -> None:
+    content = table()
+    content["identified"] |= {"written": "what is not determined as it was", "date": "2026-11-20", "kept_back": {}}
+    made(content, 1)
+
+
 def test_a_hand_without_torque_commands_and_a_file_that_is_none_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"environment's hand is leap: leave out randomise\.twin"):
         HandEnv("Reach", hand="leap", randomise={"twin": write(table())})
