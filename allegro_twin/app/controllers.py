@@ -154,7 +154,10 @@ def _mpc(settings: PlanningSettings, context: ControllerContext) -> MadeControll
         model.goal = interface.fingertips(posture_of(context.task.posture, spec))
     real_time = settings.time == "real"
     planning = settings.planning or planner_settings(episode.task, real_time=real_time)
-    controller = MpcController(episode.task, model, planning, real_time=real_time, threads=settings.threads)
+    place = "" if settings.planning is None else "controller.planning."
+    controller = MpcController(
+        episode.task, model, planning, real_time=real_time, threads=settings.threads, place=place
+    )
     return MadeController(controller, model.engine.limit * interface.seconds)
 
 

@@ -99,19 +99,19 @@ def parse_settings(model: type[S], content: dict[str, Any], where: Where) -> S:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise ConfigError(_explain(error, model, where)) from error
+        raise ConfigError(_explain(error, model, where, content)) from error
 
 
 _SHOWN = 5
 """Mistakes that are named in an error; the rest are counted."""
 
 
-def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
+def _explain(error: ValidationError, model: type[BaseModel], source: Where, content: Any) -> str:
     details = _causes(_nearest_tuples(error.errors(include_url=False)))
     # A key that is wrong is often one that is missed elsewhere: the cause before its consequence.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     where = source if isinstance(source, str) else source(details[0]["loc"])
-    text = "; ".join(_mistake(detail, model) for detail in details[:_SHOWN])
+    text = "; ".join(_mistake(detail, model, content) for detail in details[:_SHOWN])
     more = len(details) - _SHOWN
     return f"{where}: {text}{f'; and {more} more' if more > 0 else ''}"
 
@@ -149,9 +149,9 @@ def _causes(details: list[Any]) -> list[Any]:
     return [detail for detail in details if not follows(detail)]
 
 
-def _mistake(detail: Any, model: type[BaseModel]) -> str:
+def _mistake(detail: Any, model: type[BaseModel], content: Any) -> str:
     place = detail["loc"]
-    location = ".".join(str(part) for part in place) or "(top)"
+    location = ".".join(_written(place, content)) or "(top)"
     if detail["type"] == "extra_forbidden":
         keys = _keys(model, place[:-1])
         near = get_close_matches(str(place[-1]), keys, n=1, cutoff=0.5)
@@ -170,6 +170,22 @@ def _mistake(detail: Any, model: type[BaseModel]) -> str:
     value = repr(detail["input"])
     shown = value if len(value) <= 60 else value[:57] + "..."
     return f"{location}: {message.removeprefix('value error, ')}, not {shown}"
+
+
+def _written(place: tuple[int | str, ...], content: Any) -> Iterator[str]:
+    """The keys of a place as they stand in the file: without the kinds that pydantic puts behind the key of a union,
+    and which are the value of a key there."""
+    for part in place:
+        here = content if isinstance(content, dict) else {}
+        if isinstance(part, str) and part not in here and part in [v for v in here.values() if isinstance(v, str)]:
+            continue
+        content = here.get(part) if isinstance(content, dict) else _element(content, part)
+        yield str(part)
+
+
+def _element(content: Any, part: int | str) -> Any:
+    within = isinstance(content, list | tuple) and isinstance(part, int) and part < len(content)
+    return content[part] if within else None
 
 
 def _keys(model: Any, location: tuple[int | str, ...]) -> list[str]:

@@ -148,7 +148,7 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
     for text, message in (
         (
             "backend: {kind: sim, facin: x}\ncontroller: {kind: pd}\n",
-            "backend.sim.facin: unknown key; did you mean 'facing'",
+            "backend.facin: unknown key; did you mean 'facing'",
         ),
         (
             "backend: {kind: simm}\ncontroller: {kind: pd}\n",

@@ -36,15 +36,24 @@ class MpcController:
     `real_time` a thread plans, one plan after another, each from the newest decision; the last plan goes on being
     performed until the next has come, and what it does in the decision of its beginning is taken for certain.
 
+    `place`: where the settings are written, before a key in an error.
+
     `start` begins anew: a run in lockstep repeats itself to the bit. Its simulations belong to one run at a time.
     """
 
     def __init__(
-        self, task: str, episode: ObservedEpisode, settings: MpcSettings, *, real_time: bool = False, threads: int = 0
+        self,
+        task: str,
+        episode: ObservedEpisode,
+        settings: MpcSettings,
+        *,
+        real_time: bool = False,
+        threads: int = 0,
+        place: str = "",
     ) -> None:
         self.episode, self.real_time = episode, real_time
         environment: EnvSettings = episode.environment
-        self._mpc = SamplingMpc(task, environment, settings, threads)
+        self._mpc = SamplingMpc(task, environment, settings, threads, place)
         self._interface = episode.engine.task.interface
         self._worker = ThreadPoolExecutor(1, "mpc") if real_time else None
         self._pending: Future[Plan] | None = None

@@ -18,17 +18,18 @@ _UP = np.array([0.0, 0.0, 1.0])
 class PlanCosts:
     """What `n` simulations of one episode pay in a second, besides the task's reward.
 
-    Raises ConfigError for a term of an object in a task without one.
+    `place`: as of `Rollouts`. Raises ConfigError for a term of an object in a task without one.
     """
 
-    def __init__(self, settings: CostSettings, engine: EpisodeEngine) -> None:
+    def __init__(self, settings: CostSettings, engine: EpisodeEngine, place: str = "") -> None:
         self.settings, self._engine = settings, engine
         task, spec = engine.task, engine.task.spec
         for name in _OBJECT if task.thing is None else ():
             if getattr(settings, name) > 0:
-                raise ConfigError(f"costs.{name} is for tasks with an object, and {task.name} has none: leave it out")
+                raise ConfigError(f"{place}costs.{name} is for tasks with an object, and {task.name} has none: leave "
+                                  "it out")  # fmt: skip
         if settings.grip > 0 and not isinstance(task, InHandTask):
-            raise ConfigError(f"costs.grip is for objects in the fingertips, and {task.name} does not tell what "
+            raise ConfigError(f"{place}costs.grip is for objects in the fingertips, and {task.name} does not tell what "
                               "touches its object: leave it out")  # fmt: skip
         self._lower, self._range = spec.lower, spec.upper - spec.lower
         self._posture = spec.lower

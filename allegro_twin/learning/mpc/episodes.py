@@ -47,15 +47,17 @@ def run_episodes(
     seed: int = 0,
     seconds: float | None = None,
     threads: int = 0,
+    place: str = "",
     shown: Callable[[Any], None] | None = None,
     advance: Callable[[int, int], None] = lambda done, of: None,
     ended: Callable[[MpcEpisode], None] = lambda episode: None,
 ) -> list[MpcEpisode]:
     """Run episodes of a task; number i is that of the environment with the seed `seed + i`. `seconds`: of each at most,
     in place of the task's own; `shown` gets a picture of every decision; `advance` the decisions of an episode that are
-    done; `ended` each episode when it has ended. Raises ConfigError."""
+    done; `ended` each episode when it has ended. `place`: where the settings are written, before a key in an error.
+    Raises ConfigError."""
     env = HandEnv(task, render_mode=None if shown is None else "rgb_array", **env_keywords(environment))
-    mpc, found = SamplingMpc(task, environment, settings, threads), []
+    mpc, found = SamplingMpc(task, environment, settings, threads, place), []
     own, step = env.engine.task, env.engine.task.interface.seconds
     limit = env.engine.limit if seconds is None else max(round(seconds / step), 1)
     for number in range(episodes):

@@ -25,10 +25,13 @@ def planner_environment(environment: EnvSettings, settings: MpcSettings) -> EnvS
 
 
 class Rollouts:
-    """`samples` simulations of a task that go on from one saved state. Raises ConfigError."""
+    """`samples` simulations of a task that go on from one saved state. `place`: where the settings are written, before
+    a key in an error. Raises ConfigError, also for terms that the task does not report."""
 
-    def __init__(self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0) -> None:
-        self.settings = settings
+    def __init__(
+        self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0, place: str = ""
+    ) -> None:
+        self.settings, self._place = settings, place
         planner = planner_environment(environment, settings)
         self._steps, self._periods = planner.decimation, environment.decimation
         self._sims = HandVectorEnv(
@@ -37,11 +40,13 @@ class Rollouts:
         self._sims.reset(seed=settings.seed)
         self.engine = self._sims.engine
         if settings.stride > 1 and self.engine.task.interface.scripts is not None:
-            raise ConfigError(f"stride: {self.engine.task.name} has a script, which goes by control periods: leave "
-                              "stride out")  # fmt: skip
+            raise ConfigError(f"{place}stride: {self.engine.task.name} has a script, which goes by control periods: "
+                              "leave stride out")  # fmt: skip
         if settings.count and not self.engine.task.count_term:
-            raise ConfigError(f"count: {self.engine.task.name} counts nothing: leave it out")
-        self.costs = PlanCosts(settings.costs, self.engine)
+            raise ConfigError(f"{place}count: {self.engine.task.name} counts nothing: leave it out")
+        if settings.terms:
+            self._check_terms()
+        self.costs = PlanCosts(settings.costs, self.engine, place)
 
     def begin(self, state: EpisodeState) -> None:
         """A new episode, from its first state."""
@@ -54,7 +59,7 @@ class Rollouts:
         """The action that brings each joint's set-point back to the beginning's in so many decisions, (joints,)."""
         interface = self.engine.task.interface
         if interface.mode != "delta":
-            raise ConfigError(f"back is for control delta, not {interface.mode}: leave it out")
+            raise ConfigError(f"{self._place}back is for control delta, not {interface.mode}: leave it out")
         end = state.parts["engine/memory/end"][0]
         most = decisions * interface.step * radian_scale(interface.spec)
         action: Array = np.clip((self._home - end) / most, -1.0, 1.0)
@@ -89,9 +94,17 @@ class Rollouts:
         total: Array | float = 0.0
         for name, weight in self.settings.terms.items():
             if name not in terms:
-                raise ConfigError(unknown("term", name, terms))
+                raise ConfigError(f"{self._place}terms.{name}: {unknown('term', name, terms)}")
             total = total + weight * terms[name]
         return total
+
+    def _check_terms(self) -> None:
+        """A task tells its terms with a step."""
+        self.engine.step(np.zeros((self.settings.samples, self.engine.task.spec.n_joints), np.float32))
+        outcome, _ = self.engine.outcome(np.zeros((self.settings.samples, self.engine.task.spec.n_joints)),
+                                         self.engine.observe())  # fmt: skip
+        self._terms(outcome.terms)
+        self._sims.reset(seed=self.settings.seed)
 
     def _spread(self, state: EpisodeState) -> None:
         spread_snapshot(self._sims, state.parts)

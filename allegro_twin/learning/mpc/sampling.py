@@ -41,9 +41,11 @@ class Plan(NamedTuple):
 class SamplingMpc:
     """Plans actions of one episode in simulations of the same task."""
 
-    def __init__(self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0) -> None:
+    def __init__(
+        self, task: str, environment: EnvSettings, settings: MpcSettings, threads: int = 0, place: str = ""
+    ) -> None:
         self.settings = settings
-        self._rollouts = Rollouts(task, environment, settings, threads)
+        self._rollouts = Rollouts(task, environment, settings, threads, place)
         own = self._rollouts.engine.task
         seconds = own.interface.seconds
         self.decisions = max(round(settings.horizon / seconds), 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any, Literal
 
 import numpy as np
@@ -396,6 +397,24 @@ def test_what_a_task_counts_is_paid_as_it_grows(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(found, [2.0 * (worth @ [0.1, 0.2, -0.1]), 2.0 * worth[2]])
     with pytest.raises(ConfigError, match="Reach counts nothing: leave it out"):
         Rollouts("Reach", EnvSettings(), settings, threads=1)
+
+
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [
+        ({"terms": {"angel": 8.0}}, "terms.angel: no term named 'angel'; did you mean 'angle'"),
+        ({"stride": 2}, "stride: Lift has a script"),
+        ({"stride": 0, "costs": CostSettings(grip=1.0)}, "costs.grip is for objects in the fingertips"),
+    ],
+)
+def test_settings_that_a_task_cannot_have_are_named_with_the_place_where_they_are_written(
+    given: dict[str, Any], key: str
+) -> None:
+    task = "Reorient" if "terms" in given else "Lift"
+    with pytest.raises(ConfigError, match=rf"^mine.yaml: {re.escape(key)}"):
+        SamplingMpc(
+            task, EnvSettings(timestep=0.003), MpcSettings(samples=2).model_copy(update=given), 1, "mine.yaml: "
+        )
 
 
 def test_terms_that_a_task_reports_cost_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,8 @@ def mpc(
 
                 shown = None if film is None else stack.enter_context(open_film(film, fps))
                 run_episodes(recipe.task, environment, chosen, episodes, seed=seed, seconds=seconds, shown=shown,
-                             advance=advance, ended=found.append)  # fmt: skip
+                             advance=advance, ended=found.append,
+                             place="" if settings is None else f"{settings}: ")  # fmt: skip
         except RecordingError as error:
             unwritten = str(error)
         finally:
