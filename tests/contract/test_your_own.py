@@ -164,8 +164,8 @@ WRONG = {
     "backend: {kind: nothing}": "installed packages add broken, friendly, wrong (entry points ",
     "backend: {kind: broken}": "backend.kind broken: no_such_module:backend cannot be imported: No module named",
     "backend: {kind: wrong}": "backend.kind wrong: friendly_hand:Wave is no allegro_twin.BackendKind",
-    "backend: {kind: friendly, maas: 1}": "backend.friendly.maas: unknown key; did you mean 'mass'?",
-    "backend: {kind: friendly, mass: heavy}": "backend.friendly.mass: input should be a valid number",
+    "backend: {kind: friendly, maas: 1}": "backend.maas: unknown key; did you mean 'mass'?",
+    "backend: {kind: friendly, mass: heavy}": "backend.mass: input should be a valid number",
     "backend: {kind: friendly}\nperiod: 3": "period 3 s: allegro_right needs its joints' loop every 0.01 s",
 }  # fmt: skip
 """What stands in a config's block, and what is said of it."""
