@@ -107,7 +107,7 @@ def _check_clock(name: str, period: float, t: Array, tick: Array) -> None:
     if len(t) <= FEW:
         return
     most, throughout = np.median(np.diff(t) / np.diff(tick)), (t[-1] - t[0]) / (tick[-1] - tick[0])
-    if not any(np.max(pair) < OFF or np.min(pair) > 1.0 / OFF for pair in [np.array([most, throughout]) / period]):
+    if max(most, throughout) >= OFF * period and min(most, throughout) <= period / OFF:
         return
     unit = " (t is in milliseconds: divide it by 1000)" if np.isclose(throughout, 1000.0 * period, rtol=0.1) else ""
     raise RecordingError(

@@ -154,10 +154,18 @@ def test_a_busy_host_may_count_lost_periods_late_and_leave_rows_out(written: Pat
     stream, rng = read_stream(written), np.random.default_rng(0)
     late = 0.003 * (np.arange(ROWS) + np.where(rng.random(ROWS) < 0.2, 0.9, 0.0))[:, None]
     table = changed(stream.table, "t", slice(None), late)
-    load(write(tmp_path / "late.arrow", table, stream.meta))
-    load(write(tmp_path / "gone.arrow", table.take(np.flatnonzero(rng.random(ROWS) < 0.5)), stream.meta))
+    kept = np.flatnonzero(rng.random(ROWS) < 0.5)
+    assert len(load(write(tmp_path / "late.arrow", table, stream.meta))) == ROWS
+    assert len(load(write(tmp_path / "gone.arrow", table.take(kept), stream.meta))) == len(kept)
+    bursts = 0.003 * (4.0 * (np.arange(ROWS) // 4) + 0.1 * (np.arange(ROWS) % 4))[:, None]  # Four at once.
+    assert (
+        len(load(write(tmp_path / "bursts.arrow", changed(stream.table, "t", slice(None), bursts), stream.meta)))
+        == ROWS
+    )
     lost = 0.003 * (np.arange(ROWS) + 150 * (np.arange(ROWS) > 100))[:, None]  # Nobody counted the long pause.
-    load(write(tmp_path / "pause.arrow", changed(stream.table, "t", slice(None), lost), stream.meta))
+    assert (
+        len(load(write(tmp_path / "pause.arrow", changed(stream.table, "t", slice(None), lost), stream.meta))) == ROWS
+    )
 
 
 @pytest.mark.parametrize("column", ["gravity", "torque"])

@@ -147,12 +147,10 @@ class FaultList:
     ) -> Iterator[tuple[list[int], Vector | float]]:
         for name, joint, amount, *_ in self.active:
             own = self.fingers(joint)
-            if name == "weak":
+            if name in ("weak", "supply"):
                 left = max(1.0 - amount, WEAKEST) if self._compensates else 1.0
-                yield [joint], -amount * torque[joint] / left
-            elif name == "supply":
-                left = max(1.0 - amount, WEAKEST) if self._compensates else 1.0
-                yield list(range(self._spec.n_joints)), -amount * torque / left
+                weak = [joint] if name == "weak" else list(range(self._spec.n_joints))
+                yield weak, -amount * torque[weak] / left
             elif name == "friction":
                 yield [joint], -amount * side[joint]
             elif name == "payload":

@@ -130,12 +130,7 @@ class DaggerLearner:
         return (seen - self._mean) * self._scale()
 
 
-def learn(
-    recipe: Recipe,
-    folder: Path,
-    advance: Advance = lambda steps, mean, rate: None,
-    kept: Kept = lambda steps: None,
-) -> TrainingResult:
+def learn(recipe: Recipe, folder: Path, advance: Advance, kept: Kept) -> TrainingResult:
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another training,
     and for a teacher that sees no more than the learner."""
     assert recipe.teacher is not None

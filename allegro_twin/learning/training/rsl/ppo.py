@@ -193,12 +193,7 @@ class PpoLearner:
         return TensorDict(groups, batch_size=[self.env.num_envs])
 
 
-def learn(
-    recipe: Recipe,
-    folder: Path,
-    advance: Advance = lambda steps, mean, rate: None,
-    kept: Kept = lambda steps: None,
-) -> TrainingResult:
+def learn(recipe: Recipe, folder: Path, advance: Advance, kept: Kept) -> TrainingResult:
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
     env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **env_keywords(recipe.environment))

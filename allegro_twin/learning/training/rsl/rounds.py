@@ -76,9 +76,7 @@ class Learner(Protocol):
     def load(self, content: Any) -> None: ...
 
 
-def train_in_rounds(
-    learner: Learner, recipe: Recipe, folder: Path, advance: Advance, kept: Kept = lambda steps: None
-) -> TrainingResult:
+def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Advance, kept: Kept) -> TrainingResult:
     """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
     # No number may depend on the number of threads.

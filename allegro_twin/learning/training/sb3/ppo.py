@@ -46,12 +46,7 @@ from allegro_twin.learning.training.sb3.network import AsymmetricPolicy, Normali
 from allegro_twin.learning.training.settings import Recipe
 
 
-def learn(
-    recipe: Recipe,
-    folder: Path,
-    advance: Advance = lambda steps, mean, rate: None,
-    kept: Kept = lambda steps: None,
-) -> TrainingResult:
+def learn(recipe: Recipe, folder: Path, advance: Advance, kept: Kept) -> TrainingResult:
     """Train in `folder`, or continue what is there. Raises ConfigError for a folder of another training."""
     path = max(folder.glob("checkpoints/*.zip"), default=None)
     progress = TrainingProgress() if path is None else _read(path, recipe)
