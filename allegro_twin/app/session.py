@@ -14,10 +14,10 @@ import numpy as np
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import STAY, goal_of
 from allegro_twin.app.rig import Rig, limp_while
-from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.loop import paced, resume, to_the_end, until
+from allegro_twin.plugins import BACKENDS
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -102,6 +102,7 @@ def perform(
     seen = any(wanted is not None for wanted in (outputs.record, outputs.rrd, outputs.live))
     outcome, beside, viewers, unwritten = None, _Beside(rig, seen=seen), list[Any](), ""
     try:
+        # The hand is closed inside the log, which has its last words, and outside of one that cannot be made.
         with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
             planner = _planner(rig, stack)
             samples = to_the_end(_begun(rig))
@@ -238,7 +239,7 @@ class _Beside:
 def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     """Judged by where the joints truly are in a simulation, and by what any other hand reports."""
     goal = None if config.task.posture is None else goal_of(config, rig.spec)  # Without a task nothing was asked for.
-    if goal is None or config.backend.kind == "replay":  # In a recording others did what happened.
+    if goal is None or BACKENDS.kind(config.backend.kind).replays:  # In a recording others did what happened.
         return ""
     off = np.abs((last.position if rig.sim is None else rig.sim.true_position) - goal)
     far = [joint for joint in np.argsort(-off) if not off[joint] <= REACHED]
@@ -257,14 +258,19 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
     if path is None:
         yield
         return
-    if not isinstance(config.backend, CanSettings):
-        raise ConfigError(
-            f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
-        )
+    logs: list[Callable[[Any], None]] = []
+
+    def hear(frame: Any) -> None:
+        for each in logs:
+            each(frame)
+
+    if not rig.device.listen(hear):
+        kind = config.backend.kind
+        raise ConfigError(f"{path}: only a hand on a CAN bus has frames to log, and a {kind} hand has none")
     from allegro_twin.drivers.can.tools.log import WireLog
 
-    with closing_noted(WireLog(path, Path(config.backend.channel).name)) as log:
-        rig.device.listen(log)
+    with closing_noted(WireLog(path, Path(getattr(config.backend, "channel", config.backend.kind)).name)) as log:
+        logs.append(log)
         yield
 
 

@@ -129,13 +129,11 @@ class _JudgedTrials(TrialLoop):
 
     def verdicts(self) -> list[Verdict]:
         self.run()
-        return [
-            Verdict(
-                None if why else trial.judged(self._observed(row)), why, trial.mass, self._measured[row],
-                row in self._too_fast,
-            )  # fmt: skip
-            for row, (trial, why) in enumerate(zip(self.trials, self.why, strict=True))
-        ]
+        found = []
+        for row, (trial, why) in enumerate(zip(self.trials, self.why, strict=True)):
+            report = None if why else trial.judged(self._observed(row))
+            found.append(Verdict(report, why, trial.mass, self._measured[row], row in self._too_fast))
+        return found
 
     def observe(self) -> None:
         """Keep what a verdict needs; stop what is at its end, and what is lost where somebody wants to know early."""
