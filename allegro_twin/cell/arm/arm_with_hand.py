@@ -1,12 +1,13 @@
 """An arm with a hand on its flange at a table: one simulation, two backends with one clock.
 
 ```python
-can = Placement(named("tomato_soup_can"), (0.0, 0.0, 0.0505), (1, 0, 0, 0))
-cell = make_cell(arm, hand_spec, things=[can])
-target = Target(cell.model.pose(cell.arm.reset().position))
-for turn, sample in together((run(cell.arm, Impedance(cell.model, target)), cell.arm.period),
-                             (run(cell.hand, PD(...)), cell.hand.period)):
-    ...  # `target.move(robot.flange_for(palm))`, whenever somebody decides
+can = PlacedObject(load_object("tomato_soup_can"), (0.0, 0.0, 0.0505), (1, 0, 0, 0))
+cell = make_arm_with_hand("fer", hand_spec, things=[can])
+target = CartesianTarget(cell.model.pose(cell.spec.ready))
+arm = run(cell.arm, Impedance(cell.model, target, Stiffness(400.0, 30.0), compensation=cell.compensation))
+hand = run(cell.hand, PositionControl(Hold(hand_spec.rest)))
+for turn, sample in interleave((arm, cell.arm.period), (hand, cell.hand.period)):
+    ...  # `target.move(cell.flange_for(palm))` moves the palm, at any time
 ```
 """
 

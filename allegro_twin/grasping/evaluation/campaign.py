@@ -122,7 +122,7 @@ class EvaluationTarget:
 
     name: str
     item: dict[str, Any]
-    """Of `build.trials.judged`, without a draw."""
+    """Item of a sweep of `JUDGE`, without its draw."""
     case: TrialCase
     spec: HandSpec
 

@@ -42,7 +42,7 @@ def write_html_report(
 ) -> None:
     """Write the report of some results, a row a grasp, with at least `object` and `held`.
 
-    What else it knows: grasp, type, reason, `margin_…`, the metrics of `metrics.measure`, drift_mm, rotation_deg,
+    What else it knows: grasp, type, reason, `margin_…`, the metrics of `trial_metrics`, drift_mm, rotation_deg,
     success and n (under uncertainty), `picture` (a PNG, which goes into the page) and `rrd` (which is linked), both
     from here or from the page's folder; any other column is in the table. `about`: what the results depend on, such as
     engine, model, protocol and seeds. Raises ConfigError for a table that cannot be shown, RecordingError where the

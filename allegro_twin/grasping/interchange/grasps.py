@@ -75,7 +75,7 @@ class Grasps:
 
     def palm_from(self, middle: ArrayLike) -> Array:
         """The palm from another origin in the object, (3,), m, in its file's axes: from the middle of its mesh
-        (`sim.meshes.middle_of`), say, which is where the frame of an object in a scene is."""
+        (`meshes.mesh_middle`), say, which is where the frame of an object in a scene is."""
         shift = np.append(np.asarray(middle, dtype=np.float64), np.zeros(4))
         return self.palm - shift
 

@@ -62,7 +62,7 @@ class RoundSize:
 
 
 TRIES = 400
-"""Batches of guesses for a round at most, of `poses.BATCH` each: where the object leaves the hand little room."""
+"""Most batches of guesses in a round, `propose.BATCH` each: reached where an object leaves the hand little room."""
 
 
 USUAL = 5

@@ -35,7 +35,7 @@ class SceneContacts:
     torsion: Vector
     """Torsional, (k,), m; 0 where MuJoCo takes the contact as hard."""
     part: Indices
-    """Number in `sim.parts.part_names`: a finger or the palm, (k,)."""
+    """Index in `parts.part_names`, a finger or the palm, (k,)."""
     bodies: Indices
     """The hand's body at each contact, (k,)."""
     centre: Vector
