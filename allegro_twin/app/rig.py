@@ -135,13 +135,13 @@ def context_of(config: RunConfig, scene: SimulatedScene, physics: Physics | None
     def check(spec: HandSpec) -> None:
         check_period(config.period, spec, config.controller.kind)
 
-    def simulate(settings: Settings | None, spec: HandSpec, step: float) -> SimBackend:
+    def simulate(settings: Settings | None, spec: HandSpec, step: float) -> HandBackend:
         if physics is not None:
             other, scene.trial = physics(spec, step)
-            return other  # type: ignore[return-value]  # Who drives it knows a backend only.
+            return other
         if config.task.episode is not None:
             scene.episode = episode_of(config.task.episode, spec, step, config.task.posture)
-            return scene.episode  # type: ignore[return-value]  # Likewise.
+            return scene.episode
         wanted = SceneSettings(kind="sim") if settings is None else settings
         assert isinstance(wanted, SimSettings)
         scene.sim, scene.trial = simulated(wanted, config.task, spec, step)

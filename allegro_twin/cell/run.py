@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import TypeVar
@@ -34,7 +34,7 @@ from allegro_twin.cell.states import (
     watch_outcome,
 )
 from allegro_twin.controller import Controller
-from allegro_twin.errors import ArmReflex, HandFault, LinkError
+from allegro_twin.errors import ArmReflex, HandError, HandFault, LinkError
 from allegro_twin.loop import interleave, resume, run
 from allegro_twin.types import Array, HandState, Sample
 
@@ -109,8 +109,9 @@ def perform(
     on_prepare(work)
     law = arm_controller(cell, work.guide)
     grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)
-    arms = arm(run_through_reflexes(cell.arm, law, work.on_reflex))
-    hands = hand(run(cell.hand, grip))
+    failed: list[str] = []
+    arms = arm(_noted("arm", run_through_reflexes(cell.arm, law, work.on_reflex), failed))
+    hands = hand(_noted("hand", run(cell.hand, grip), failed))
     rules, clock = state_rules(cell.settings), _Clock(cell.settings)
     last: Sample | None = None
     passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
@@ -150,7 +151,7 @@ def perform(
                 seen.enter(now, on_state)
                 work.enter(now, state)
     except (HandFault, LinkError) as error:
-        now = ended(now, 0.0 if last is None else last.state.t, CellOutcome("fault", _who(error, cell), str(error)))
+        now = ended(now, 0.0 if last is None else last.state.t, CellOutcome("fault", _who(error, failed), str(error)))
         seen.enter(now, on_state)
         _hold(cell, work, last, (arms, hands))
     assert now.end is not None
@@ -294,10 +295,17 @@ def run_through_reflexes(
             on_reflex(error, state)
 
 
-def _who(error: Exception, cell: Cell) -> str:
-    arm = cell.robot.spec.name in str(error) or any(name in str(error) for name in cell.robot.spec.joints)
-    what = "silent" if isinstance(error, LinkError) else "stopped"
-    return f"{'arm' if arm else 'hand'} {what}"
+def _noted(device: str, samples: Iterator[Sample], failed: list[str]) -> Iterator[Sample]:
+    """A stage that adds the device's name to `failed` when its samples end in an error."""
+    try:
+        yield from samples
+    except HandError:
+        failed.append(device)
+        raise
+
+
+def _who(error: Exception, failed: Sequence[str]) -> str:
+    return f"{failed[0] if failed else 'cell'} {'silent' if isinstance(error, LinkError) else 'stopped'}"
 
 
 def _hold(cell: Cell, work: CellActions, last: Sample | None, left: tuple[Iterator[Sample], Iterator[Sample]]) -> None:

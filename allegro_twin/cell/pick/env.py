@@ -45,6 +45,9 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         check_edges(width, height)
         if "policy" in kwargs:
             raise ConfigError("ArmPick has no policies that ship, and no cards of them: leave policy out")
+        if "autoreset_mode" in kwargs:
+            raise ConfigError("ArmPick is one environment: gymnasium.make_vec takes its autoreset_mode in "
+                              "vector_kwargs: {'autoreset_mode': gymnasium.vector.AutoresetMode.…}")  # fmt: skip
         self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)

@@ -30,7 +30,6 @@ from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import is_of_type
 from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
-from allegro_twin.safety import is_too_fast
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 
@@ -225,7 +224,7 @@ class GraspValidator:
             found = [next(verdicts) for _ in range(count)]
             option.held += sum(verdict.held for verdict in found)
             option.tried += count
-            self.drawn["too fast"] += sum(is_too_fast(verdict.stopped) for verdict in found)
+            self.drawn["too fast"] += sum(verdict.too_fast for verdict in found)
         self._spent("draws", len(trials), began)
 
     def _spent(self, what: str, trials: int, began: float) -> None:
