@@ -1,4 +1,4 @@
-"""What goes up from a hand and down to it: frozen, in SI units, with read-only arrays."""
+"""Data types of states and commands: frozen, in SI units, with read-only arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the states do: the thin shell around the state machine, which moves targets and takes pictures."""
+"""Actions of the cell's states: the shell around the state machine, which moves targets and takes pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the settings to everything that stands in the room: arm, hand, things, camera, eyes."""
+"""Assembly of a cell from its settings: arm, hand, objects, camera and perception."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the YAML of a whole cell says (conf/lab_*.yaml)."""
+"""Settings of a whole cell (conf/lab_*.yaml)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which type of the GRASP taxonomy a grasp is, by the contacts that carry.
+"""Grasp types of the GRASP taxonomy, from the contacts that carry the load.
 
 The cells are those of Feix et al. 2016 (`library.taxonomy`): opposition, virtual finger 2, power or precision, thumb.
 Where types share a cell, the object's shape and size decide, as the paper says; its figure shows which, and gives no

@@ -1,4 +1,4 @@
-"""How sure one can be of a rate of success, and of which of two is better."""
+"""Statistics of success rates: intervals, and comparison of two grasps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a scenario to what the simulator needs: the scene, the wrist's motion, the grasp's timeline."""
+"""Trial timeline: the scene, the wrist's motion and the grasp's phases that a scenario asks for."""
 
 from __future__ import annotations
 

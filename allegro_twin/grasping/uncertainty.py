@@ -1,4 +1,4 @@
-"""What a hand is not told: how far the object of a trial is from where, and from what, it is taken to be.
+"""Uncertainty of a trial: random deviations of the object, unknown to the hand.
 
 Draw number i of a seed is the same for every grasp and every object (common random numbers), so that two grasps are
 compared on the same cases.

@@ -1,4 +1,4 @@
-"""Where an arm's tool is to be: a goal that somebody moves, and the set-point that follows it as fast as it may."""
+"""Cartesian target of an arm's tool: a goal that may move, and the set-point that follows it at limited speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where in a picture a point ahead of the camera falls, and the way back; the D435i's own numbers."""
+"""Camera intrinsics: projection of points to pixels and back, with the values of the D435i."""
 
 from __future__ import annotations
 

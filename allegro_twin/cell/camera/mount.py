@@ -1,4 +1,4 @@
-"""What a camera is screwed to: a body or a site of the scene, or the world; and how it stands there."""
+"""Camera mount: the body or site of the scene, or the world, that a camera is fixed to, and its pose there."""
 
 from __future__ import annotations
 

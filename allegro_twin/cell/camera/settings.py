@@ -1,4 +1,4 @@
-"""What a camera's YAML says (conf/cameras/*.yaml)."""
+"""Settings of a camera (conf/cameras/*.yaml)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a pair of imagers makes of exact depth: all errors arise where they do in such a camera, in the disparity.
+"""Stereo camera model: noise of a pair of imagers, added to exact depth where it arises, in the disparity.
 
 Disparity is d = f·B/Z, pixels. docs/reference/camera.md has every term with its source.
 """

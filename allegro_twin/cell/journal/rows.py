@@ -1,4 +1,4 @@
-"""What happens in a run as rows of a journal: states, what perception found, pictures."""
+"""Journal rows of a run: states, perception's findings, pictures."""
 
 from __future__ import annotations
 

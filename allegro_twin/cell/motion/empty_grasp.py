@@ -1,4 +1,4 @@
-"""Where the fingers end when a grasp closes on nothing: known beforehand, by letting the hand alone do it."""
+"""Empty grasp: finger positions after a close on nothing, predicted by simulating the hand alone."""
 
 from __future__ import annotations
 

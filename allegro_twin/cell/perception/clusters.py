@@ -1,4 +1,4 @@
-"""Which points belong together: seen from above on a grid, cells that touch."""
+"""Clusters of points: neighbouring cells of a grid, seen from above."""
 
 from __future__ import annotations
 

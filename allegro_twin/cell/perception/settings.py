@@ -1,4 +1,4 @@
-"""What perception's YAML says (conf/perception/*.yaml)."""
+"""Settings of perception (conf/perception/*.yaml)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the hand should be to grasp a thing: the report's `target_hand` frame."""
+"""Grasp target: the pose of the hand to grasp an object, the report's `target_hand` frame."""
 
 from __future__ import annotations
 

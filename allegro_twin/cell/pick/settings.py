@@ -1,4 +1,4 @@
-"""What can be chosen of `ArmPick` when it is made, and of an episode when it is reset."""
+"""Settings of `ArmPick`: those of the environment when it is made, and those of an episode at its reset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of the things on a table is taken next, and how: the first that a grasp and a path of the arm are for."""
+"""Selection of the next object on the table: the first with a grasp and a free path of the arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where what is held is let go: in the tray, over all that stands on the table, or where it stood."""
+"""Release pose of a held object: in the tray, above all that stands on the table, or where the object stood."""
 
 from __future__ import annotations
 

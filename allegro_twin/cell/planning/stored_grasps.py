@@ -1,4 +1,4 @@
-"""Which grasp for what was seen: one rule for all things.
+"""Stored grasps for an observed object: one rule for all objects.
 
 Every scenario that ships is a thing, a grasp and the palm's place beside it; those in scenarios/on_arm come first. What
 was seen is taken as that thing of the same kind of solid whose extents are the nearest by ratio; its grasp is turned

@@ -1,4 +1,4 @@
-"""Which of the things that were seen is the one that was wanted for: by its extents, for a camera knows no names."""
+"""Choice of the observed object that was requested, by its extents, since a camera knows no names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a cell that is led from outside may be asked for: every wish is looked at before anything moves."""
+"""Workspace limits of a cell that is controlled from outside: every request is checked before anything moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What controllers of many hands tell the motors: along trajectories as arrays, any other controller one by one."""
+"""Batched motor commands of many hands: trajectories as arrays, any other controller one by one."""
 
 from __future__ import annotations
 

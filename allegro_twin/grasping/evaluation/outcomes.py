@@ -1,4 +1,4 @@
-"""What came of many trials: a row a grasp, rates with their intervals, and two grasps in the same draws."""
+"""Outcomes of many trials: a row a grasp, rates with their intervals, and two grasps in the same draws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What it takes to carry a load: normal forces, and torque of the joints."""
+"""Load carrying: normal forces and joint torques that carry a load."""
 
 from __future__ import annotations
 

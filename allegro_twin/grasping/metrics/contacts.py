@@ -1,4 +1,4 @@
-"""Where a hand touches an object, and every wrench that it can put on it there.
+"""Contacts of a hand on an object, and the wrenches that it can apply there.
 
 A wrench is a force (N) and a torque about the object's centre of mass divided by a length (N): dividing is what makes
 forces and torques comparable, so a figure that mixes them means nothing without its length.

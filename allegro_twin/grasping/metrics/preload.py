@@ -1,4 +1,5 @@
-"""How much of its motors a hand needs to carry loads: by the squeeze that springs answer from, and by limit analysis.
+"""Preload of a grasp: the share of its motors that a hand needs, by the springs of the squeeze and by limit
+analysis.
 
 Both are quadratic programs over forces in the friction cones. What holds in fact is between them: a contact that slips
 hands its load on to others, as limit analysis has it, but joints are springs, and give no other torque than theirs.

@@ -1,4 +1,4 @@
-"""What was found, as files that run: a scenario each, and the grasp that it names."""
+"""Files of found grasps: a scenario for each, and the grasp that it names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From proposals to grasps that hold: rounds of guessing, of closing in physics, of draws, and of whole trials."""
+"""Grasp search: rounds of proposals, closing in physics, draws and whole trials."""
 
 from __future__ import annotations
 

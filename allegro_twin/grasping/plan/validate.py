@@ -1,4 +1,4 @@
-"""What a candidate is worth: draws of what the hand is not told, and the whole trial; or pushes in the air."""
+"""Validation of a candidate: draws of unknown parameters and the whole trial, or pushes in the air."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From where the fingers are to where they are wanted, without one meeting another."""
+"""Collision-free paths of the fingers from one posture to another."""
 
 from __future__ import annotations
 

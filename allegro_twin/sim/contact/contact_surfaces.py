@@ -1,4 +1,4 @@
-"""Which surface of which digit bears on an object: fingertips, pads, sides, inner links, the palm."""
+"""Contact surfaces of each digit: fingertips, pads, sides, inner links, the palm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a hand touches an object in a MuJoCo scene, contact by contact, as arrays that need no MuJoCo."""
+"""Contacts of a hand and an object in a MuJoCo scene, as arrays that need no MuJoCo."""
 
 from __future__ import annotations
 

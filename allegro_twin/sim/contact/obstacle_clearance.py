@@ -1,4 +1,4 @@
-"""What arm and hand come near to on their way: the table, the thing that was seen, each other."""
+"""Obstacle clearance of arm and hand on a path: to the table, the observed objects, and each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What only a simulation knows: where the palm and an object are, and who presses how hard."""
+"""Ground truth of a simulation: poses of palm and object, and contact forces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far motors have gone: what each has turned its joint by, or has drawn in of its tendon."""
+"""Transmission: the travel of each motor, as rotation of its joint or as drawn-in tendon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an MJCF or a URDF says of the hand in it, and what it does when it is moved: enough for its card."""
+"""Exploration of an MJCF or a URDF: its contents, and its behaviour when moved; enough for the hand's card."""
 
 from __future__ import annotations
 

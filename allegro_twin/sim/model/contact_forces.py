@@ -1,4 +1,4 @@
-"""What contacts of a scene exchange, of many at once."""
+"""Contact forces of a scene, of many scenes at once."""
 
 from __future__ import annotations
 

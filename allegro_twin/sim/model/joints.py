@@ -1,4 +1,4 @@
-"""Where a posture of the hand is in its simulation."""
+"""Joint addresses: where a posture of the hand is in its simulation's state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a hand and the things around it to one MuJoCo model, by edits of an MjSpec."""
+"""Scene compilation: one MuJoCo model of a hand and the objects around it, by edits of an MjSpec."""
 
 from __future__ import annotations
 

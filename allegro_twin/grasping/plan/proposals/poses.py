@@ -1,4 +1,4 @@
-"""Where a palm could be: it looks at a point of the surface, with its fingers along the object or any other way."""
+"""Palm poses: the palm faces a point of the surface, with its fingers along the object or in another direction."""
 
 from __future__ import annotations
 
