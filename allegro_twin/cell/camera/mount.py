@@ -34,7 +34,7 @@ class CameraMount(Settings):
     body: str | None = None
     site: str | None = None
     position: Vector3
-    """Of the left imager, m."""
+    """Position of the left imager, m."""
     quaternion: tuple[float, float, float, float] | None = None
     """w, x, y, z: the camera's axes (x right, y down, z ahead) in the frame that it stands in; as calibrations say."""
     towards: Vector3 | None = None

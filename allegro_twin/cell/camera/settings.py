@@ -78,7 +78,7 @@ class DepthCameraSettings(Settings):
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Of the depth picture."""
+        """Intrinsics of the depth picture."""
         return D435I_DEPTH[self.resolution]
 
     @property

@@ -21,7 +21,7 @@ class ClusterGrid:
     """Square cells over a plane and the cluster of each: 0 is none."""
 
     corner: Array
-    """Of the first cell, (2,), m."""
+    """Corner of the first cell, (2,), m."""
     cell: float
     """Edge, m."""
     labels: Labels

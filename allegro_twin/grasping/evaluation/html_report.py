@@ -56,7 +56,7 @@ def write_html_report(
 def html_report(
     results: Sequence[Row] | Columnar, folder: Path, *, title: str, about: Mapping[str, str] | None = None
 ) -> str:
-    """The same as text; `folder` is where it will lie."""
+    """Report of some results as text, a row a grasp; `folder` is where it will lie."""
     table = ResultTable(results)
     facts = " · ".join(f"{key} {value}" for key, value in (about or {}).items())
     parts = (_numbers(table), _success(table), _margins(table), _metrics(table), _pictures(table, folder),

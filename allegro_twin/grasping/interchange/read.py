@@ -53,7 +53,7 @@ class OwnHand(NamedTuple):
     named: bool
     """Its joints have names, which no other hand has."""
     frame: str | None
-    """Of the palm's pose, where the file says it or its format has one for every hand."""
+    """Frame of the palm's pose, where the file says it or its format has one for every hand."""
 
 
 def own_hand(path: Path) -> OwnHand:
