@@ -1,4 +1,4 @@
-"""What happens in a run as rows of a journal: states, what perception found, pictures."""
+"""Journal rows of a run: states, perception's findings, pictures."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ PERCEPTION: dict[str, FieldKind] = {
     "shape": "word", "pose": "numbers", "size": "numbers", "error": "number", "sigma": "number", "table": "numbers",
     "target": "numbers", "width": "number", "points": "array",
 }  # fmt: skip
-"""Of the picture taken at `t`, s: how many of its points are known; `found`, or why not; of the thing the shape, pose
-(7,), size (3,), m, the fit's error and the camera's scatter, m; the table's normal and height, (4,); the target frame
-(7,) and its width, m; the thing's own points, (k, 3), float32, m. All in the world."""
+"""Columns of perception for the picture taken at `t`, s: number of known points; `found`, or the refusal; the object's
+shape, pose (7,) and size (3,), m; the fit's error and the camera's scatter, m; the table's normal and height, (4,); the
+target frame (7,) and its width, m; the object's points, (k, 3), float32, m. All in the world."""
 PICTURES: dict[str, FieldKind] = {
     "t": "number", "number": "count", "camera": "numbers", "lens": "numbers", "colour": "array", "depth": "array",
 }  # fmt: skip

@@ -23,7 +23,7 @@ from allegro_twin.viewing.views import View, check_edges
 
 Floats = NDArray[np.float32]
 BOUND = 5.0
-"""Of every number in an observation."""
+"""Bound of every number in an observation."""
 _HIGH = 0.1
 """m. A thing that is lifted by so much"""
 _LONG = 1.0
@@ -156,7 +156,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
 
 
 def _part(position: Vector, lower: Vector, upper: Vector) -> Vector:
-    """Of the way between limits, -1 to 1."""
+    """Position between limits as a number from -1 to 1."""
     return np.asarray((2.0 * position - lower - upper) / (upper - lower))
 
 

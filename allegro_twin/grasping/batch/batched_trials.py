@@ -31,7 +31,7 @@ class Verdict:
     stopped: str = ""
     """Why."""
     mass: float = float("nan")
-    """Of the object, kg."""
+    """Mass of the object, kg."""
     measured: Mapping[str, float] = field(default_factory=dict)
     """What was asked for at the end of the first phase that checks; empty for a trial that was stopped before."""
     too_fast: bool = False
@@ -119,7 +119,7 @@ class _JudgedTrials(TrialLoop):
         self._closely = [trial.typed or not stop_early for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         self._poses = np.empty((2, self.n, most, 7))
-        """Of palms and objects."""
+        """Poses of palms and objects."""
         self._torque = np.empty((self.n, most, self.spec.n_joints))
         self._seen: list[list[dict[str, Array]]] = [[] for _ in trials]
         self._stems, self._stop_early = np.array(stems), stop_early

@@ -1,4 +1,4 @@
-"""What an MJCF or a URDF says of the hand in it, and what it does when it is moved: enough for its card."""
+"""Exploration of an MJCF or a URDF: its contents, and its behaviour when moved; enough for the hand's card."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class ExploredHand(NamedTuple):
     """The model; of a URDF, with servos: to be written beside the card."""
     structure: HandStructure
     file: Path
-    """Of which it was read."""
+    """File that it was read from."""
 
 
 def explore_hand(
@@ -252,8 +252,8 @@ def _check_one_each(motors: Sequence[ImportedMotor], path: Path) -> None:
 
 
 def measured_stiffness(hand: ExploredHand) -> dict[str, float]:
-    """Of each joint with a position servo, by its name, N·m/rad or N/m: how much less torque there is when it is moved
-    on by a little and all else stays, in the model as its file has it."""
+    """Stiffness of each joint with a position servo, by joint name, N·m/rad or N/m: the loss of torque per small motion
+    of that joint alone, in the model as its file has it."""
     path, found = hand.file, {}
     model = compile_model(read_urdf(path).spec if is_urdf(path) else read_mjcf(path))
     model.actuator_forcelimited[:] = model.jnt_actfrclimited[:] = 0

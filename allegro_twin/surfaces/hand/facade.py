@@ -145,7 +145,7 @@ class Hand:
 
     @property
     def clipped(self) -> int:
-        """How many set-points lay beyond the limits by no more than a joint gives at its stop, `spec.GIVE`, and were
+        """How many set-points lay beyond the limits by no more than a joint gives at its stop, `hand.GIVE`, and were
         clipped to them: as of a program that sends back what it has read. What lies further beyond is refused."""
         return self._bounds.clipped
 

@@ -167,7 +167,7 @@ class Thresholds(NamedTuple):
         spread: Vector = UNKNOWN,
     ) -> Thresholds:
         """Thresholds from a free motion. `disturbance`: (k, n), N·m; `moving`: which joints moved for a while, (k, n);
-        `held`: torque that friction may hold in joints at rest (`Observer.held`); `shapes`: from
+        `held`: torque that friction may hold in joints at rest (`StateObserver.held`); `shapes`: from
         `FaultDetector.free_shapes`. A gain is reached once in RARE evaluations, by Gumbel's law over blocks that do not
         overlap. Raises ConfigError for a motion that is too short."""
         noise, gains = shapes
