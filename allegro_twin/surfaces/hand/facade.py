@@ -61,10 +61,14 @@ class Hand:
     def open(cls, config: str | pathlib.Path | RunConfig, *, background: bool = False) -> Self:
         """Open the hand that a config describes; its `controller` block names the gains. Raises HandError."""
         settings = config if isinstance(config, RunConfig) else load_config(config)
-        rig = assemble(settings)
-        controller = settings.controller
-        name = controller.gains if isinstance(controller, PositionSettings) else "default"
-        return cls(rig, load_gains(name, rig.spec), background=background)
+        with ExitStack() as opened:
+            rig = assemble(settings)
+            opened.callback(rig.backend.close)
+            controller = settings.controller
+            name = controller.gains if isinstance(controller, PositionSettings) else "default"
+            hand = cls(rig, load_gains(name, rig.spec), background=background)
+            opened.pop_all()
+        return hand
 
     def __enter__(self) -> Self:
         self._closing.enter_context(closing_noted(self))
