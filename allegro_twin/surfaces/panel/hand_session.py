@@ -325,7 +325,8 @@ class HandSession:
             try:
                 recorder.add(sample, {**look, "target": self.hand.direct.target, **self._mouse_column()})
             except RecordingError as error:
-                self._recorder, self._trouble = None, str(error)
+                self._trouble = str(error)
+                self._abandon_recording()
         if state.t >= self._next:
             self._next = state.t + 1.0 / RATE - self.rig.backend.period / 2
             self._send(self._frame(sample))
