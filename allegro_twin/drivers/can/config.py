@@ -26,7 +26,7 @@ class BusFaultEvent(FaultEvent):
     which: Annotated[int, Field(ge=0, le=15)] = 0
     """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
     amount: float | None = None
-    """Of what goes wrong with the hand itself; docs/explanation/identification.md."""
+    """Amount of a fault of the hand itself; docs/reference/hand_files.md#faults."""
 
 
 class FaultSettings(Settings):
@@ -64,7 +64,7 @@ class CanSettings(BackendSettings):
 
     kind: Literal["can"]
     version: Version | None = None
-    """Of the hand; default: what its own file says."""
+    """Version of the hand; default: what its own file says."""
     interface: str = "socketcan"
     """python-can's name of the adapter; `allegro-virtual` puts a simulated hand on a bus inside this program."""
     channel: str = "can0"

@@ -12,7 +12,7 @@ class MotorState(NamedTuple):
     """What a hand says of its motors."""
 
     ticks: Vector
-    """Of the encoders, shape (m,)."""
+    """Ticks of the encoders, shape (m,)."""
     current: Vector
     """mA, shape (m,)."""
     on: bool

@@ -64,7 +64,7 @@ class QbPacket(NamedTuple):
 
 
 def lrc(body: bytes) -> int:
-    """Of command and payload."""
+    """Checksum of command and payload: the XOR of all bytes."""
     return reduce(xor, body, 0)
 
 

@@ -37,7 +37,7 @@ _QUESTION, _STATE, _WHO = struct.Struct("<BBBBBB5H6x"), struct.Struct("<BBBBB5b5
 
 
 class Kind(IntEnum):
-    """Of a frame."""
+    """Kind of a frame."""
 
     CYCLIC = 1
     WHO = 2
@@ -50,7 +50,7 @@ class Mode(IntEnum):
 
 
 class Bits(IntFlag):
-    """Of byte 3."""
+    """Flags in byte 3 of a frame."""
 
     ON = 1
     FORGET = 2
@@ -125,7 +125,7 @@ def frames(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def question(frame: bytes) -> Question | None:
-    """Of a sound frame; None for one that this layout does not have."""
+    """Parse a sound frame as a question; None for one that this layout does not have."""
     _, head, counter, bits, mode, watchdog, *targets = _QUESTION.unpack(frame[:22])
     if head not in (LAYOUT << 4 | Kind.CYCLIC, LAYOUT << 4 | Kind.WHO):
         return None

@@ -28,7 +28,7 @@ class StreamFrame(NamedTuple):
     t: float
     """s, on the session's clock."""
     position: Vector
-    """Of the hand, (n,), rad."""
+    """Positions of the hand's joints, (n,), rad."""
     torque: Vector
     """(n,), N·m."""
     temperature: Vector

@@ -36,7 +36,7 @@ def palm_length(landmarks: Array) -> float:
 
 
 def finger_length(landmarks: Array) -> float:
-    """Of the middle finger from its knuckle along its bones, m: the same however it is bent."""
+    """Length of the middle finger from its knuckle along its bones, m: the same however it is bent."""
     return float(np.linalg.norm(np.diff(landmarks[list(_MIDDLE_FINGER)], axis=0), axis=1).sum())
 
 

@@ -38,7 +38,7 @@ class MirrorWindow(NamedTuple):
     disturbance: Array
     """(k, n), N·m."""
     torque: Array
-    """Of the motors, by the mirror's file, (k, n), N·m."""
+    """Torque of the motors by the mirror's file, (k, n), N·m."""
     velocity: Array
     """(k, n), rad/s."""
     side: Array

@@ -42,12 +42,12 @@ class FreeMotion(NamedTuple):
     excess: Vector
     """Disturbance that the file leaves in it, rms, in times what noise alone makes, (n,)."""
     residual: Vector
-    """The same in N·m, rms, (n,)."""
+    """Disturbance that the file leaves in it, rms, (n,), N·m."""
     hand: str
     """The file, or empty for the nominal hand."""
     path: Path
     serial: str
-    """Of the hand in the motion, empty where it has no name."""
+    """Serial of the hand in the motion, empty where it has no name."""
 
     @property
     def unexplained(self) -> NDArray[np.bool_]:

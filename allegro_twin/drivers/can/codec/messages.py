@@ -156,7 +156,7 @@ class Information(NamedTuple):
     side: Side | None
     """None where the version does not tell (v5: its serial does)."""
     temperature: float = float("nan")
-    """Of the palm, °C; NaN where the version does not tell."""
+    """Temperature of the palm, °C; NaN where the version does not report it."""
     bits: StatusBits | None = None
     """None where the version does not tell."""
 

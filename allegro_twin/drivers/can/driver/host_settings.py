@@ -21,7 +21,7 @@ class CanHostSettings:
     keeper: bool = True
     """Have a process of its own do so, which also does it when the program dies; where the bus can be shared."""
     velocity_cutoff: float = 30.0
-    """Of the filter behind joint velocities, Hz."""
+    """Cutoff of the filter on joint velocities, Hz."""
     identify: bool = True
     """Ask the hand who it is, where its version answers, and refuse the wrong one."""
     gravity: tuple[float, float, float] | None = None

@@ -64,7 +64,7 @@ class Servo:
         self._silent = self._time = 0.0
         self._shaft = self._turns = 0
         self._sign, self._offset = 1, 0
-        """Of its ticks to the shaft's: Drive Mode, Homing Offset and turns that were forgotten."""
+        """Map from its ticks to the shaft's: Drive Mode, Homing Offset and turns that were forgotten."""
 
     @property
     def return_delay(self) -> int:

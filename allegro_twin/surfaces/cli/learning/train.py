@@ -97,7 +97,7 @@ class _Kept:
         """Whether the training has ended, and only its evaluation is missing."""
 
     def __call__(self, steps: int) -> None:
-        """Of the newest checkpoint."""
+        """Note the steps of the newest checkpoint."""
         self._steps = steps
 
     def line(self) -> str:

@@ -21,7 +21,7 @@ _PAUSE = 6
 _SAME = 1e-3  # m, and of a quaternion.
 _RING = 0.09  # m: how wide the rings are that turn a goal.
 _SAME_TURN, _SAME_ANGLE = 1e-7, 0.1
-"""Of the cosine of half an angle, 0.05°; and degrees."""
+"""Tolerances of equal orientations: of the cosine of half an angle, 0.05°; and of an angle, degrees."""
 
 
 class PalmMarker:

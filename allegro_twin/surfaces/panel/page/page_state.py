@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import viser
 
 SECONDS = 60.0
-"""Of the session's clock that are kept."""
+"""Seconds of the session's clock that are kept."""
 
 
 class ControlLock:
@@ -205,7 +205,7 @@ class Browser:
 
     @property
     def info(self) -> SessionInfo:
-        """Of the session, which is open whenever there are sections."""
+        """Information on the session, which is open whenever there are sections."""
         assert self.state.info is not None
         return self.state.info
 

@@ -45,7 +45,8 @@ INDEPENDENT = 5.0
 FEWEST = 20.0
 """Rows of its own that a joint needs: one that hardly moved says nothing."""
 PERIODS = np.arange(5.0, 121.0, 1.0)
-"""Of cogging in a turn, that are tried: with fewer a joint that moves by a radian shows no more than an offset."""
+"""Periods of cogging in a turn that are tried: with fewer a joint that moves by a radian shows no more than an
+offset."""
 _LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
 ALIKE = 10.0
 """By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
@@ -282,7 +283,7 @@ def _middle(spec: HandSpec) -> Vector:
 
 
 def _agree(joints: Sequence[_Joint]) -> None:
-    """Of the numbers of cogging periods, and of the times of warming up, prefer the one that suits all joints best."""
+    """Prefer the number of cogging periods, and the warm-up time, that suits all joints best."""
     total = {f"{family}:{count:g}": 0.0 for family, counts in _TRIED.items() for count in counts}
     for each in joints:
         for key, gain in each.gains.items():

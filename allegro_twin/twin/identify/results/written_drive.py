@@ -59,7 +59,7 @@ class WrittenDrive(NamedTuple):
 
     drive: DriveParameters
     source: tuple[Source, ...]
-    """Of each joint."""
+    """Source of each joint's values."""
     errors: Mapping[str, Vector]
     """Open-loop error on what the fit has not seen, with each candidate and as `written`: rms of each joint, (n,), rad;
     nothing where the motions are too short."""
