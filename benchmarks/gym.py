@@ -20,7 +20,8 @@ import numpy as np
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks import TASKS
-from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.cpu import CpuBatch
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 
 ROUNDS, BURST, STEPS, MANY = 25, 12, 60, 256
 PEER = {"timestep": 0.002, "period": 0.004, "decimation": 10, "palm": "allowed"}  # Its 20 substeps of 2 ms a step.
@@ -86,7 +87,8 @@ class Physics:
     """What some actions were in MuJoCo's own steps and nothing else: from the same state, in the same models, with the
     same torques and forces in every step, and as one call an action, which is the fastest that there is."""
 
-    def __init__(self, worlds: SimBatch, act: Callable[[], object], times: int) -> None:
+    def __init__(self, worlds: SharedModelBatch, act: Callable[[], object], times: int) -> None:
+        assert isinstance(worlds, CpuBatch), "MuJoCo's own steps are those on processors"
         self._simulations, self._start = worlds._batch, worlds._batch.state.copy()
         self._inputs: list[Any] = []
         taken = worlds.step

@@ -20,7 +20,8 @@ from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.separate_models import SeparateModelBatch
 from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.types import Array
 
@@ -63,9 +64,9 @@ def _seconds(work: Callable[[list[Trial], TrialRunner], None], bench: TrialRunne
 def _together(bench: TrialRunner) -> tuple[float, float]:
     """All of it, and the physics in it, s."""
     _CALLS.clear()
-    advance, physics = SimBatch.advance, 0.0
+    advance, physics = SeparateModelBatch.advance, 0.0
 
-    def kept(sims: SimBatch, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
+    def kept(sims: SeparateModelBatch, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
         nonlocal physics
         _CALLS.append((rows, torque, drive, steps))
         began = time.process_time()
@@ -75,9 +76,9 @@ def _together(bench: TrialRunner) -> tuple[float, float]:
     def work(trials: list[Trial], bench: TrialRunner) -> None:
         run_trials(trials, [bench.controller(trial) for trial in trials], bench.limits, threads=1)
 
-    SimBatch.advance = kept  # type: ignore[assignment, method-assign]
+    SeparateModelBatch.advance = kept  # type: ignore[assignment, method-assign]
     whole = _seconds(work, bench)
-    SimBatch.advance = advance  # type: ignore[method-assign]
+    SeparateModelBatch.advance = advance  # type: ignore[method-assign]
     return whole, physics
 
 

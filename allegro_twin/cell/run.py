@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from allegro_twin.backend import HandBackend, recover
-from allegro_twin.cell.actions import WATCHED, CellActions
+from allegro_twin.cell.actions.cell_actions import WATCHED, CellActions
 from allegro_twin.cell.arm.impedance import Stiffness, stuck
 from allegro_twin.cell.arm.target import Smoothing
 from allegro_twin.cell.assembly import Cell
@@ -122,10 +122,10 @@ def perform(
                 now = endless_run(now, sample.state.t, rules, ("arm", "hand")[turn])
                 seen.enter(now, on_state)
                 if last is not None:
-                    work.stand_still(last.state)
+                    work.motion.stand_still(last.state)
                 break
             if turn == 1:
-                work.update_hand(sample.state)
+                work.hand.update(sample.state)
                 continue
             state, last = sample.state, sample
             if state.tick == 0:
@@ -209,13 +209,14 @@ class _Story:
         assert now.end is not None
         work, first, last = self._work, self._first, self._places()
         error, chosen = float("nan"), self._cell.settings.objects[0].name
-        if work.solid is not None:
+        target = work.target
+        if target.solid is not None:
             stood = self._taken or first
-            errors = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in stood.items()}
+            errors = {name: float(np.linalg.norm(target.solid.position - at)) for name, at in stood.items()}
             chosen = min(errors, key=errors.__getitem__)
             error = errors[chosen]
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
-        name = None if work.way is None else work.way.card.name
+        name = None if target.way is None else target.way.card.name
         places, heights = object_places(self._cell), self._middles()
         off = places.off_table
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED and name not in off)
@@ -225,8 +226,9 @@ class _Story:
         if self._cell.settings.tray is None:
             places = ObjectPlaces(off_table=off)
         return LabReport(
-            end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen.get(chosen, 0.0), chosen,
-            moved, now.released, places.in_tray, places.on_table, places.off_table, None if end is now.end else now.end,
+            end, tuple(self._events), now.tries, target.solid, name, work.held.found, error, risen.get(chosen, 0.0),
+            chosen, moved, now.released, places.in_tray, places.on_table, places.off_table,
+            None if end is now.end else now.end,
         )  # fmt: skip
 
     def _middles(self) -> dict[str, float]:
@@ -312,7 +314,7 @@ def _hold(cell: Cell, work: CellActions, last: Sample | None, left: tuple[Iterat
     """Let whoever is still there go on for a moment: the arm stands still, or the hand keeps what it has."""
     if last is None:
         return
-    work.stand_still(last.state)
+    work.motion.stand_still(last.state)
     for samples, device in zip(left, (cell.arm, cell.hand), strict=True):
         for _ in islice(_left(samples), round(WATCHED / device.period)):  # Counted: a clock may stand still.
             pass

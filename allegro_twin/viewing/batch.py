@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.sim.batch.cpu import SimBatch, Snapshot
+from allegro_twin.sim.batch.shared_model import SharedModelBatch, Snapshot
 from allegro_twin.spec import HandSpec
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.overlays import Mark, add
@@ -27,7 +27,7 @@ def has_screen() -> bool:
 class BatchScene:
     """One simulation of a batch as a scene, as it is whenever it is looked at."""
 
-    def __init__(self, worlds: SimBatch, row: int) -> None:
+    def __init__(self, worlds: SharedModelBatch, row: int) -> None:
         self._worlds, self._row, self._seen = worlds, row, worlds.snapshot(row)
 
     @property
@@ -46,7 +46,7 @@ class BatchScene:
 class BatchCamera:
     """Takes pictures of one batch. Raises ConfigError where nothing can be rendered."""
 
-    def __init__(self, worlds: SimBatch, width: int, height: int, *, mode: str) -> None:
+    def __init__(self, worlds: SharedModelBatch, width: int, height: int, *, mode: str) -> None:
         self._worlds, self._size, self._mode = worlds, (width, height), mode
         self._camera: Camera | None = None
         self._window: Any = None
@@ -109,7 +109,7 @@ class PictureSensor:
     camera sees, and without shadows. Raises ConfigError for an unknown view, and where nothing can be rendered."""
 
     def __init__(
-        self, worlds: SimBatch, width: int, height: int, *, views: Sequence[str], kinds: Sequence[str]
+        self, worlds: SharedModelBatch, width: int, height: int, *, views: Sequence[str], kinds: Sequence[str]
     ) -> None:
         self._worlds, self._size, self._kinds, self._closed = worlds, (height, width), kinds, False
         # Of the scene as it is built, so that no draw moves a camera.

@@ -10,7 +10,7 @@ from allegro_twin.control import Gains, GravityFeedforward
 from allegro_twin.grasping.batch import clamp_torques, pd_torque
 from allegro_twin.hands import Grasp
 from allegro_twin.safety import Limits
-from allegro_twin.sim.batch import Rows, SimBatch
+from allegro_twin.sim.batch import Rows, SeparateModelBatch
 from allegro_twin.types import Array
 from studies.preemption.protocol import Motion
 
@@ -48,7 +48,7 @@ class Fingers:
         )
         return position, speed
 
-    def __call__(self, rows: Rows, t: float, sims: SimBatch) -> Array:
+    def __call__(self, rows: Rows, t: float, sims: SeparateModelBatch) -> Array:
         """What the motors are told for the period that comes, (rows, joints)."""
         position, speed = self.wanted(rows, t)
         if sims.closes_loop:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.camera.camera import DepthCamera

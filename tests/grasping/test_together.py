@@ -32,7 +32,7 @@ from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.separate_models import SeparateModelBatch
 from allegro_twin.sim.model import compiled_scenes
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -72,13 +72,13 @@ def bench() -> TrialRunner:
 @pytest.fixture
 def steps(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many trials each period of physics was for."""
-    counts, advance = list[int](), SimBatch.advance
+    counts, advance = list[int](), SeparateModelBatch.advance
 
-    def counted(sims: SimBatch, rows: Any, *others: Any) -> None:
+    def counted(sims: SeparateModelBatch, rows: Any, *others: Any) -> None:
         counts.append(len(rows))
         advance(sims, rows, *others)
 
-    monkeypatch.setattr(SimBatch, "advance", counted)
+    monkeypatch.setattr(SeparateModelBatch, "advance", counted)
     return counts
 
 
@@ -293,7 +293,7 @@ def test_a_hand_that_goes_on_from_where_another_is_goes_on_with_its_timed_comman
     spec = load_spec("sih")
     case = load_case({"scenario": "sih_lemon"}, spec)
     models = [TrialRunner(spec).trial(case).backend.model for _ in range(2)]
-    sims = SimBatch(spec, models)
+    sims = SeparateModelBatch(spec, models)
     first, second = np.array([[0], [1]])
     sims.begin(np.zeros((2, 6)))
     still = np.zeros((1, 1, 6))

@@ -29,7 +29,7 @@ from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.separate_models import SeparateModelBatch
 from allegro_twin.sim.drivetrain.transmission import sum_each
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import PositionCommand
@@ -107,14 +107,15 @@ def test_hands_side_by_side_say_where_they_are_as_a_hand_alone_does(name: str, n
     postures = rng.uniform(spec.lower, spec.upper, (n, spec.n_joints))
     single = [make_sim(spec, posture=posture) for posture in postures]
     states = [sim.reset() for sim in single]
-    sims = SimBatch(spec, [sim.model for sim in single])
+    sims = SeparateModelBatch(spec, [sim.model for sim in single])
     sims.place(np.arange(n), np.array([sim.posture for sim in single]))
     sims.begin(np.zeros((n, 6)))
+    still = np.zeros((n, spec.n_joints))
     for _ in range(5):
         np.testing.assert_array_equal(sims.position, [state.position for state in states])
         np.testing.assert_array_equal(sims.velocity, [state.velocity for state in states])
         states = [sim.read() for sim in single]
-        sims.step(None, single[0].substeps)
+        sims.advance(np.arange(n), still, np.zeros((n, 1, 6)), single[0].substeps)
 
 
 def test_equal_terms_have_equal_sums_however_they_lie_in_memory() -> None:

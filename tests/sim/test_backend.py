@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.orientation import matrix_facing, quaternion_facing
 from allegro_twin.loop import run, until
-from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.cpu import CpuBatch
 from allegro_twin.sim.engine.backend import SimBackend, substeps
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
@@ -126,5 +126,5 @@ def test_a_batch_has_a_thread_for_each_processor_that_the_program_is_bound_to(mo
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
     for bound in ({3}, {0, 2, 5}):
         monkeypatch.setattr(os, "sched_getaffinity", lambda _, bound=bound: bound)
-        assert SimBatch(spec, model, 4)._batch.nthread == len(bound)
-    assert SimBatch(spec, model, 4, threads=2)._batch.nthread == 2
+        assert CpuBatch(spec, model, 4)._batch.nthread == len(bound)
+    assert CpuBatch(spec, model, 4, threads=2)._batch.nthread == 2

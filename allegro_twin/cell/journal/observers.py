@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.journal.rows import perception_entry, picture_entry, state_entry

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.motion.other_objects import bounding_box
 from allegro_twin.cell.perception.cloud import finite
@@ -42,12 +42,12 @@ PICTURES: dict[str, FieldKind] = {
 
 def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     """A state begins."""
-    way, check, end = work.way, work.checked, now.end
+    way, check, end = work.target.way, work.held.found, now.end
     row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
     if way is not None:
         row |= {"grasp": way.card.name, "palm": pose_numbers(way.palm), "before": pose_numbers(way.before)}
     if now.state == "ToTargetPose":
-        boxes = [np.concatenate(bounding_box(points)) for points in work.others]
+        boxes = [np.concatenate(bounding_box(points)) for points in work.target.others]
         row["clutter"] = np.array(boxes).reshape(-1, 6)  # Middle and extents of each other object, m.
     if check is not None:
         row |= {"weight": check.weight, "torque": check.torque}

@@ -15,7 +15,8 @@ from allegro_twin.control.force_grasp import LatchGrasp, LatchParameters, LatchS
 from allegro_twin.control.trajectory import BatchedTrajectories, Trajectory
 from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, bounded, clamp
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.separate_models import SeparateModelBatch
 from allegro_twin.types import Array, HandState
 
 
@@ -24,7 +25,11 @@ class BatchedControllers:
     close their own loop, of positions."""
 
     def __init__(
-        self, controllers: Sequence[Controller[Any]], states: Sequence[HandState], limits: Limits, sims: SimBatch
+        self,
+        controllers: Sequence[Controller[Any]],
+        states: Sequence[HandState],
+        limits: Limits,
+        sims: SeparateModelBatch,
     ) -> None:
         self._controllers, self._limits, self._sims, self._spec = controllers, limits, sims, sims.spec
         self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
@@ -65,7 +70,7 @@ class BatchedControllers:
         self._latch = LatchState(unknown, unknown.copy())
 
     def __call__(self, rows: Rows, t: float, state_of: Callable[[int], HandState]) -> Array:
-        """What the motors of some rows are told at a time, s: (rows, joints), as of `SimBatch.advance`."""
+        """What the motors of some rows are told at a time, s: (rows, joints), as of `SeparateModelBatch.advance`."""
         return (self._positions if self._sims.closes_loop else self._torques)(rows, t, state_of)
 
     def copy(self, rows: Rows, of: Rows) -> None:
@@ -127,7 +132,7 @@ class BatchedControllers:
 
 
 def pd_torque(
-    sims: SimBatch,
+    sims: SeparateModelBatch,
     rows: Rows,
     position: Array,
     velocity: Array,
@@ -140,7 +145,7 @@ def pd_torque(
     return laws.pd(position - now, velocity - sims.velocity[rows], *gains, weight_torque(sims, rows, gravity))
 
 
-def weight_torque(sims: SimBatch, rows: Rows, gravity: GravityFeedforward | None) -> Array:
+def weight_torque(sims: SeparateModelBatch, rows: Rows, gravity: GravityFeedforward | None) -> Array:
     """What carries the weight of some hands, (rows, joints), N·m; zero, (1,), without `gravity` or weight."""
     if gravity is None:
         return np.zeros(1)

@@ -14,7 +14,7 @@ from allegro_twin.grasping.batch.trial_loop import TrialLoop, in_layouts, stacke
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.verdict import Observations, TrialReport, relative_displacement
 from allegro_twin.safety import Limits, violation
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from allegro_twin.sim.batch.cpu import Rows, SimBatch, layout
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.separate_models import SeparateModelBatch, layout
 from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.spec import HandSpec
@@ -40,7 +41,7 @@ class TrialLoop:
         self.spec, self.n, self.period, self._objects = spec, len(models), period, objects
         self.steps = substeps(period, models[0].opt.timestep)
         """Physics steps in a period."""
-        self.sims = SimBatch(spec, models, threads=threads, period=period)
+        self.sims = SeparateModelBatch(spec, models, threads=threads, period=period)
         self.palm = models[0].body("palm_link").id
         self.bodies = np.array([model.body(name).id for model, name in zip(models, objects, strict=True)])
         """Body indices of the objects, (n,)."""
@@ -63,7 +64,7 @@ class TrialLoop:
         """Look at the trials that run, before a period."""
 
     def control(self) -> Array:
-        """What the motors are told in the period that comes, (running, joints), as of `SimBatch.advance`."""
+        """What the motors are told in the period that comes, (running, joints), as of `SeparateModelBatch.advance`."""
         raise NotImplementedError
 
     def set_points(self) -> Array:

@@ -24,7 +24,8 @@ from allegro_twin.grasping.plan.proposals.close_in_geometry import (
 from allegro_twin.grasping.plan.proposals.poses import Random
 from allegro_twin.grasping.verdict import pose_in_palm
 from allegro_twin.kinematics.orientation import angle_between
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.separate_models import SeparateModelBatch
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
 from allegro_twin.sim.model.wrist import WRIST_JOINTS, WristSegment, wrist_load, wrist_set_points
 from allegro_twin.spec import HandSpec
@@ -243,7 +244,7 @@ class FingerGains:
 
 
 class FingerDrive(Protocol):
-    """Both ways give what `SimBatch.advance` tells the motors of some rows in a period, (rows, n)."""
+    """Both ways give what `SeparateModelBatch.advance` tells the motors of some rows in a period, (rows, n)."""
 
     @property
     def seconds(self) -> float:
@@ -260,7 +261,7 @@ class FingerDrive(Protocol):
 
 
 def make_finger_drive(
-    sims: SimBatch, performer: FingerGains, start: Array, closing: Array, close: Array, pressing: float = CAP
+    sims: SeparateModelBatch, performer: FingerGains, start: Array, closing: Array, close: Array, pressing: float = CAP
 ) -> FingerDrive:
     """`start`: where they begin, `closing`: which way they go, and `close`: where geometry has them meet something,
     (candidates, n). `pressing`: the share of their torque limit with which they go on from there; 0: they stay
@@ -274,7 +275,7 @@ def make_finger_drive(
 class TorqueFingers:
     """Fingers that take torques: PD, and their weight carried."""
 
-    sims: SimBatch
+    sims: SeparateModelBatch
     performer: FingerGains
     start: Array
     closing: Array
@@ -312,7 +313,7 @@ class ServoFingers:
     """Fingers whose firmware closes the loop: they are told to go evenly to a little beyond where they should meet the
     object, with a share of their effort where the hand can limit it."""
 
-    sims: SimBatch
+    sims: SeparateModelBatch
     performer: FingerGains
     start: Array
     closing: Array

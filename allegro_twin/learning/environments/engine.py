@@ -31,7 +31,8 @@ from allegro_twin.learning.policy.interface import BOUND, Floats, InterfaceMemor
 from allegro_twin.learning.policy.loading import PARTS, check_inputs, policy_file
 from allegro_twin.learning.tasks import make_task, task_type
 from allegro_twin.learning.tasks.base import Flags, StepOutcome, task_id
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.types import Array
 from allegro_twin.viewing.batch import PictureSensor
@@ -85,7 +86,7 @@ def make_engine(task: str, keywords: dict[str, Any], n: int, threads: int = 0) -
     return engine
 
 
-def _picture_sensor(settings: EnvSettings, worlds: SimBatch) -> PictureSensor:
+def _picture_sensor(settings: EnvSettings, worlds: SharedModelBatch) -> PictureSensor:
     width, height = (int(edge) for edge in settings.resolution.split("x"))
     return PictureSensor(worlds, width, height, views=settings.cameras, kinds=settings.observe)
 

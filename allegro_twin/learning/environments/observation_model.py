@@ -15,7 +15,8 @@ from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
 from allegro_twin.learning.tasks.vectors import rotate_vectors
-from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import FreeBody, SharedModelBatch
 from allegro_twin.types import Array
 
 
@@ -23,7 +24,7 @@ class SignalModel:
     """Noise, quantisation and delays of the joint signals and commands of `n` hands. Ranges that are not set cost
     nothing."""
 
-    def __init__(self, settings: Randomise, worlds: SimBatch, drive: RandomDrive | None = None) -> None:
+    def __init__(self, settings: Randomise, worlds: SharedModelBatch, drive: RandomDrive | None = None) -> None:
         n, joints = worlds.position.shape
         self._drive = drive
         self._worlds, self._xp = worlds, worlds.xp
@@ -115,7 +116,7 @@ class ExternalTorque:
     """External torque on the joints of `n` hands, as a mirror beside a hand estimates it
     (docs/explanation/mirror.md). It includes the joints' dry friction, which looks like a contact at one moment."""
 
-    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
+    def __init__(self, settings: Randomise, worlds: SharedModelBatch) -> None:
         self._worlds = worlds
         self._xp, self._limit = worlds.xp, worlds.xp.asarray(worlds.spec.actuation.torque_limit)
         self._range = settings.touch_noise
@@ -153,7 +154,7 @@ class PrivilegedState:
     0.5 m/s), angular velocity (by 5 rad/s), and `FACTORS`.
     """
 
-    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
+    def __init__(self, worlds: SharedModelBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         spec, self._xp = worlds.spec, worlds.xp
         place = worlds.xp.asarray

@@ -28,7 +28,8 @@ from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import hand_side, load_spec
 from allegro_twin.learning.environments.random_streams import Draws, jitter
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Array, Vector
@@ -287,7 +288,7 @@ def _is_number(given: object) -> TypeGuard[float]:
 class RandomDrive:
     """Drives of `n` hands, drawn from a posterior: what is in their models, and what happens in every period."""
 
-    def __init__(self, posterior: DrivePosterior, worlds: SimBatch, period: float) -> None:
+    def __init__(self, posterior: DrivePosterior, worlds: SharedModelBatch, period: float) -> None:
         self._posterior, self._worlds, self._period = posterior, worlds, period
         xp = self._xp = worlds.xp
         n, joints = worlds.position.shape

@@ -11,7 +11,8 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
 from allegro_twin.kinematics.orientation import quaternion_from_vector, quaternion_product
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import FreeBody, SharedModelBatch
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -200,7 +201,7 @@ def draw_values(settings: Randomise, draws: Draws) -> dict[str, Array]:
 class PhysicsRandomiser:
     """Writes randomised values into the models of the simulations."""
 
-    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
+    def __init__(self, worlds: SharedModelBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         self._dofs = worlds.xp.asarray(worlds.dofs)
         self._loss = worlds.xp.asarray(worlds.model.dof_damping[worlds.dofs])

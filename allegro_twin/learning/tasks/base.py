@@ -19,7 +19,8 @@ from allegro_twin.learning.environments.randomise import check_randomise
 from allegro_twin.learning.environments.settings import TASK_SETTINGS, EnvSettings, ResetOptions
 from allegro_twin.learning.policy.card import GraspScript, PolicyCard
 from allegro_twin.learning.policy.interface import Interface, Observation
-from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import FreeBody, SharedModelBatch
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
@@ -65,7 +66,7 @@ class Task(ABC):
     """Numbers in an observation that no real hand has. A task with any is privileged."""
     settings: EnvSettings
     interface: Interface
-    worlds: SimBatch
+    worlds: SharedModelBatch
     count_term: ClassVar[str] = ""
     """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
     count_unit: ClassVar[str] = ""

@@ -14,7 +14,7 @@ from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.scenes import TaskScene, known_scenarios, presented_scene, require_objects
 from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
 from allegro_twin.learning.tasks.vectors import effort_cost, length
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.types import Array, Vector
 
 APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the hand.

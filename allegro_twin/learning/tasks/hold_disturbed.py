@@ -36,7 +36,9 @@ from allegro_twin.learning.tasks.scenes import (
 )
 from allegro_twin.learning.tasks.scripted_closing import ObjectVariation
 from allegro_twin.learning.tasks.vectors import effort_cost, length, rotate_vectors
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.cpu import CpuBatch
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -179,7 +181,7 @@ class HoldDisturbedTask(GraspTask):
         path = scene.pose[:3] - to_numpy(self._left)[:, None] * scene.retreat
         positions: list[Array] = []
 
-        def around(worlds: SimBatch, k: int) -> None:
+        def around(worlds: SharedModelBatch, k: int) -> None:
             hand, _, holds = worlds.presenter()
             if k == 0:
                 worlds.free_body(THING).pose[0, :3] = path[0]
@@ -198,10 +200,10 @@ def play_script(
     gains: Gains,
     script: SampledScript,
     settings: EnvSettings,
-    before_period: Callable[[SimBatch, int], None],
+    before_period: Callable[[SharedModelBatch, int], None],
 ) -> Array:
     """State after the hand has followed a script; `before_period` acts on the one simulation before every period."""
-    worlds = SimBatch(spec, model, 1, 1)
+    worlds = CpuBatch(spec, model, 1, 1)
     worlds.choose(np.zeros(1, np.int64), np.zeros(1, np.int64))
     worlds.place(np.zeros(1, np.int64), script.position[:1])
     for k, (position, velocity) in enumerate(zip(script.position, script.velocity, strict=True)):

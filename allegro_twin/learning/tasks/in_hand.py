@@ -39,7 +39,7 @@ from allegro_twin.learning.tasks.start_states import (
     load_start_states,
 )
 from allegro_twin.learning.tasks.vectors import length, rotate_vectors
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.objects import catalogue
 from allegro_twin.types import Array

@@ -22,7 +22,7 @@ from allegro_twin.learning.tasks.scenes import (
 )
 from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
 from allegro_twin.learning.tasks.vectors import effort_cost, length
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.model import wrist
 from allegro_twin.types import Array, Vector
 

@@ -17,7 +17,7 @@ from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import StepOutcome, Task, Ticks
 from allegro_twin.learning.tasks.scenes import compile_task_scene, make_worlds
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.contact.probe import contact_free_postures
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.types import Array

@@ -15,7 +15,7 @@ from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import Flags, StepOutcome, Ticks
 from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import twist
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 

@@ -14,7 +14,7 @@ from allegro_twin.learning.policy.interface import Observation
 from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import length, tilt, twist
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.types import Array
 
 FASTEST = 0.6  # rad/s. Faster turning earns no more.

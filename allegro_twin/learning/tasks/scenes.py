@@ -18,7 +18,9 @@ from allegro_twin.kinematics.orientation import quaternion_facing, quaternion_pr
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name, object_scenarios, scenario_of
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.vectors import rotate_vectors
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.cpu import CpuBatch
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.sim.batch.warp import WarpBatch
 from allegro_twin.sim.model.parts import top_of_palm
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -151,15 +153,15 @@ def compile_task_scene(spec: HandSpec, surroundings: Stage, settings: EnvSetting
     return model
 
 
-def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> SimBatch:
+def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> SharedModelBatch:
     """Make `n` simulations that begin as `model`, on the device of the settings."""
     if settings.device == "cpu":
-        return SimBatch(spec, model, n, threads)
+        return CpuBatch(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}
     return WarpBatch(spec, model, n, device=settings.device, **room)
 
 
-def palm_turn(worlds: SimBatch, rows: Rows, before: Array) -> Array:
+def palm_turn(worlds: SharedModelBatch, rows: Rows, before: Array) -> Array:
     """How palms of simulations have turned from orientations `before`, (4,) or (m, 4), to those of their models:
     rotations in world axes, (m, 4)."""
     now = worlds.expand("body_quat")[rows, worlds.model.body("palm_link").id]
@@ -168,7 +170,7 @@ def palm_turn(worlds: SimBatch, rows: Rows, before: Array) -> Array:
     return turn
 
 
-def turn_with_palm(worlds: SimBatch, variant: Rows, turn: Array, pose: Array) -> Array:
+def turn_with_palm(worlds: SharedModelBatch, variant: Rows, turn: Array, pose: Array) -> Array:
     """Poses (m, 7), world, m, after a turn (m, 4) about the palm's origin: what is in the hand keeps its place in the
     palm's frame."""
     xp, palm = worlds.xp, worlds.model.body("palm_link").id

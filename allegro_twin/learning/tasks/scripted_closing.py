@@ -21,7 +21,7 @@ from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.script import SampledScript, closing_moves, closing_time, sample_script, script_table
 from allegro_twin.learning.tasks.base import Flags, Task
 from allegro_twin.learning.tasks.scenes import THING, TaskScene, known_scenarios, make_worlds
-from allegro_twin.sim.batch.cpu import Rows
+from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.contact.contacts import penetration_depth
 from allegro_twin.types import Array, Vector

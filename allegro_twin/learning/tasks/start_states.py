@@ -37,8 +37,10 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
 from allegro_twin.learning.tasks.scenes import FACING, THING, palm_height, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.cpu import CpuBatch
 from allegro_twin.sim.batch.link_contacts import LinkContacts
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.sim.hand_import.adapt import find_mjcf
 from allegro_twin.sim.model.physics import Physics as ScenePhysics
 from allegro_twin.sim.objects.catalogue import GraspObject
@@ -227,7 +229,7 @@ def try_candidates(
     """Try one batch. Returns what was held: joint positions and targets (m, joints), rad, pose (m, 7), m, and factor on
     the size (m,)."""
     model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds, rows = SimBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
+    worlds, rows = CpuBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
     body = worlds.free_body(THING)
     physics = PhysicsRandomiser(worlds, body)
@@ -261,7 +263,7 @@ def try_candidates(
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
 
 
-def _fingers(spec: HandSpec, worlds: SimBatch) -> Callable[[Array], None]:
+def _fingers(spec: HandSpec, worlds: SharedModelBatch) -> Callable[[Array], None]:
     """Tells all fingers where to be, (n, joints), rad, in the period that comes."""
     if worlds.closes_loop:
         return worlds.command
@@ -279,7 +281,7 @@ def survives_noise(spec: HandSpec, thing: GraspObject, states: StartStates, rng:
     many = np.tile(np.arange(len(states.size)), SHAKES)
     rows = np.arange(len(many))
     model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds = SimBatch(spec, model, len(many), 0)
+    worlds = CpuBatch(spec, model, len(many), 0)
     worlds.choose(rows, 0 * rows)
     body = worlds.free_body(THING)
     physics = PhysicsRandomiser(worlds, body)

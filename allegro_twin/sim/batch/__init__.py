@@ -10,18 +10,23 @@ from typing import TYPE_CHECKING
 from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
-    from allegro_twin.sim.batch.cpu import Rows, SimBatch
+    from allegro_twin.sim.batch.core import Rows
+    from allegro_twin.sim.batch.cpu import CpuBatch
+    from allegro_twin.sim.batch.separate_models import SeparateModelBatch
+    from allegro_twin.sim.batch.shared_model import SharedModelBatch
 
 __all__ = [
+    "CpuBatch",
     "Rows",
-    "SimBatch",
+    "SeparateModelBatch",
+    "SharedModelBatch",
 ]
 __getattr__, __dir__ = exports(
     __name__,
     {
-        "cpu": (
-            "Rows",
-            "SimBatch",
-        ),
+        "core": ("Rows",),
+        "cpu": ("CpuBatch",),
+        "separate_models": ("SeparateModelBatch",),
+        "shared_model": ("SharedModelBatch",),
     },
 )

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.batch.cpu import Rows, SimBatch
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.types import Array
 
 GROUPS = ("tips", "middle", "palm")
@@ -21,7 +22,7 @@ class LinkContacts:
     Scenes have the sensors of `Stage.sensed`. `within`: whether every physics step of a period counts, or its last one.
     """
 
-    def __init__(self, worlds: SimBatch, *, within: bool = True) -> None:
+    def __init__(self, worlds: SharedModelBatch, *, within: bool = True) -> None:
         xp, self._worlds = worlds.xp, worlds
         self.links = worlds.watch_contacts(within)
         group = _groups(worlds, self.links)
@@ -102,7 +103,7 @@ class AssumedContacts(LinkContacts):
         return super().in_contact() | True
 
 
-def _groups(worlds: SimBatch, links: tuple[str, ...]) -> NDArray[np.int64]:
+def _groups(worlds: SharedModelBatch, links: tuple[str, ...]) -> NDArray[np.int64]:
     """Number of each link's group: a tip moves no other of the links, and a middle link moves only tips."""
     model: Any = worlds.model
     ids = [int(model.body(name).id) for name in links]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import tensor_namespace, to_numpy
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.batch.cpu import Rows, SimBatch, Snapshot
+from allegro_twin.sim.batch.core import Rows
+from allegro_twin.sim.batch.shared_model import SharedModelBatch, Snapshot
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -42,7 +43,7 @@ _PICTURED = {"bvh_aabb"}
 _IDLE = {"dof_length"}  # Only sleeping reads it, and no scene lets anything sleep.
 
 
-class WarpBatch(SimBatch):
+class WarpBatch(SharedModelBatch):
     """`n` simulations on a device; on a GPU no two runs are equal to the bit. Raises ConfigError."""
 
     def __init__(
@@ -68,6 +69,13 @@ class WarpBatch(SimBatch):
         self._missed = int(self._mjw.OverflowType[_MISSED])
         self._outgrown = int(np.bitwise_or.reduce([int(self._mjw.OverflowType[name]) for name in _OWN_ROOM]))
         self._dropped = ~int(np.bitwise_or.reduce([int(bit) for bit in iterations])) & ~self._missed
+        self._fields = fields_of(self._mjw.Model, model)
+        with self._wp.ScopedDevice(self._device):
+            self._m = on_device(self._mjw, model, {})
+            self._d = self._mjw.make_data(model, nworld=n, **self._room)
+            self._own = {name: self._wp.to_torch(getattr(self._d, name)) for name in _STATE}
+            self._overflow = self._wp.to_torch(self._d.overflow)
+        self._starts: dict[str, Any] = {name: own[:0] for name, own in self._own.items()}
         super().__init__(spec, model, n)
 
     @property
@@ -161,15 +169,6 @@ class WarpBatch(SimBatch):
         into = Snapshot(model, self._data(row), self.spec)
         mujoco.mj_forward(into.model, into.data)
         return into
-
-    def _make(self, threads: int) -> None:
-        self._fields = fields_of(self._mjw.Model, self.model)
-        with self._wp.ScopedDevice(self._device):
-            self._m = on_device(self._mjw, self.model, {})
-            self._d = self._mjw.make_data(self.model, nworld=self.n, **self._room)
-            self._own = {name: self._wp.to_torch(getattr(self._d, name)) for name in _STATE}
-            self._overflow = self._wp.to_torch(self._d.overflow)
-        self._starts: dict[str, Any] = {name: own[:0] for name, own in self._own.items()}  # type: ignore[assignment]
 
     def _bind(self, name: str) -> Array:
         found: Array = self._own[name] if name in self._own else self._wp.to_torch(getattr(self._d, name))
