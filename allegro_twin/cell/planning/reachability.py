@@ -1,4 +1,4 @@
-"""Of the ways to take a thing, the one that the arm reaches best, with nothing in its way."""
+"""Reachability of grasps: the one that the arm reaches best, with nothing in its path."""
 
 from __future__ import annotations
 

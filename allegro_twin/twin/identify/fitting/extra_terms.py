@@ -225,7 +225,7 @@ class _Joint:
 
 
 def _family(key: str) -> str:
-    """Of a term: `cogging` of `cogging:7`."""
+    """Family of a term: `cogging` for `cogging:7`."""
     return key.partition(":")[0]
 
 
