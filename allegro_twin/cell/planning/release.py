@@ -46,9 +46,9 @@ class ReleasePath(NamedTuple):
     across: Vector
     """The arm's posture above the tray, (n,), rad."""
     over: Pose
-    """Pose of the palm there, in the world, and"""
+    """Pose of the palm above the tray, in the world."""
     palm: Pose
-    """where the hand opens, straight below."""
+    """Pose of the palm where the hand opens, straight below, in the world."""
 
 
 class _ArmPath(NamedTuple):

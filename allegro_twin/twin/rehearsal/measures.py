@@ -27,7 +27,7 @@ class Following(NamedTuple):
 
     spec: HandSpec
     t: Vector
-    """s"""
+    """Times of the rows, s."""
     target: Array
     """(k, n), rad."""
     rate: Array
