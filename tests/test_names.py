@@ -45,8 +45,8 @@ OTHERS = {
     "observation.state", "position.index_0", "recording.temperature", "policy.mp4", "AllegroHandDrv.cpp",
     "allegro_twin.backends", "allegro_twin.controllers",
     # Of other programs: python-can, Gymnasium, ManiSkill, the packages of UPC, the model's own files.
-    "can.Bus", "can.BusABC", "env.unwrapped.engine.task.card", "make_vec", "cartesian_impedance_example_controller",
-    "get_state_dict", "change_motor_min", "menagerie_left",
+    "can.Bus", "can.BusABC", "can.Message", "env.unwrapped.engine.task.card", "make_vec",
+    "cartesian_impedance_example_controller", "get_state_dict", "change_motor_min", "menagerie_left",
     # Made at run time, or what the reader defines.
     "function", "rgb_side", "rgb_top", "joint_0_0", "joint_3_0",
 }  # fmt: skip

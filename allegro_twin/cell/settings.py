@@ -54,7 +54,7 @@ class CellHandSettings(Settings):
 
 
 class SecuritySettings(Settings):
-    """Where the arm waits: the palm, in the world, out of the camera's sight of the table."""
+    """Pose in which the arm waits: that of the palm in the world, out of the camera's view of the table."""
 
     position: Vector3 = (-0.22, 0.0, 0.4)
     """Position of the palm in the world, m."""
@@ -65,11 +65,11 @@ class SecuritySettings(Settings):
 
 
 class TableObjectSettings(ScenarioObject):
-    """What stands on the table: of the catalogue by name, or given here as in a scenario, a mesh for instance."""
+    """Object on the table: from the catalogue by name, or given here as in a scenario, a mesh for instance."""
 
 
 class TimeoutSettings(Settings):
-    """How long a state may last, s."""
+    """Time limits of the states, s."""
 
     security: Positive = 6.0
     look: Positive = 1.0
@@ -86,7 +86,7 @@ class TimeoutSettings(Settings):
 
 
 class DecideSettings(Settings):
-    """When the state machine looks at what has happened."""
+    """Timing of the state machine's decisions, and its tolerances."""
 
     by: Literal["clock", "event"] = "clock"
     """Trigger of decisions. `clock`: at `rate`, as in the report; `event`: at every state of the arm."""
@@ -147,7 +147,7 @@ class CellCameraSettings(DepthCameraSettings):
 
 
 class GraspPlanningSettings(Settings):
-    """How a grasp is found for a thing that no stored grasp is for."""
+    """Search for a grasp of an object that no stored grasp suits."""
 
     same: NotNegative = 0.08
     """Logarithm of a ratio of extents up to which a stored grasp is taken as it is."""
@@ -165,7 +165,8 @@ class GraspPlanningSettings(Settings):
 
 
 class TraySettings(Settings):
-    """Where objects are put away when the table is cleared: a tray that stands on it, out of perception's region."""
+    """Tray in which objects are put away when the table is cleared: it stands on the table, out of perception's
+    region."""
 
     at: tuple[float, float] = (-0.32, 0.32)
     """Middle of the tray in the world, m."""
@@ -180,7 +181,7 @@ class TraySettings(Settings):
 
 
 class RemoteControlSettings(Settings):
-    """What a cell that is led from outside may be asked for."""
+    """Limits of requests to a cell that is controlled from outside."""
 
     lower: Vector3 = (-0.35, -0.4, 0.03)
     """Lower corner of the box along the world's axes in which the palm may be, m."""

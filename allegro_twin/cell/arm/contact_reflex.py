@@ -125,7 +125,7 @@ class MomentumObserver:
 
 
 class ContactState(NamedTuple):
-    """What an arm feels of its surroundings, as libfranka's RobotState has it."""
+    """Contact state of an arm, as libfranka's RobotState has it."""
 
     joint_contact: Array
     """Lower threshold of each joint exceeded, (n,), 0 or 1."""

@@ -29,7 +29,7 @@ class CameraPose(NamedTuple):
 
 
 class CameraMount(Settings):
-    """Where a camera stands, in the frame of a body or a site; in the world where neither is named."""
+    """Pose of a camera in the frame of a body or a site; in the world where neither is named."""
 
     body: str | None = None
     site: str | None = None

@@ -16,7 +16,7 @@ Part = Annotated[float, Field(ge=0, le=1)]
 
 
 class DepthNoise(Settings):
-    """What is wrong with a stereo camera's depth. Everything at zero, and `shadow` off: exact depth."""
+    """Errors of a stereo camera's depth. Everything at zero, and `shadow` off: exact depth."""
 
     disparity: NotNegative = 0.08
     """Standard deviation of the disparity, pixels: typical of D400 cameras (librealsense #3904; the best is 0.032)."""

@@ -27,7 +27,7 @@ class BoxRegion(Settings):
 
 
 class TableSettings(Settings):
-    """What counts as a table."""
+    """Settings of the search for the table's plane."""
 
     near: Positive = 0.01
     """Distance from a plane within which points lie on it, m."""
@@ -41,7 +41,7 @@ class TableSettings(Settings):
 
 
 class DetectionSettings(Settings):
-    """What counts as a thing on it."""
+    """Settings of the detection of objects on the table."""
 
     above: Positive = 0.006
     """Height above the table from which points belong to objects, m; more where depth scatters more."""
@@ -59,7 +59,7 @@ class DetectionSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """Where the hand goes, docs/reference/perception.md#target."""
+    """Settings of the hand's target frame, docs/reference/perception.md#target."""
 
     offset: NotNegative = 0.05
     """Distance from the object's surface to the hand's frame, m."""
@@ -72,7 +72,7 @@ class TargetSettings(Settings):
 
 
 class SteadySettings(Settings):
-    """When a target stands still enough to move for."""
+    """Settings of the check that a target stands still enough to move for."""
 
     smooth: NotNegative = 0.1
     """Time constant of the low-pass, s."""

@@ -44,7 +44,7 @@ _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1,
 
 
 class ReachSearch(NamedTuple):
-    """Where a way is looked for."""
+    """Start postures and variants for the search of a reachable grasp."""
 
     near: Sequence[Sequence[float]]
     """Postures to begin from."""

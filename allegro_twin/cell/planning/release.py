@@ -39,7 +39,7 @@ _NOTHING: Array = np.zeros((0, 3))
 
 
 class ReleasePath(NamedTuple):
-    """How what is held gets into the tray."""
+    """Path of a held object into the tray."""
 
     up: Pose
     """Pose of the palm in the world, straight up from where it is."""

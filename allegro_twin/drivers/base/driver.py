@@ -9,7 +9,7 @@ from allegro_twin.types import Vector
 
 
 class Answer(NamedTuple):
-    """What a hand says of itself, all of one exchange."""
+    """State and health of a hand as it reports them, all of one exchange."""
 
     actuators: Vector
     """Where they are, shape (m,), rad."""

@@ -30,7 +30,7 @@ class BusFaultEvent(FaultEvent):
 
 
 class FaultSettings(Settings):
-    """What to do to the frames of a virtual hand, by chance (per frame) and by script."""
+    """Faults of a virtual hand's frames, by chance (per frame) and by script."""
 
     # Chance acts in both directions, except `delay` and `reorder`: hand to host. `corrupt` turns a bit over or cuts the
     # data short: what a CRC would have caught, so the worst case. `reorder` takes the frames of one moment.
@@ -49,7 +49,7 @@ class FaultSettings(Settings):
 
 
 class FirmwareSettings(Settings):
-    """Where sources disagree on what a hand does; for virtual hands. docs/reference/can_protocol.md"""
+    """Firmware of a virtual hand, where sources disagree. docs/reference/can_protocol.md"""
 
     servo: Literal["required", "ignored"] = "required"
     """`ignored`: torques act and reports come without "servo on", as notes on a real v4 say."""

@@ -9,7 +9,7 @@ from allegro_twin.types import Vector
 
 
 class MotorState(NamedTuple):
-    """What a hand says of its motors."""
+    """State of the motors as the hand reports it."""
 
     ticks: Vector
     """Ticks of the encoders, shape (m,)."""

@@ -44,7 +44,7 @@ class Kind(IntEnum):
 
 
 class Mode(IntEnum):
-    """How the hand closes its loop. There is no other: one that was driven by velocity locked two fingers and broke."""
+    """Control mode of the hand. There is no other: one that was driven by velocity locked two fingers and broke."""
 
     POSITION = 1
 
@@ -62,7 +62,7 @@ class Bits(IntFlag):
 
 
 class Question(NamedTuple):
-    """What the host says."""
+    """Frame of the host."""
 
     counter: int
     on: bool = False
@@ -79,7 +79,7 @@ class Question(NamedTuple):
 
 
 class State(NamedTuple):
-    """What the hand answers to a cyclic frame."""
+    """Answer of the hand to a cyclic frame."""
 
     counter: int
     bits: int
@@ -94,7 +94,7 @@ class State(NamedTuple):
 
 
 class Who(NamedTuple):
-    """What the hand answers to "who are you"."""
+    """Answer of the hand to an identity request."""
 
     counter: int
     layout: int = LAYOUT

@@ -87,7 +87,7 @@ class PostureFile(Settings):
 
 
 class PlanRecord(Settings):
-    """Where a planned grasp comes from, and how often it holds in draws that it was not chosen on."""
+    """Origin of a planned grasp, and its success rate in draws that it was not chosen on."""
 
     seed: Annotated[int, Field(ge=0)]
     candidates: Annotated[int, Field(ge=0)]

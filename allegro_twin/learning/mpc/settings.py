@@ -15,7 +15,7 @@ Weight = Annotated[float, Field(ge=0)]
 
 
 class CostSettings(Settings):
-    """What a plan pays besides the task's own reward, 1/s each: a weight of 1 and a term of 1 cost 1 in a second.
+    """Costs of a plan besides the task's own reward, 1/s each: a weight of 1 and a term of 1 cost 1 in a second.
 
     All terms are without a unit, and none has a number of a hand (docs/explanation/model_predictive_control.md#costs).
     """
@@ -40,7 +40,7 @@ class CostSettings(Settings):
 
 
 class MpcSettings(Settings):
-    """How actions are looked for."""
+    """Settings of the search for actions."""
 
     method: Literal["cem", "mppi", "predictive"] = "cem"
     samples: Annotated[int, Field(ge=2, le=100_000)] = 48
@@ -95,7 +95,7 @@ class MpcSettings(Settings):
 
 
 class PoseCamera(Settings):
-    """How a camera beside a simulated hand observes the true pose of the object."""
+    """Camera beside a simulated hand that observes the true pose of the object."""
 
     period: Positive = 0.03
     """Time between two pictures, s."""

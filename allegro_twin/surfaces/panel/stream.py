@@ -59,7 +59,7 @@ class StreamFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionInfo:
-    """What the page is told when a session is opened."""
+    """Description of a session for the page, when it is opened."""
 
     session: int
     title: str

@@ -64,7 +64,7 @@ THUMB, LONGEST = "thumb", "middle"
 
 
 class TargetVectors(NamedTuple):
-    """Which fingertip each target is of, and from where."""
+    """Targets as vectors: the fingertip of each, and its origin."""
 
     origins: tuple[str | None, ...]
     """The finger whose tip it begins at; None: the palm."""

@@ -24,7 +24,7 @@ HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandTrack:
-    """What a tracker saw."""
+    """Tracked motion of a person's hand."""
 
     times: Vector
     """s, ascending, (k,)."""

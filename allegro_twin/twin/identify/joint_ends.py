@@ -43,7 +43,7 @@ _NOTE = "Measured by `allegro-twin calibrate limits`"
 
 
 class JointEnds(NamedTuple):
-    """What a sweep of the joints has found."""
+    """Result of a sweep of the joints."""
 
     model: HandSpec
     """The hand as the model has it, without a file of its own."""

@@ -104,7 +104,7 @@ class LinkWeights(NamedTuple):
 
 
 class FreeShapes(NamedTuple):
-    """What free motion leaves to be taken for a fault's shape."""
+    """Shapes of faults that free motion already shows."""
 
     noise: Vector
     """Noise of each joint, as from `free_noise`, (n,), N·m."""

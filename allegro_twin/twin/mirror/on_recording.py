@@ -36,7 +36,7 @@ MADE = ("format", "version", "hand", "period")
 
 
 class FreeMotion(NamedTuple):
-    """What a motion that touches nothing shows of a hand and its file."""
+    """Thresholds and misfit from a motion that touches nothing."""
 
     thresholds: Thresholds
     excess: Vector

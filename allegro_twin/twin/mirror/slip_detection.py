@@ -74,7 +74,7 @@ class _Row(NamedTuple):
 
 
 class _Grip(NamedTuple):
-    """How a hand at rest held something."""
+    """Grip of a hand at rest."""
 
     held: NDArray[np.bool_]
     """Fingers, (fingers,)."""

@@ -19,7 +19,7 @@ FINGERS = ("index", "middle", "ring", "thumb")
 
 
 class ServoAnswer(NamedTuple):
-    """How to ask a hand whether its motors are on."""
+    """Request and answer that tell whether a hand's motors are on."""
 
     ask: Frame
     byte: int
@@ -29,7 +29,7 @@ class ServoAnswer(NamedTuple):
 
 
 class Codec(Protocol):
-    """Between messages and frames, for one hand on the bus. Pure: no state, no clock, no bus."""
+    """Conversion between messages and frames, for one hand on the bus. Pure: no state, no clock, no bus."""
 
     @property
     def version(self) -> Version:

@@ -9,7 +9,7 @@ from allegro_twin.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class CanHostSettings:
-    """How to deal with a hand on a bus. Raises ConfigError for times that no hand can keep."""
+    """Settings of the host's side of a CAN bus. Raises ConfigError for times that no hand can keep."""
 
     period: float = 0.003
     """s between two reports; the hand is told."""

@@ -25,7 +25,7 @@ Pressures = Callable[[], Vector]
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What the hand says of itself."""
+    """Identity that the hand reports."""
 
     serial: str = "VIRTUAL1"
     """Up to eight ASCII characters."""

@@ -22,7 +22,7 @@ _MOST = 16_383  # That a gain can be.
 
 @dataclass(frozen=True)
 class Mounting:
-    """How one servo drives its actuator. Raises ConfigError for what cannot be."""
+    """Mounting of one servo on its actuator: zero, direction, gear. Raises ConfigError for what cannot be."""
 
     id: int
     current_limit: float

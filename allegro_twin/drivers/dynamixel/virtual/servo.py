@@ -38,7 +38,7 @@ _MULTI_TURN = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 
 
 class Wants(NamedTuple):
-    """What a servo's firmware tries to do with its shaft."""
+    """Targets of a servo's firmware for its shaft."""
 
     goal: int
     """Tick of the shaft."""

@@ -88,7 +88,7 @@ def train(
 
 
 class _Kept:
-    """What is kept of a training that somebody interrupts."""
+    """Message on the state of a training that somebody interrupts."""
 
     def __init__(self, folder: Path, recipe: Recipe) -> None:
         self._folder, self._recipe = folder, recipe

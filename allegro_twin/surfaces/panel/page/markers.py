@@ -25,7 +25,7 @@ _SAME_TURN, _SAME_ANGLE = 1e-7, 0.1
 
 
 class PalmMarker:
-    """It goes back to the palm's goal where a request was refused."""
+    """Handle of the palm's goal; it returns to the goal where a request was refused."""
 
     def __init__(self, browser: Browser) -> None:
         self._browser, self._left_alone = browser, 0

@@ -72,7 +72,7 @@ _TRIED = {"cogging": tuple(PERIODS.tolist()), "ripple": tuple(PERIODS.tolist()),
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExtraTerms:
-    """Which joints have which terms, and their values in the regression, (n,) each."""
+    """Terms of each joint, and their values in the regression, (n,) each."""
 
     values: Mapping[str, Vector]
     """By the names of EXTRA and FIXED, as in `DriveParameters`."""

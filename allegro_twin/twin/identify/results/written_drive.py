@@ -55,7 +55,7 @@ _TOGETHER = ("stiction", "stribeck_speed", "bristle")
 
 
 class WrittenDrive(NamedTuple):
-    """What goes into a hand's file, and why."""
+    """Drive for a hand's file, and its source for each joint."""
 
     drive: DriveParameters
     source: tuple[Source, ...]
