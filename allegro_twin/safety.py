@@ -71,6 +71,12 @@ def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: Ha
 
 def violation(state: HandState, limits: Limits, spec: HandSpec) -> HandFault | None:
     """Why the hand must stop now, or None; `TooFast` for a joint's speed."""
+    if not np.isfinite(state.position).all():
+        joint = int(np.isfinite(state.position).argmin())
+        return HandFault(
+            f"{spec.joint_labels[joint]} reports the position {state.position[joint]}: see to its encoder, or to the "
+            "backend, which must report numbers"
+        )
     fastest = limits.velocity
     if limits.speeds is not None:
         down, up = limits.speeds(state.position)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from hypothesis.extra.numpy import arrays
 from allegro_twin.errors import CommandError, HandFault, LinkError, TooFast
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import record
 from allegro_twin.safety import HISTORY, Guard, Limits, clamp, violation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, TorqueCommand, frozen
@@ -123,6 +126,19 @@ def test_a_speed_that_is_unknown_trips_nothing_and_hides_no_other() -> None:
     assert isinstance(violation(state(velocity=velocity), LIMITS, SPEC), TooFast)
     velocity[6] = 0.0
     assert violation(state(velocity=velocity), LIMITS, SPEC) is None
+
+
+@pytest.mark.parametrize("position", [math.nan, math.inf])
+def test_a_position_that_is_no_number_is_a_fault_and_what_came_before_is_kept(position: float, tmp_path: Path) -> None:
+    lost = MIDDLE.copy()
+    lost[6] = position
+    hand = ScriptedHand(state(1), state(2), state(3, position=lost))
+    file = tmp_path / "kept.arrow"
+    with pytest.raises(HandFault, match=f"stopped: middle_2 reports the position {position}: see to its encoder"):
+        for _ in record(run(Guard(hand, LIMITS), Push(0.1)), file, SPEC, 0.003):
+            pass
+    assert (hand.torque == 0.0).all()
+    assert len(load(file)) == 3
 
 
 def test_after_a_trip_the_hand_is_limp_and_only_reset_leads_out() -> None:
