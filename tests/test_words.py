@@ -30,7 +30,7 @@ RELATIVE = re.compile(r"(Of|Likewise|The same)\b")
 """Openings of a docstring that is not understood without the line above it, as in a tooltip."""
 NOT_YET = {
     "app/session.py", "cell/run.py", "learning/environments/snapshot.py", "plugins.py", "recording/recorder.py",
-    "sim/batch", "surfaces/hand",
+    "surfaces/hand",
 }  # fmt: skip
 """Modules and folders whose docstrings still have such openings. The list only becomes shorter."""
 
