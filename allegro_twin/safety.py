@@ -18,7 +18,7 @@ HISTORY = 500  # Samples: 1.5 s at 333 Hz.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """What the guard lets through. Arrays have one value per joint, shape (n,)."""
+    """Limits of the guard. Arrays have one value per joint, shape (n,)."""
 
     torque: Vector
     """Ceiling, N·m."""

@@ -73,7 +73,8 @@ class Rig:
 
 
 Physics: TypeAlias = "Callable[[HandSpec, float], tuple[HandBackend, Trial | None]]"
-"""Of a hand, as its host knows it, that steps by so many s; and the trial that it is at."""
+"""Factory of a simulated hand, from its spec as the host knows it and the period, s: a backend, and the trial that it
+is at."""
 STAY = 0.5
 """s that a hand in another program is driven after its scenario: on a busy computer its time may lag behind ours."""
 

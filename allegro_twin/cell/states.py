@@ -42,7 +42,7 @@ _LATE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class CellOutcome:
-    """How it ended."""
+    """Outcome of a run of the cell."""
 
     word: OutcomeKind
     reason: str = ""
@@ -56,7 +56,7 @@ class CellOutcome:
 
 @dataclass(frozen=True, slots=True)
 class MachineState:
-    """Where it is."""
+    """State of the state machine."""
 
     state: StateName
     since: float
@@ -80,7 +80,7 @@ class MachineState:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What is known at a moment."""
+    """Observations at one moment, on which the state machine decides."""
 
     t: float
     """s."""
@@ -101,7 +101,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """How long a state may last, s, and how often it begins anew."""
+    """Time limits of the states, s, and the number of new tries."""
 
     timeouts: dict[StateName, float]
     retries: int

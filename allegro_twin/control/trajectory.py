@@ -36,7 +36,7 @@ __all__ = [
 
 
 class SetPoint(NamedTuple):
-    """Where the joints should be at one time, and how fast."""
+    """Positions and velocities of the joints that a controller follows at one time."""
 
     position: Vector
     """Shape (n,), rad."""

@@ -33,7 +33,7 @@ PerJoint = float | list[float]
 """One value for all joints, or one for each."""
 Positive = Annotated[float, Field(gt=0)]
 Seed = Annotated[int, Field(ge=0)]
-"""Of random numbers; NumPy takes none below 0."""
+"""Seed of random numbers; NumPy takes none below 0."""
 Vector3 = tuple[float, float, float]
 MOST_GRAVITY = 30.0
 """m/s². The most on a planet is Jupiter's, 24.8."""

@@ -76,7 +76,7 @@ class Phase(Settings):
 
 
 class Success(Settings):
-    """How far the object may have moved in the palm's frame."""
+    """Limits of the object's motion in the palm's frame."""
 
     drift: Positive = 0.010
     """m."""
@@ -87,7 +87,7 @@ class Success(Settings):
 
 
 class PhysicsSettings(Settings):
-    """What differs from the physics of every scene (sim.physics)."""
+    """Changes to the physics of every scene (sim.physics)."""
 
     timestep: Positive | None = None
     """s."""
@@ -215,7 +215,7 @@ class StandSettings(Settings):
 
 
 class PalmHeight(Settings):
-    """How high the palm is: for objects that are taken from above, whatever their size."""
+    """Height of the palm, for objects that are taken from above, whatever their size."""
 
     table: Length
     """At least so far above what the object stands on, m."""
@@ -224,7 +224,7 @@ class PalmHeight(Settings):
 
 
 class Wrist(Settings):
-    """Where the palm is when the fingers close, from the middle of the first object, world axes."""
+    """Pose of the palm when the fingers close, from the middle of the first object, world axes."""
 
     position: Offset
     """m, of the palm's origin."""
@@ -253,7 +253,7 @@ def skew_warning(wrist: Wrist) -> str | None:
 
 
 class EdgePush(Settings):
-    """Before the grasp: the hand pushes the first object along the table, over its edge, and lets go of it."""
+    """Push before the grasp: the hand pushes the first object along the table, over its edge, and lets go of it."""
 
     distance: Length
     """m, along x, that the palm goes with its fingers behind the object."""

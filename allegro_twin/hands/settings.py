@@ -59,7 +59,7 @@ class EpisodeSettings(Settings):
     environment: dict[str, Any] = Field(default_factory=dict)
     """Keywords of the environment but hand, side and period, which the config has."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Of the reset: object, size, start and goals."""
+    """Seed of the reset: object, size, start and goals."""
 
 
 class TaskSettings(Settings):

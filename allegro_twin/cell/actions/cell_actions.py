@@ -1,4 +1,4 @@
-"""What each state of the cell does, and what it tells the state machine."""
+"""Actions of the cell's states, and their answers to the state machine."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class TableLook:
         self.refused: CellOutcome | None = None
         """Why the last picture had nothing to go for."""
         self.points_in_tray = np.zeros((0, 3))
-        """Of the tray and of what is in it, (k, 3), world, m."""
+        """Points of the tray and of its contents, (k, 3), world, m."""
         self._track: TargetTrack | None = None
         self._lost_over_tray = False
 

@@ -48,7 +48,7 @@ class Stiffness:
 
 
 class SetpointMotion(NamedTuple):
-    """How a set-point moves, in the axes of the base, (6,) each: linear, then angular."""
+    """Motion of a set-point in the axes of the base, (6,) each: linear, then angular."""
 
     twist: Vector
     """ξ, m/s and rad/s."""
@@ -57,7 +57,7 @@ class SetpointMotion(NamedTuple):
 
 
 class ImpedanceState(NamedTuple):
-    """What the controller remembers."""
+    """Memory of the controller."""
 
     setpoint: Pose
     rest: Vector

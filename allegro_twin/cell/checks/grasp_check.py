@@ -25,7 +25,7 @@ tell: fingers that touch each other are left out, and the others may hardly pres
 
 @dataclass(frozen=True, slots=True)
 class GraspCheck:
-    """What force, torques, joints and camera say."""
+    """Results of the checks by force, torques, joint positions and camera."""
 
     weight: float
     """Weight on the hand, kg."""

@@ -38,7 +38,7 @@ _SAME = 0.03
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedObject:
-    """What is taken."""
+    """Object that is taken next, with its grasp."""
 
     found: Detection
     plan: GraspPlan
@@ -47,7 +47,7 @@ class SelectedObject:
 
 
 class _Reading(NamedTuple):
-    """What one thing may be, and what is beside it then."""
+    """One interpretation of a cluster, with the objects beside it then."""
 
     thing: Detection
     beside: tuple[Detection, ...]

@@ -1,4 +1,4 @@
-"""Of the ways to take a thing, the one that the arm reaches best, with nothing in its way."""
+"""Reachability of grasps: the one that the arm reaches best, with nothing in its path."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1,
 
 
 class ReachSearch(NamedTuple):
-    """Where a way is looked for."""
+    """Start postures and variants for the search of a reachable grasp."""
 
     near: Sequence[Sequence[float]]
     """Postures to begin from."""

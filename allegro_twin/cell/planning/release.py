@@ -39,16 +39,16 @@ _NOTHING: Array = np.zeros((0, 3))
 
 
 class ReleasePath(NamedTuple):
-    """How what is held gets into the tray."""
+    """Path of a held object into the tray."""
 
     up: Pose
     """Pose of the palm in the world, straight up from where it is."""
     across: Vector
     """The arm's posture above the tray, (n,), rad."""
     over: Pose
-    """Pose of the palm there, in the world, and"""
+    """Pose of the palm above the tray, in the world."""
     palm: Pose
-    """where the hand opens, straight below."""
+    """Pose of the palm where the hand opens, straight below, in the world."""
 
 
 class _ArmPath(NamedTuple):

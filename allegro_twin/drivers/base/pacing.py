@@ -9,7 +9,7 @@ BEHIND = 1.0
 
 
 class Served:
-    """What has happened so far. Deadlines are absolute, so that lateness does not add up."""
+    """Progress of a served hand. Deadlines are absolute, so that lateness does not add up."""
 
     def __init__(self, period: float, clock: Callable[[], float], unit: str) -> None:
         """`period`: s of a step; `clock`: s that never go back; `unit`: what is heard and said."""

@@ -63,7 +63,7 @@ def serve(hand: SerialDevice, terminal: Terminal, clock: Callable[[], float] = t
 
 
 class _Line:
-    """What is on its way between the terminal and the hand."""
+    """Bytes on their way between the terminal and the hand."""
 
     def __init__(self, hand: SerialDevice, terminal: Terminal, clock: Callable[[], float]) -> None:
         self._hand, self._terminal, self._clock = hand, terminal, clock

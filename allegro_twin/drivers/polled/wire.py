@@ -9,10 +9,10 @@ from allegro_twin.types import Vector
 
 
 class MotorState(NamedTuple):
-    """What a hand says of its motors."""
+    """State of the motors as the hand reports it."""
 
     ticks: Vector
-    """Of the encoders, shape (m,)."""
+    """Ticks of the encoders, shape (m,)."""
     current: Vector
     """mA, shape (m,)."""
     on: bool

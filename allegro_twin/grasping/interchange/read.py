@@ -46,7 +46,7 @@ def read_grasps(path: Path, spec: HandSpec, *, order: Order = None, frame: str |
 
 
 class OwnHand(NamedTuple):
-    """Which hand a grasp file says that it is of; None: it does not say."""
+    """Hand that a grasp file names; None: it does not say."""
 
     model: str | None
     side: Side | None

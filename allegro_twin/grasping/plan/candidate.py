@@ -24,7 +24,7 @@ from allegro_twin.types import Array, Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """Where the palm is in the world, beside an object that stands at its place, and what the fingers do."""
+    """Grasp candidate: the palm's pose beside an object that stands at its place, and the fingers' postures."""
 
     position: Array
     """Position of the palm's origin in the world, (3,), m."""
@@ -58,7 +58,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectSymmetry:
-    """Where an object is, and the turns about the vertical through it that leave it there as it is."""
+    """Pose of an object, and the rotations about the vertical that leave it unchanged."""
 
     centre: Array
     """Its middle, (3,), m, world."""

@@ -57,7 +57,7 @@ class TableObject:
 
 
 class ClearanceViolation(NamedTuple):
-    """What comes too near."""
+    """Pair of bodies that come too near."""
 
     part: str
     """A body of the arm or the hand."""

@@ -34,7 +34,7 @@ moves it a millimetre."""
 
 
 class Push(NamedTuple):
-    """What pushes a body from outside."""
+    """External push on a body."""
 
     body: str
     force: Array

@@ -185,7 +185,7 @@ class LoopObserver:
 
 
 class _Way:
-    """How a joint that follows goes with its motor."""
+    """Dependence of a coupled joint on its motor."""
 
     def __init__(self, spec: HandSpec, model: mujoco.MjModel, each: CoupledJoint) -> None:
         self.dof, self.motor = int(model.joint(each.name).dofadr[0]), each.driven

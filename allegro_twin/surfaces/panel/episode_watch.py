@@ -57,7 +57,7 @@ class EpisodeWatch:
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """Name of the task."""
         return self._task.name
 
     @property

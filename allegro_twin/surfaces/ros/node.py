@@ -47,7 +47,7 @@ def struct(words: RosTypes, kind: str) -> type[IdlStruct]:
 
 @cache
 def wire(words: RosTypes, kind: str) -> type[Any]:
-    """The same type, whose samples are CDR bytes that nobody takes apart."""
+    """Message type with the same name, whose samples are CDR bytes that stay undecoded."""
     inner = struct(words, kind)
 
     class Wire(inner):  # type: ignore[misc, valid-type]  # The base is made at run time.
@@ -76,7 +76,7 @@ def _field(words: RosTypes, shape: tuple[Any, Any]) -> Any:
 
 
 HIGHEST = 232
-"""Of domain ids: the ports of a higher one are not there, DDSI-RTPS 9.6.1."""
+"""Highest domain id: the ports of a higher one do not exist, DDSI-RTPS 9.6.1."""
 LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
 </General><Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>99</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>

@@ -44,7 +44,7 @@ class ExcitationRun:
     pose: ExcitationPose
     seconds: float
     seed: int
-    """Of the motion in this file."""
+    """Seed of the motion in this file."""
     asked: int
     """The seed that the files of this pose share."""
     file: Path

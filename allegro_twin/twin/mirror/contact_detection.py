@@ -40,7 +40,7 @@ class Contact(NamedTuple):
 
     finger: str
     begin: float
-    """s"""
+    """Time when it began, s."""
     end: float
     """s; the end of the motion where the touch lasts until then."""
     torque: float

@@ -13,13 +13,13 @@ from allegro_twin.twin.rehearsal.protocol import AVERAGED
 from allegro_twin.types import Array, Vector
 
 SPENT = 0.99
-"""Of its torque limit, from which a motor gives all it has."""
+"""Share of its torque limit from which a motor gives all it has."""
 STILL = 5e-4
 """rad, standard deviation of a joint that rests: the noise of the worst encoder here is 0.2 mrad."""
 SWINGS = 2.0
 """Periods in that time; what has fewer creeps."""
 BRIEFLY = 0.01
-"""Of the time, in which a motor that gives all it has is no news."""
+"""Share of the time for which a motor may give all it has without being named."""
 
 
 class Following(NamedTuple):
@@ -27,11 +27,11 @@ class Following(NamedTuple):
 
     spec: HandSpec
     t: Vector
-    """s"""
+    """Times of the rows, s."""
     target: Array
     """(k, n), rad."""
     rate: Array
-    """Of the target, (k, n), rad/s."""
+    """Speed of the target, (k, n), rad/s."""
     position: Array
     """By the encoders, corrected, (k, n), rad."""
     truth: Array | None

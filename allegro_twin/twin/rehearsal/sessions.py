@@ -60,7 +60,7 @@ IDLE = 0.1
 
 
 class RehearsedTwin(NamedTuple):
-    """What a host believes of the hand, and how far its encoders are from right with that."""
+    """Hand as its host believes it to be, and the error of its encoders then."""
 
     name: str
     serial: str

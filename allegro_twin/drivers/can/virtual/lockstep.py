@@ -101,7 +101,7 @@ class LockstepLink(Link):
 
 
 class LockstepBus(can.BusABC):
-    """The same as a python-can bus, for programs that speak CAN themselves."""
+    """Lockstep link as a python-can bus, for programs that speak CAN themselves."""
 
     lockstep = True
 

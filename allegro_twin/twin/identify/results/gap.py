@@ -18,7 +18,7 @@ from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 HORIZONS = (0.1, 0.3, 1.0, 5.0)
-"""s"""
+"""Times in open loop after which the error is given, s."""
 STARTS = 1.0  # s between two starts, at most.
 PHASES = ("creeping", "moving")
 SMALLEST = 2e-4

@@ -210,7 +210,7 @@ def _basis(
 
 
 def _correlations(found: DriveFit, values: Mapping[str, IdentifiedValue], spec: HandSpec) -> dict[str, Any]:
-    """Of each joint's values with each other: what is below the diagonal, row by row."""
+    """Correlations of each joint's values with each other: the lower triangle, row by row."""
     names = [name for name, value in values.items() if len(value.value) == spec.n_joints]
     below = np.tril_indices(len(names), -1)
     matrices = value_correlations(found, names)

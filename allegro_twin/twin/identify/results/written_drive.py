@@ -55,11 +55,11 @@ _TOGETHER = ("stiction", "stribeck_speed", "bristle")
 
 
 class WrittenDrive(NamedTuple):
-    """What goes into a hand's file, and why."""
+    """Drive for a hand's file, and its source for each joint."""
 
     drive: DriveParameters
     source: tuple[Source, ...]
-    """Of each joint."""
+    """Source of each joint's values."""
     errors: Mapping[str, Vector]
     """Open-loop error on what the fit has not seen, with each candidate and as `written`: rms of each joint, (n,), rad;
     nothing where the motions are too short."""
