@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.backend import HandBackend, limp_of, position_of, recover, torque_of
-from allegro_twin.errors import HandError, HandFault
+from allegro_twin.errors import ConfigError, HandError, HandFault
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
 
@@ -95,6 +96,21 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     return None
 
 
+def check_speed(peak: Vector, limits: Limits, spec: HandSpec, what: str, setting: str = "") -> None:
+    """Raises ConfigError for a motion in which the joints reach speeds, (n,), rad/s, at which a guard stops them.
+    `what` it is and the `setting` that the limits come from stand in the message."""
+    share = limits.velocity / np.maximum(peak, 1e-12)
+    joint = int(np.argmin(share))
+    if share[joint] >= 1.0 - 1e-9:
+        return
+    unit = 10.0 ** (math.floor(math.log10(share[joint])) - 1)
+    raise ConfigError(
+        f"{what}: {spec.joint_labels[joint]} would move at {peak[joint]:.3g} rad/s; {limits.velocity[joint]:g} is "
+        f"where the guard stops: slow down to {math.floor(share[joint] / unit + 1e-6) * unit:.2g} of that"
+        + (f", or raise {setting}" if setting else "")
+    )
+
+
 Way = Callable[[Vector, Vector], None]
 """Raises CommandError for a position and a goal, (n,), rad, between which a hand must not go."""
 
@@ -119,6 +135,11 @@ class Guard:
     @property
     def period(self) -> float:
         return self._inner.period
+
+    @property
+    def limits(self) -> Limits:
+        """What this guard lets through."""
+        return self._limits
 
     @property
     def in_front_of(self) -> HandBackend:
