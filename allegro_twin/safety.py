@@ -19,7 +19,8 @@ HISTORY = 500  # Samples: 1.5 s at 333 Hz.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """What the guard lets through. Arrays have one value per joint, shape (n,)."""
+    """What the guard lets through. Arrays have one value per joint, shape (n,). Raises ConfigError for a zone or speeds
+    that are not positive, for soft stops in the wrong order, and unless what is warm is cooler than what is hot."""
 
     torque: Vector
     """Ceiling, N·m."""
@@ -38,6 +39,22 @@ class Limits:
     """The fastest that a torque may change, N·m/s; None: at once."""
     speeds: Callable[[Vector], tuple[Vector, Vector]] | None = None
     """The fastest down, negative, and up where joints are at a position, (n,), rad/s; None: `velocity` anywhere."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.zone < math.inf:
+            raise ConfigError(f"limits: zone {self.zone:g} rad: a torque fades over it, so it must be positive")
+        if not self.warm < self.hot:
+            raise ConfigError(f"limits: warm {self.warm:g} °C must be below hot {self.hot:g} °C: torque fades between")
+        if not (self.velocity > 0.0).all():
+            raise ConfigError(
+                f"limits: velocity {np.min(self.velocity):g} rad/s stops every motion: it must be positive"
+            )
+        if not (self.lower <= self.upper).all():
+            joint = int(np.argmin(self.lower <= self.upper))
+            raise ConfigError(
+                f"limits: joint {joint} has its lower soft stop {self.lower[joint]:g} rad above its upper one of "
+                f"{self.upper[joint]:g} rad"
+            )
 
 
 def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
