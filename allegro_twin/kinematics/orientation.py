@@ -121,13 +121,6 @@ def rotate_vector(vector: ArrayLike, turn: ArrayLike) -> Array:
     return np.asarray(turned[..., 0])
 
 
-def yaw_between(before: ArrayLike, after: ArrayLike) -> Array:
-    """How far an orientation has turned about the world's z, (...), rad: the twist of after · before⁻¹ about z."""
-    change = quaternion_product(after, quaternion_conjugate(before))
-    turn = 2.0 * np.arctan2(change[..., 3], change[..., 0])
-    return (turn + np.pi) % (2.0 * np.pi) - np.pi
-
-
 def slerp(first: ArrayLike, second: ArrayLike, part: ArrayLike) -> Array:
     """The orientation `part` (...) of the shortest way from the first to the second, (..., 4), at constant speed."""
     p, q = np.stack(_unit(first), axis=-1), np.stack(_unit(second), axis=-1)
