@@ -79,17 +79,18 @@ def presented_scene(
 
 
 def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
-    """An object on a table under a hand that a slide lowers. Raises ConfigError for an object that is grasped from the
-    side."""
+    """An object on a table under a hand that a slide lowers onto the scenario's grasp. Raises ConfigError for an object
+    that is grasped from the side."""
     found, surroundings, retreat = _find_scenario(choice, spec)
     if retreat[2] <= 0:
         raise ConfigError(
             f"{object_name(choice)} is grasped from its side; the slide serves "
             f"{', '.join(grasped_from_above(spec.model))}"
         )
-    return _build_scene(
-        object_name(choice), replace(surroundings, slide=True), retreat, spec, settings, grasp or found.grasp
-    )
+    # The slide is vertical: a palm that a scenario brings from aside begins straight above its grasp.
+    aside = retreat * np.array([1.0, 1.0, 0.0])
+    surroundings = replace(surroundings, position=np.asarray(surroundings.position) - aside, slide=True)
+    return _build_scene(object_name(choice), surroundings, retreat - aside, spec, settings, grasp or found.grasp)
 
 
 def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
