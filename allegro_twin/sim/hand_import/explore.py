@@ -56,7 +56,7 @@ class ImportedMotor:
         """The most that it gives by the file; None: the file does not say it."""
         self._gain, self._bias = gain, bias
 
-    def told(self, position: float) -> float:
+    def command_for(self, position: float) -> float:
         """What a position servo is told to go to a position."""
         return float(-(self._bias[0] + self._bias[1] * position) / self._gain)
 
@@ -409,7 +409,7 @@ def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
             if motor.torque:
                 data.qpos[model.jnt_qposadr[motor.joint]] = position
             else:
-                data.ctrl[k] = motor.told(position)
+                data.ctrl[k] = motor.command_for(position)
             if len(held) < model.nv:
                 _settle(model, data, held)
             found[k, place] = data.qpos
@@ -434,7 +434,7 @@ def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor
         if each.torque:
             data.qpos[model.jnt_qposadr[each.joint]] = place
         else:
-            data.ctrl[each.number] = each.told(place)
+            data.ctrl[each.number] = each.command_for(place)
 
 
 def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandStructure) -> Array:
