@@ -61,9 +61,9 @@ def members(node: ast.ClassDef) -> set[str]:
             found |= {target.id for target in targets if isinstance(target, ast.Name)}
         elif isinstance(each, ast.FunctionDef) and (not each.name.startswith("_") or each.name in DUNDER):
             found |= {each.name} - DUNDER | parameters(each)
-    for each in ast.walk(node):
-        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and ast.unparse(each.value) == "self":
-            found.add(each.attr)
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.Attribute) and isinstance(inner.ctx, ast.Store) and ast.unparse(inner.value) == "self":
+            found.add(inner.attr)
     return {name for name in found if not name.startswith("_")}
 
 
