@@ -47,7 +47,6 @@ ASKED: dict[str, tuple[Callable[[Any], Any], Any]] = {
     "conjugate": (orientation.quaternion_conjugate, NO_TURN),
     "mirrored": (orientation.mirror_quaternion, NO_TURN),
     "slerp": (lambda x: orientation.slerp(x, NO_TURN, 0.5), NO_TURN),
-    "turn_about_z": (lambda x: orientation.yaw_between(x, NO_TURN), NO_TURN),
     "angle_between": (lambda x: orientation.angle_between(x, LEVEL), LEVEL),
     "angle_between_quaternions": (lambda x: orientation.angle_between_quaternions(x, NO_TURN), NO_TURN),
     "facing": (lambda x: orientation.matrix_facing(x, [0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]),

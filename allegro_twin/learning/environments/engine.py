@@ -31,6 +31,7 @@ from allegro_twin.learning.policy.interface import BOUND, Floats, InterfaceMemor
 from allegro_twin.learning.policy.loading import PARTS, check_inputs, policy_file
 from allegro_twin.learning.tasks import make_task, task_type
 from allegro_twin.learning.tasks.base import Flags, StepOutcome, task_id
+from allegro_twin.learning.tasks.task_memory import HasLiveArrays
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.sim.engine.backend import substeps
@@ -184,6 +185,24 @@ class EpisodeEngine:
         self._remember(rows)
         self.count[rows] = 0
         return values
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """All arrays that decide how the episodes go on, by their paths, live; a task of a user may keep more
+        (`Task.save_memory`)."""
+        parts: dict[str, HasLiveArrays | None] = {
+            "worlds": self.worlds, "signals": self._sensing, "drive": self._drive, "touch": self._touch,
+            "privileged_state": self._state, "task": self.task,
+        }  # fmt: skip
+        memory = {f"memory/{name}": part for name, part in self.memory._asdict().items()}
+        known = [(name, part.live_arrays()) for name, part in parts.items() if part is not None]
+        told = {f"{name}/{key}": array for name, arrays in known for key, array in arrays.items()}
+        return {"count": self.count, "seen": self._seen} | memory | told
+
+    def release(self) -> None:
+        """Have arrays of one's own in place of those that the last step has given out: they stay as they were given."""
+        copy = self.worlds.xp.copy
+        self.memory = InterfaceMemory(*map(copy, self.memory))
+        self._seen = copy(self._seen)
 
     def clip_actions(self, action: NDArray[np.floating[Any]]) -> Any:
         """Actions (n, joints) clipped to [-1, 1], on the simulations' device. Raises CommandError for an action with

@@ -63,16 +63,20 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = with_episode_length(spec, self.engine.limit)
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """Arrays besides the engine's that decide how the episode goes on: none."""
+        return {}
+
     def save_state(self) -> EpisodeState:
         """All that decides how the episode goes on, random numbers included: plain arrays and numbers, which pickle.
         Raises ConfigError on a device."""
-        return save_episode(self, [self.np_random])
+        return save_episode(self, [self.np_random])._replace(seed=self.np_random_seed)
 
     def restore_state(self, state: EpisodeState) -> Observation:
         """Go on from a `save_state` of an environment with the same keywords, to the bit. Returns the observation that
         it had. Raises ConfigError for another, and then nothing has changed."""
         (saved,) = restore_episode(self, state, lambda: self.reset(seed=0))
-        self.np_random.bit_generator.state = saved
+        self.np_random.bit_generator.state, self._np_random_seed = saved, state.seed
         return self._observation()
 
     def reset(

@@ -3,7 +3,7 @@ state."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,17 @@ class SignalModel:
             here = self._worlds.position[rows]  # Until the first command arrives the hand stays where it is.
             self._past["actuator_delay"][:, rows] = self._xp.concatenate([here, 0.0 * here], axis=-1)
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What an episode changes, by name."""
+        drawn = {"strength": self._strength, "gains": self._gains}
+        return {
+            "key": self._key,
+            **{name: own for name, own in drawn.items() if own is not None},
+            **self._noise,
+            **self._late,
+            **{f"past/{name}": own for name, own in self._past.items()},
+        }
+
     def measure(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
         position, velocity = self._worlds.position, self._worlds.velocity
@@ -130,6 +141,10 @@ class ExternalTorque:
             self._noise[rows] = draws.uniform(*self._range)
             values["touch_noise"] = self._noise[rows, 0]
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What an episode changes, by name."""
+        return {"key": self._key} | ({} if self._noise is None else {"noise": self._noise})
+
     def observe(self, tick: NDArray[np.int64]) -> Array:
         """Shares of the torque limit, (n, joints), at the hands' periods `tick` (n,); zeros before the first period."""
         torque = self._xp.where(tick[:, None] > 0, self._worlds.external_torque, 0.0)
@@ -168,6 +183,10 @@ class PrivilegedState:
         """Begin new episodes of some hands, with randomised values, (m, …) each."""
         for column, name in enumerate(FACTORS):
             self._factors[rows, column] = values.get(name, _USUAL[name])
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What an episode changes, by name."""
+        return {"factors": self._factors}
 
     def __call__(self, tick: NDArray[np.int64]) -> Floats:
         """The state now, (n, size), `tick` (n,) periods after the beginning; zeros for a simulation that has
@@ -222,6 +241,11 @@ class ObjectCamera:
         if self._late is not None:
             self._late[rows] = self._xp.asarray(values["camera_delay"], np.int64)
             self._past[:, rows] = self._now()[rows]
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What an episode changes, by name."""
+        late = {} if self._late is None else {"camera_delay": self._late, "past": self._past}
+        return {"key": self._key, **self._noise, **late}
 
     def look(self, tick: NDArray[np.int64]) -> ObjectObservation:
         """The picture at the decision `tick` (n,) periods after the beginning."""

@@ -341,6 +341,13 @@ class RandomDrive:
             own[rows] = drawn[name]
         return drawn
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What an episode changes, by name. What is in the models, and the torques on the joints, is theirs."""
+        load = {} if self._load is None else {"load_friction": self._load}
+        own = {"key": self._key, "offset": self._offset, "delay": self._late, "past": self._past,
+               "strength": self._strength, "dry_friction": self._dry}  # fmt: skip
+        return own | load | self._strays | self._ripples
+
     def report(self, position: Array, tick: NDArray[np.int64]) -> Array:
         """Joint positions as the encoders tell them, (n, joints), rad."""
         found = position + self._offset

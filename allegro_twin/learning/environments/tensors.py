@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.array_api import tensor_namespace
 from allegro_twin.learning.environments.engine import make_engine
@@ -62,6 +63,10 @@ class TensorVectorEnv:
         """Set the simulations to random times of their episodes, so that they do not all end together."""
         torch = self.xp.torch
         self._as_tensors(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """Arrays besides the engine's that decide how the episodes go on, by name, live."""
+        return {"key": self._key, "episode": self._episode}
 
     def state_dict(self) -> dict[str, Any] | None:
         """Everything that decides how the simulations continue, as tensors, numbers and strings. None on a

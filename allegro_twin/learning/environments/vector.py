@@ -90,6 +90,10 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = with_episode_length(spec, self.limit)
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """Arrays besides the engine's that decide how the episodes go on, by name, live."""
+        return {"ended": self._ended}
+
     def save_state(self) -> EpisodeState:
         """All that decides how the episodes go on, random numbers included: plain arrays and numbers, which pickle.
         Raises ConfigError on a device."""

@@ -26,6 +26,8 @@ from allegro_twin.viewing.overlays import Mark
 
 Flags = NDArray[np.bool_]
 Ticks = NDArray[np.int64]
+_OF_EVERY_TASK = ("settings", "n", "added", "posterior", "spec", "gains", "interface", "worlds")
+"""What follows from the settings and the options of resets."""
 
 
 class StepOutcome(NamedTuple):
@@ -186,6 +188,26 @@ class Task(ABC):
     def marks(self, row: int) -> Sequence[Mark]:
         """Marks that show a simulation's goal in pictures."""
         return ()
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """Arrays of a task of this package that decide how the episodes go on, by name, with a row for each simulation,
+        live: states copy them and write into them. What the simulation itself holds is not among them."""
+        return {}
+
+    def save_memory(self) -> dict[str, Any]:
+        """What a task of your own keeps between steps, by name: all of its attributes. Whoever keeps what no state can
+        have, such as an object of another library, returns instead numbers, strings, arrays and containers of these,
+        from which `restore_memory` makes it anew."""
+        if type(self).__module__.startswith("allegro_twin."):
+            return {}  # Its arrays are live, and the rest never changes.
+        return {name: value for name, value in vars(self).items() if name not in _OF_EVERY_TASK}
+
+    def restore_memory(self, memory: dict[str, Any]) -> None:
+        """Go on with what `save_memory` has returned, in a task of the same settings; where all simulations of a plan
+        go on from one episode, arrays with a row for it have a row for each."""
+        for name in self.save_memory().keys() - memory.keys():
+            delattr(self, name)
+        vars(self).update(memory)
 
     def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         """What a reset reports besides randomised values, (m, …) each."""

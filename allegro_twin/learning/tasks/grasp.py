@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.random_streams import Draws
@@ -123,6 +124,9 @@ class GraspTask(ScriptedClosingTask):
         over = going >= (CALM + PUSHED) / self.settings.period
         terms = {"hold": hold, "effort": effort}
         return StepOutcome(hold + effort, failed, over & (drift < HELD) & self.held(), terms)
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        return super().live_arrays() | {"push": self.push, "place": self.place}
 
     def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
         """Position of the presenter's hand, (..., 3), m, world."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.array_api import to_numpy
 from allegro_twin.control import laws
@@ -149,6 +150,10 @@ class HoldDisturbedTask(GraspTask):
         over = tick * self.settings.period >= self.seconds - self.interface.seconds
         kept = over & (drift < HELD) & self.held()
         return StepOutcome(hold + effort, drift > LOST, kept, {"hold": hold, "effort": effort})
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        own = {"weight": self._weight, "force": self._force, "key": self._key, "number_of_push": self._push}
+        return super().live_arrays() | own
 
     def verdict_time(self, scene: TaskScene) -> float:
         return 0.0  # The hand is closed when an episode begins.

@@ -231,6 +231,14 @@ class InHandTask(Task):
         found[:, 7:10], found[:, 10:] = seen.velocity / FAST, seen.spin / SPINS
         return found
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        own = {
+            "place": self.place, "kind": self.kind, "start_state": self._state, "start": self.start,
+            "factor": self._factor, "low": self._low, "normal": self._normal,
+        }  # fmt: skip
+        parts = {"contacts": self.contacts.live_arrays(), "camera": self.camera.live_arrays()}
+        return own | {f"{name}/{key}": array for name, arrays in parts.items() for key, array in arrays.items()}
+
     def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         return {"object": np.array([self._names[number] for number in self.kind[rows].tolist()], dtype=object)}
 

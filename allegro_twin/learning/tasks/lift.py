@@ -4,9 +4,10 @@ again."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.random_streams import Draws
@@ -96,6 +97,9 @@ class LiftTask(ScriptedClosingTask):
 
     def move_surroundings(self, k: int) -> None:
         self._wish[:] = self._course[k]
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        return super().live_arrays() | {"place": self.place}
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.array_api import as_array, to_numpy
 from allegro_twin.errors import ConfigError
@@ -80,6 +81,9 @@ class ReachTask(Task):
         size = np.full(3, MARK)
         places = to_numpy(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        return {"goal": self._goal, "drawn": self._drawn}
 
     def goal(self) -> Floats:
         return self._goal

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.array_api import array_namespace, as_array, to_numpy
 from allegro_twin.kinematics.orientation import angle_between_quaternions, rotate_quaternion
@@ -64,6 +64,10 @@ class ReorientTask(InHandTask):
         if len(rows):
             self._draw_goals(rows)
             self._renewed[rows] = False
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        own = {"goal": self._goal, "key": self._key, "renewed": self._renewed, "reached": self.reached}
+        return super().live_arrays() | own
 
     def marks(self, row: int) -> list[Mark]:
         """The object in its goal orientation, beside the hand."""

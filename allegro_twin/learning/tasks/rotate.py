@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.random_streams import Draws
@@ -54,6 +55,10 @@ class RotateTask(InHandTask):
         self._before[rows] = twist(self.thing.pose[rows, 3:])
         self.turned[rows] = self._farthest[rows] = 0.0
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        own = {"before": self._before, "turned": self.turned, "farthest": self._farthest}
+        return super().live_arrays() | own
+
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         xp, now = self.worlds.xp, self.thing.pose[:, 3:]
@@ -84,7 +89,8 @@ class RotateTask(InHandTask):
         }
         reward = xp.stack(list(terms.values())).sum(axis=0)
         terms["back"] = xp.where(leaning < UPRIGHT, every_turn, xp.minimum(every_turn, 0.0)) - speed
-        values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
+        # What is given out stays, although a reset and a restored state write into what is counted.
+        values = {"turned": xp.copy(self.turned), "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & self.contacts.in_contact() & ~lost
         return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,6 +167,10 @@ class ScriptedClosingTask(Task):
 
     def grasp_scripts(self) -> tuple[GraspScript, ...]:
         return tuple(GraspScript(grasp=s.grasp.name, wait=self.wait, squeeze=self.squeeze) for s in self.scenes)
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        contacts = {f"contacts/{name}": array for name, array in self.contacts.live_arrays().items()}
+        return {"offset": self.offset, "script": self.script} | contacts
 
     def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         scenes = [self.scenes[number] for number in self.script[rows].tolist()]

@@ -86,6 +86,9 @@ class CpuBatch(SharedModelBatch):
             if not name.startswith("opt.") and name not in self._rows and self._batch.expanded(name) is not None:
                 self.expand(name)
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        return {"physics": self._batch.state} | super().live_arrays()
+
     def state(self, row: int) -> Array:
         return np.array(self._batch.state[row])
 

@@ -54,8 +54,13 @@ class LinkContacts:
         assert self._worlds.contact_steps is not None
         self._waiting.append(self._xp.copy(self._worlds.contact_steps))
 
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What an episode changes, by name, live; complete, since what waits is counted."""
+        self.count()
+        return {"sums": self.sums, "touched": self._touched, "now": self._now, "new": self._new}
+
     def count(self) -> None:
-        """Count the periods that wait. A state of the simulations is complete after that."""
+        """Count the periods that wait."""
         if not self._waiting:
             return
         force = self._xp.concatenate(self._waiting)

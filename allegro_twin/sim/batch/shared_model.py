@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,8 @@ from allegro_twin.sim.model.scene import PRESENTER
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
+_FIELDS = "fields/"
+"""Before the names of model fields among `live_arrays`."""
 _FORCES = ("actuator_force", "qfrc_constraint")
 
 
@@ -147,9 +150,11 @@ class SharedModelBatch(BatchCore):
     def expand(self, field: str) -> NDArray[Any]:
         """A model field with a row for every simulation, live; after a write of masses or sizes call `derive`."""
 
-    def reset_field(self, field: str) -> None:
-        """Give all simulations what their variants have of a model field that is expanded."""
-        self._rows[field][...] = self._palette(field)[self.variant]
+    def reset_fields(self, names: Iterable[str]) -> None:
+        """Give all simulations what their variants have of model fields, by their names among `live_arrays`."""
+        for name in names:
+            field = name.removeprefix(_FIELDS)
+            self._rows[field][...] = self._palette(field)[self.variant]
 
     def choose(self, rows: Rows, variant: Rows) -> None:
         """Give simulations a variant each, and the state in which it begins, without a force of the episode before."""
@@ -169,6 +174,21 @@ class SharedModelBatch(BatchCore):
         found = [bool((model.geom_type[body.geoms] == mujoco.mjtGeom.mjGEOM_MESH).any()) for model in self.models]
         known: NDArray[np.bool_] = self.xp.asarray(np.array(found))
         return known
+
+    def live_arrays(self) -> dict[str, NDArray[Any]]:
+        """What decides how the simulations go on, by name, live: variants, forces of the last step, the model fields
+        that they have to themselves, and on processors their states."""
+        outputs = {f"outputs/{name}": own for name, own in self._outputs.items()}
+        fields = {f"{_FIELDS}{name}": own for name, own in self._rows.items()}
+        return {"variant": self.variant} | outputs | fields
+
+    def expand_as(self, names: Iterable[str]) -> set[str]:
+        """Expand the model fields that are among the names of another batch's `live_arrays`. Returns the names of those
+        that only this one has expanded."""
+        fields = {name for name in names if name.startswith(_FIELDS)}
+        for name in sorted(fields):
+            self.expand(name.removeprefix(_FIELDS))
+        return {f"{_FIELDS}{field}" for field in self._rows} - fields
 
     @abstractmethod
     def state(self, row: int) -> Array:

@@ -158,7 +158,7 @@ class MotionControl:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool, first: FirstController | None = None) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec)
+        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec, rig.check_speed)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0] if first is None else first.kind
@@ -173,6 +173,7 @@ class MotionControl:
         self._motion: MotionFeedforward | None = getattr(rig.controller, "motion", None)  # As the config asks for it.
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)
+        self.check_speed = rig.check_speed
         self.driver = LoopThread(self._samples(background), background=background, release=rig.backend.close)
 
     @property

@@ -90,7 +90,7 @@ def find_joint_ends(
             hand_kinematics(rig.spec).gravity_torque, None if vector is None else frozen(vector)
         )
         rest = load_posture("calibrate", rig.spec)
-        moves = limit_sweep(rig.spec, rest)
+        moves = limit_sweep(rig.spec, rest).checked(rig.check_speed)
         controller: Controller[object]
         if by_hand is None:
             # The sweep's duration from rest, plus time to get there.

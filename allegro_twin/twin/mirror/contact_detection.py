@@ -155,17 +155,6 @@ def push_ratio(
     return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
 
 
-def touched_fingers(disturbance: Array, above: Array, spec: HandSpec, held: Array = NOTHING) -> Array:
-    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid for the last PERIODS periods.
-    Arguments as of `push_ratio`."""
-    over = push_ratio(disturbance, above, spec, held=held) > 1.0
-    kept = over.copy()
-    for back in range(1, PERIODS):
-        kept[back:] &= over[:-back]
-        kept[:back] = False
-    return np.asarray(kept)
-
-
 def outermost_joint(share: Vector, joints: Sequence[int]) -> int:
     """The last of a finger's joints, counted from the palm, that is pushed beyond its own axis; -1: none. `share`:
     squared disturbances over squared axes, (n,). A push loads only the joints before it, so the contact is on the link

@@ -481,10 +481,13 @@ class FaultDetector:
         if np.count_nonzero(self._sign >= 0) < FINGERS:
             return False
         waited = int(self._count - self._sign[self._sign >= 0].min())
-        found = signature_fault(self._last(min(max(SOONEST, waited), LONGEST)), self._quiet, self._spec)
+        window = self._last(min(max(SOONEST, waited), LONGEST))
+        found = signature_fault(window, self._quiet, self._spec)
         if found is None or found.name != "wrong_file":
             return False
-        if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS:
+        # A finger that presses on something has an object between it and others, which pushes them all.
+        sure = waited >= FILE and np.count_nonzero(~self._right) >= FINGERS
+        if sure and not window.holds.any():
             self._name(found, float(self._begin[self._sign >= 0].min()), self._t)
         return True
 

@@ -17,6 +17,7 @@ from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.types import PositionCommand
+from tests.learning.environments.test_posterior import table, write
 
 RANDOM: dict[str, Any] = {"timestep": 0.003, "randomise": "default"}
 N = 3
@@ -100,10 +101,11 @@ def test_the_first_state_of_an_episode_has_no_torque_of_the_episode_before() -> 
     np.testing.assert_array_equal(episode.reset().torque, first.torque)
 
 
-def test_a_batch_goes_on_through_its_resets() -> None:
+@pytest.mark.parametrize("before", [4, 6])
+def test_a_batch_goes_on_through_its_resets(before: int) -> None:
     env = HandVectorEnv("Rotate", N, max_episode_steps=6, **RANDOM)
     env.reset(seed=4)
-    played(env, 0, 4)
+    played(env, 0, before)
     state = env.save_state()
     first = played(env, 1, 12)  # Two resets of everyone.
     env.restore_state(state)
@@ -112,6 +114,89 @@ def test_a_batch_goes_on_through_its_resets() -> None:
     fresh.reset(seed=1)
     fresh.restore_state(state)
     np.testing.assert_array_equal(np.concatenate(first), np.concatenate(played(fresh, 1, 12)))
+
+
+EVERYTHING: dict[str, Any] = RANDOM | {"touch": True, "state": True, "history": 2}
+OF_SETTINGS: list[tuple[str, dict[str, Any]]] = [
+    *((task, given) for task in ("Reach", "Grasp", "Lift", "Pinch", "HoldDisturbed") for given in ({}, EVERYTHING)),
+    *((task, EVERYTHING) for task in ("Rotate", "Reorient")),
+    ("Rotate", RANDOM | {"observation": "full", "control": "torque"}),
+    ("Rotate", {"palm": "allowed", "control": "absolute"}),
+    ("Reorient", EVERYTHING | {"hand": "leap"}),
+    ("Lift", EVERYTHING | {"hand": "sih"}),
+    ("Grasp", RANDOM | {"observe": ("rgb", "depth"), "resolution": "24x16"}),
+    ("Rotate", EVERYTHING | {"observe": ("rgb",), "resolution": "24x16"}),
+    ("Reach", {"randomise": {"twin": "a hand"}, "touch": True, "state": True}),
+]
+
+
+@pytest.fixture(params=OF_SETTINGS, ids=lambda case: "-".join([case[0], *map(str, case[1])]))
+def pair(request: pytest.FixtureRequest) -> Any:
+    """Makes an environment and another one, with a past of its own, single (None) or of so many."""
+    task, given = request.param
+    keywords = {"timestep": 0.003} | given
+    if keywords.get("randomise") == {"twin": "a hand"}:
+        keywords |= {"randomise": {"twin": write(table(bias_torque=[0.01] * 16))}}
+
+    def make(n: int | None) -> tuple[Any, Any]:
+        env, other = (HandEnv(task, **keywords) if n is None else HandVectorEnv(task, n, **keywords) for _ in range(2))
+        for each, seed in ((env, 4), (other, 9)):
+            each.reset(seed=seed)
+            played(each, seed, 14 if each is env else 3)
+        return env, other
+
+    return make
+
+
+@pytest.mark.parametrize("n", [None, 2])
+def test_in_an_environment_with_a_past_an_episode_goes_on_to_the_bit_with_any_settings(
+    pair: Any, n: int | None
+) -> None:
+    env, other = pair(n)
+    state = pickle.loads(pickle.dumps(env.save_state()))
+    first = np.concatenate(played(env, 1, 6))
+    other.restore_state(state)
+    np.testing.assert_array_equal(first, np.concatenate(played(other, 1, 6)))
+    env.restore_state(state)
+    np.testing.assert_array_equal(first, np.concatenate(played(env, 1, 6)))
+
+
+# A step begins by planning the first four anew; palettes follow from the models; a reset draws and reports the last.
+PASSING = ("/task/_path", "/task/_forces", "/task/_holding", "/task/_course", "/worlds/_palettes", "/engine/_drawn")
+
+
+def attributes(value: Any, path: str, found: dict[str, Any], seen: set[int]) -> dict[str, Any]:
+    """Arrays, numbers and strings of everything that belongs to an environment, by their paths."""
+    if isinstance(value, np.ndarray | np.generic | bool | int | float | str | None):
+        found[path] = np.array(value)
+    if id(value) in seen:
+        return found
+    seen.add(id(value))
+    parts: Any = ()
+    if isinstance(value, dict):
+        parts = value.items()
+    elif hasattr(value, "_asdict"):
+        parts = value._asdict().items()
+    elif isinstance(value, list | tuple):
+        parts = enumerate(value)
+    elif type(value).__module__.startswith(("allegro_twin.learning.", "allegro_twin.sim.batch.")):
+        parts = vars(value).items() if hasattr(value, "__dict__") and not hasattr(type(value), "model_fields") else ()
+    for name, part in parts:
+        if not f"{path}/{name}".endswith(PASSING):
+            attributes(part, f"{path}/{name}", found, seen)
+    return found
+
+
+@pytest.mark.parametrize("n", [None, 2])
+def test_whatever_an_episode_changes_is_told(pair: Any, n: int | None) -> None:
+    """A new attribute that changes and that no `live_arrays` names is found here, by its path."""
+    env, other = pair(n)
+    other.restore_state(env.save_state())
+    ours, theirs = (attributes(each, "env", {}, set()) for each in (env, other))
+    assert len(ours) > 80
+    assert ours.keys() == theirs.keys()
+    for name, value in ours.items():
+        np.testing.assert_array_equal(value, theirs[name], err_msg=name)
 
 
 def test_a_saved_state_does_not_change_while_its_episode_goes_on() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import pickle
-from collections import deque
+from collections import defaultdict, deque
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple
 
@@ -16,7 +16,10 @@ from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.snapshot import spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks.base import StepOutcome
+from allegro_twin.learning.tasks.lift import LiftTask
 from allegro_twin.learning.tasks.reach import ReachTask
+from allegro_twin.learning.tasks.rotate import RotateTask
+from allegro_twin.sim.batch.link_contacts import LinkContacts
 
 
 class Phase(Enum):
@@ -150,3 +153,123 @@ def test_what_no_state_can_have_is_named() -> None:
         ConfigError, match=r"Strange keeps a itertools\.count in parts/at/0, which no state can have: k"
     ):
         env.save_state()
+
+
+class Counting:
+    """Keeps what it makes with its first step, and things of the package."""
+
+    def begin(self, rows: Any, variant: Any, draws: Any, *given: Any) -> None:
+        super().begin(rows, variant, draws, *given)  # type: ignore[misc]
+        self.draws = draws
+
+    def outcome(self, *given: Any) -> StepOutcome:
+        found: StepOutcome = super().outcome(*given)  # type: ignore[misc]  # Of the task beside it.
+        task: Any = self
+        if not hasattr(task, "own"):
+            task.own, task.by_number, task.more = Filter(task.n), defaultdict(int), LinkContacts(task.worlds)
+        task.own.n += 1
+        task.own.total += task.worlds.position[:, 0]
+        task.by_number[task.own.n % 2] += task.own.n
+        task.more.sums[:, 0] += 1.0
+        task.shares = found
+        task.owner = task.own
+        own = {"mean": task.own.total / task.own.n, "drawn": self.draws.uniform(0.0, 1.0)[:, 0],
+               "even": 0.0 * found.reward + task.by_number[0],
+               "sums": task.more.sums[:, 0].copy()}  # fmt: skip
+        return found._replace(terms=found.terms | own)
+
+
+class CountingLift(Counting, LiftTask):
+    name = "CountingLift"
+
+
+class CountingRotate(Counting, RotateTask):
+    name = "CountingRotate"
+
+
+@pytest.mark.parametrize("task", ["CountingLift", "CountingRotate"])
+def test_a_task_with_an_object_goes_on_with_its_memory(task: str) -> None:
+    given: dict[str, Any] = {"task": f"{__name__}:{task}", "timestep": 0.003, "randomise": "default"}
+    env, other = HandEnv(**given), HandEnv(**given)
+    env.reset(seed=1)
+    terms(env, 3)
+    state = env.save_state()
+    first = terms(env, 5)
+    env.restore_state(state)
+    assert terms(env, 5) == first
+    other.reset(seed=2)
+    terms(other, 4)
+    other.restore_state(pickle.loads(pickle.dumps(state)))
+    assert terms(other, 5) == first
+    assert other.engine.task.owner is other.engine.task.own  # type: ignore[attr-defined]
+    batch = HandVectorEnv(**given, num_envs=3, autoreset_mode="disabled")
+    batch.reset(seed=9)
+    terms(batch, 1)
+    spread_snapshot(batch, state.parts)
+    for one, many in zip(first, terms(batch, 5), strict=True):
+        for name, value in one.items():
+            np.testing.assert_array_equal(many[name], [value] * 3, err_msg=name)
+
+
+def test_an_object_that_the_first_step_makes_is_made_where_there_is_none() -> None:
+    task = f"{__name__}:Late"
+    env, new = HandEnv(task, timestep=0.003), HandEnv(task, timestep=0.003)
+    env.reset(seed=1)
+    terms(env, 3)
+    state = env.save_state()
+    first = terms(env, 2)
+    new.restore_state(state)
+    assert terms(new, 2) == first
+
+
+class Late(ReachTask):
+    name = "Late"
+
+    def outcome(self, *given: Any) -> StepOutcome:
+        found = super().outcome(*given)
+        self.late = getattr(self, "late", None) or Filter(self.n)
+        self.late.n += 1
+        return found._replace(terms=found.terms | {"late": 0.0 * found.reward + self.late.n})
+
+
+class Saving(ReachTask):
+    """Keeps what no state can have, and says how it is saved."""
+
+    name = "Saving"
+
+    def begin(self, *given: Any) -> None:
+        super().begin(*given)
+        self.next, self.told = itertools.count(), 0
+
+    def outcome(self, *given: Any) -> StepOutcome:
+        found = super().outcome(*given)
+        self.told = next(self.next)
+        return found._replace(terms=found.terms | {"told": 0.0 * found.reward + self.told})
+
+    def save_memory(self) -> dict[str, Any]:
+        return {"told": self.told}
+
+    def restore_memory(self, memory: dict[str, Any]) -> None:
+        self.next = itertools.count(memory["told"] + 1)
+
+
+def test_a_task_says_itself_how_what_no_state_can_have_is_saved() -> None:
+    env, batch = HandEnv(f"{__name__}:Saving", timestep=0.003), HandVectorEnv(f"{__name__}:Saving", 3, timestep=0.003)
+    env.reset(seed=1)
+    batch.reset(seed=1)
+    terms(env, 3)
+    state = env.save_state()
+    first = terms(env, 2)
+    assert [each["told"] for each in first] == [3, 4]
+    env.restore_state(state)
+    assert terms(env, 2) == first
+    spread_snapshot(batch, state.parts)
+    assert [each["told"].tolist() for each in terms(batch, 2)] == [[3.0] * 3, [4.0] * 3]
+
+
+def test_a_state_without_the_memory_of_a_task_is_refused() -> None:
+    env = HandEnv(f"{__name__}:Saving", timestep=0.003)
+    env.reset(seed=1)
+    state = env.save_state()
+    with pytest.raises(ConfigError, match="the state and these environments differ in what the task keeps"):
+        env.restore_state(state._replace(parts={k: v for k, v in state.parts.items() if k != "task memory"}))
