@@ -31,11 +31,6 @@ RELATIVE = re.compile(r"(Of|Likewise|The same)\b")
 NOT_YET_RENAMED = Path(__file__).with_name("not_yet_renamed.txt")
 """Fields, methods and parameters that still have banned words, a line each. The list only becomes shorter."""
 DUNDER = {"__init__", "__call__"}
-NOT_YET = {
-    "app/session.py", "cell/run.py", "learning/environments/snapshot.py", "plugins.py", "recording/recorder.py",
-    "surfaces/hand",
-}  # fmt: skip
-"""Modules and folders whose docstrings still have such openings. The list only becomes shorter."""
 
 
 @cache
@@ -161,12 +156,7 @@ def openings() -> dict[str, str]:
 
 
 def test_every_docstring_says_what_it_is_about_without_the_line_above_it() -> None:
-    wrong = {place: text for place, text in openings().items() if not place.startswith(tuple(NOT_YET))}
-    assert wrong == {}, "begin with a noun or a verb: 'Mass of the object, kg.', not 'Of the object, kg.'"
-
-
-def test_what_is_not_yet_rewritten_still_has_to_be() -> None:
-    assert {each for each in NOT_YET if not any(place.startswith(each) for place in openings())} == set()
+    assert openings() == {}, "begin with a noun or a verb: 'Mass of the object, kg.', not 'Of the object, kg.'"
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its t
 
 @dataclass(frozen=True, slots=True)
 class LabReport:
-    """What happened."""
+    """Report of a run of the cell."""
 
     end: CellOutcome
     events: tuple[tuple[float, StateName], ...]
@@ -172,7 +172,7 @@ def state_rules(settings: LabSettings) -> StateRules:
 
 
 class _Clock:
-    """When the state machine is asked."""
+    """Schedule of the state machine's decisions."""
 
     def __init__(self, settings: LabSettings) -> None:
         self._every = 1.0 / settings.decide.rate if settings.decide.by == "clock" else 0.0
@@ -188,7 +188,7 @@ class _Clock:
 
 
 class _Story:
-    """What is remembered for the report."""
+    """Data that is kept for the report."""
 
     def __init__(self, cell: Cell, work: CellActions) -> None:
         self._cell, self._work = cell, work

@@ -138,7 +138,7 @@ class CollisionFreeMove:
         self._planned: tuple[Vector, list[Waypoint]] | None = None
 
     def checked(self, check: SpeedCheck) -> CollisionFreeMove:
-        """The same motion, looked at before it begins."""
+        """Copy whose motion `check` examines before it begins."""
         (wish,) = self.waypoints
         return CollisionFreeMove(self._spec, wish, self._what, check)
 
